@@ -301,6 +301,7 @@ class Variant:
             f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
             "const int FIRST_BUCKET = 0;",
             f"const bool TWO_AT_ONCE = {str(self.cpu is not None).lower()}; // samples",
+            f"const int LONGEST_RUN = {self._longest_run}; // slabs",
             f"const bool LAYERS = {str(self.crossing).lower()}; // what is found is that alone",
         ]
         if self.cpu or self.slot.margin or self.preintegrated or self.surfaces:
@@ -339,6 +340,13 @@ class Variant:
             lines.append(f"const int LIGHT_ROWS = {rows}; // for each")
         clock = [CLOCK] if self.profile == "clock" and not self.cpu else []
         return "\n".join((*clock, *lines, *self._traits.constants)) + "\n"
+
+    @property
+    def _longest_run(self) -> int:
+        """Most slabs of a run; unstructured grids have no use for slabs."""
+        if self.cpu and self.is_mixed and not self.volumes:
+            return 1 << 20
+        return 64 if self.cpu else 16
 
     def _rows(self, count: int) -> int:
         """Return the number of rows of a block, which CPUs do not know when they compile."""

@@ -15,6 +15,7 @@ uvec2 entry[GRIDS];                  // key of the last one; outside, of the nex
 Class known[GRIDS];                  // of the scalar up to which the ray was composited
 int cells_list;                      // of the pixel
 float cell_length;                   // of the ray, in cells of the domain, for each cell of depth
+float slab_depth;
 vec2 unclipped;                      // depths
 
 vec4 cell_vertex(int row) {
@@ -104,6 +105,7 @@ float depth_at(double position) {
 
 void face_cells(Ray ray) {
     cell_length = sqrt(1.0 + dot(ray_slope, ray_slope));
+    slab_depth = float(1.0LF / ray_depth.y);
     unclipped = vec2(depth_at(ray.kept.x), depth_at(ray.kept.y));
     for (int g = 0; g < GRIDS; ++g) {
         known[g].s = NOWHERE;
@@ -132,18 +134,21 @@ vec4 seen_in(int g, float begin, float end) {
     return integrated(front, back, grid[GRIDS > 1 ? g : 0].optics.x * cell_length * (end - begin));
 }
 
-// Composite a part of a slab, from `begin` to `end`, in which volumes absorb evenly. Where a grid is alone it is seen in order; where several are, or
-// volumes, between two cuts the order is ignored.
+// Composite a part of a slab, or of a run without volumes, from `begin` to `end`, in which volumes absorb evenly. Where a grid is alone it is seen in
+// order; where several are, or volumes, the order is ignored in pieces of at most a slab.
 void absorb_between(inout vec4 sum, vec4 depth, vec3 colour, int k, float middle, float begin, float end, float length) {
     float at = depth_at(double(k) + double(middle + begin)), last = depth_at(double(k) + double(middle + end));
     vec4 even = HAS_VOLUMES && depth.a > 1e-37 ? depth.a * float(ray_depth.y) / length * vec4(colour, 1.0) : vec4(0.0);
     while (at < last && !is_opaque(sum.a)) {
         bool is_kept = at >= unclipped.x && at < unclipped.y;
         float next = min(last, is_kept ? unclipped.y : at < unclipped.x ? unclipped.x : NOWHERE);
+        int inside = 0;
         for (int g = 0; g < GRIDS; ++g) {
             walk_to(g, at);
             next = min(next, leaves[g].x);
+            inside += int(passed[g] >= 0);
         }
+        if (inside > 1) next = min(next, at + slab_depth);
         vec4 mixed = even * (next - at), only = vec4(0.0);
         int media = mixed.a > 0.0 ? 1 : 0;
         if (media > 0) only = absorbed(mixed.a) * vec4(colour, 1.0);

@@ -6,8 +6,7 @@ float scalar_at(int brick, ivec3 cell, vec3 beyond);
 // The lattice is cut into batches of a fixed number of slabs, and where it leaves a brick. Positions in a batch are float32 offsets from its
 // origin, the slab in its middle. Each batch is composited by itself, and then added to the pixel with compensated summation, so
 // that 10^6 faint slabs add up. So the begin and the number of runs change no bit: pictures are the same with and without empty-space skipping.
-// A run ends with its batch at the latest; SIMD lanes wait for the one with the longest run.
-const int LONGEST_RUN = TWO_AT_ONCE ? 64 : 16;
+// A run of at most LONGEST_RUN slabs ends with its batch at the latest; SIMD lanes wait for the one with the longest run.
 const int LONGEST_SKIP = 1 << 20;
 const int NO_SLAB = 1 << 30; // not the number of any slab
 

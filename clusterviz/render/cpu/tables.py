@@ -28,6 +28,7 @@ from clusterviz.render.volume_layers import (
 from clusterviz.spmd.machine_code import texture_block
 
 LONGEST_BATCH = 32  # slabs
+WHOLE_RAY = 1 << 20  # slabs of a batch without voxels
 EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
 Blocks = dict[int, NDArray[Any]]
 
@@ -73,15 +74,17 @@ def textures(plan: Plan) -> Blocks:
 
 
 def frame_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.void]:
-    """Return the record of the block `frame`; its batches suit the whole numbers of float32."""
+    """Return the record of the block `frame`; batches of voxels suit the whole numbers of float32."""
     frame = frame_block(plan, box, rect, slot)
     frame["first_box"], frame["first_dispatch"] = ONLY, 1
     voxels = [(slot, voxels_a_slab(plan))]
     if plan.content is not None:
         layers = zip(slot.parts, plan.content.volume_layers, strict=True)
         voxels = [(part, voxels_a_slab(plan, layer.cut)) for part, layer in layers]
-    widest = min((_widest_batch(part) / a_slab for part, a_slab in voxels), default=LONGEST_BATCH)
-    most = slabs_in_batch(widest, LONGEST_BATCH)
+    if not voxels:
+        frame["cells"][0, 3] = WHOLE_RAY
+        return frame
+    most = slabs_in_batch(min(_widest_batch(part) / a_slab for part, a_slab in voxels), LONGEST_BATCH)
     frame["cells"][0, 3] = min(most, int(frame["cells"][0, 3]))
     return frame
 
