@@ -162,7 +162,7 @@ def test_objects_are_drawn_as_files_are(tmp_path: Path) -> None:
     )
     assert first[..., 3].max() > 0.5
     for other in others:
-        np.testing.assert_allclose(other, first, atol=1e-6)
+        np.testing.assert_allclose(other, first, atol=1e-5)
 
 
 def drawn_scene(**keys: Any) -> tuple[Scene, list[UnstructuredGrid]]:
@@ -185,11 +185,17 @@ WAYS: list[tuple[int, dict[str, Any]]] = [
 
 
 def test_pictures_are_the_same_on_any_ranks() -> None:
-    scene, given = drawn_scene(brick=1024)
-    (first,) = on_ranks(1, [scene], given, device="cpu")
-    assert pixels(first)[..., 3].max() > 0.5
+    """Of one size of bricks; those of other sizes cut segments elsewhere."""
+    scene, given = drawn_scene()
+    alone = {
+        brick: on_ranks(1, [with_settings(scene, {"brick": brick})], given, device="cpu")
+        for brick in {keys["brick"] for _, keys in WAYS}
+    }
     for ranks, keys in WAYS:
-        check_same(on_ranks(ranks, [with_settings(scene, keys)], given, device="cpu"), [first])
+        found = on_ranks(ranks, [with_settings(scene, keys)], given, device="cpu")
+        check_same(found, alone[keys["brick"]], 1e-6)
+        check_same(found, alone[600], 3e-5)
+        assert pixels(found[0])[..., 3].max() > 0.5
 
 
 def test_tetrahedra_migrate_and_are_read_when_they_become_visible() -> None:
