@@ -109,21 +109,21 @@ CASES = {
     "pre-integrated": Case(
         {"classification": "pre-integrated"},
         "composite samples whole_slab segment",
-        "preintegrated ramp sums",
+        "preintegrated ramp ramp_slab front_to_back sums",
         buffers=1,
         side=19,
     ),
     "pre-integrated, split": Case(
         {"classification": "pre-integrated", "borders": "split"},
         "composite samples whole_slab segment unsplit",
-        "preintegrated ramp sums split",
+        "preintegrated ramp ramp_slab front_to_back sums split",
         buffers=1,
     ),
     "midpoints, which need no split": Case({"borders": "split"}),
     "pre-integrated, shade": Case(
         {"classification": "pre-integrated"} | SHADE,
         "composite samples whole_slab segment unlit gradient_none",
-        "preintegrated ramp sums gradient ambient lights lights_far",
+        "preintegrated ramp ramp_slab front_to_back sums gradient ambient lights lights_far",
         buffers=2,
         side=19 + 2,
     ),
@@ -141,7 +141,7 @@ CASES = {
     "gradient opacity, pre-integrated": Case(
         FADED | {"classification": "pre-integrated"},
         "composite samples whole_slab segment gradient_none unfaded",
-        "preintegrated ramp sums gradient magnitude faded",
+        "preintegrated ramp ramp_slab front_to_back sums gradient magnitude faded",
         buffers=2,
         side=19 + 2,
     ),
