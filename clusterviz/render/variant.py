@@ -234,14 +234,12 @@ class Variant:
     @property
     def _starts(self) -> Files:
         """Return the files that choose where rays start, and look at what they find."""
-        fragments: tuple[str, ...] = ("no_fragments.glsl",)
-        if self.geometry:
-            fragments = self.geometry.files
+        fragments = self.geometry.files if self.geometry else ("no_fragments.glsl",)
         if self.crossing:
             return (STARTS_BLOCK, "planes.glsl", *fragments, "crossing.glsl")
-        if self.geometry:
-            return fragments if self.geometry.discards else (*fragments, "entries_fragments.glsl")
-        return (STARTS_BLOCK, "planes.glsl", "starts.glsl") if self.frame_coherence else "entries.glsl"
+        if self.frame_coherence and not self.geometry:
+            return (STARTS_BLOCK, "planes.glsl", *fragments, "starts.glsl")
+        return (*fragments, "unnoted.glsl", "cut.glsl" if self.geometry and self.geometry.discards else "entries.glsl")
 
     @property
     def _slope(self) -> tuple[str, ...]:

@@ -24,14 +24,6 @@ void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     is_cut = false;
 }
 
-int up_to_start(int k, int slabs, float kept, float batch) {
-    return slabs;
-}
-
-void note(int k, vec2 part, float opacity, int object) {}
-
-void note_fragment(double position, float opacity, uint number, int object) {}
-
 bool is_late() {
     return is_cut;
 }

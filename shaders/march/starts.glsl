@@ -56,10 +56,6 @@ bool is_late() {
     return hit == started && !is_checked && hit != NO_SLAB;
 }
 
-bool is_drawn_now(int tile) {
-    return true;
-}
-
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
     if (is_late()) {
         outcome = LATE;

@@ -32,7 +32,7 @@ ALWAYS = (
 )
 PLAIN = (
     "composite linear_u8 cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered "
-    "unsplit entries fixed_step voxel_u8"
+    "unsplit entries unnoted no_fragments fixed_step voxel_u8"
 )
 
 CLIP = {"clip": {"planes": [[[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]]}}

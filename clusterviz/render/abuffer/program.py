@@ -85,8 +85,8 @@ class GeometryVariant:
     def files(self) -> tuple[str, ...]:
         """Files that bring the fragments of a pixel in order."""
         resolve = "peeled.glsl" if self.size else "sorted.glsl"
-        ends = ("hidden.glsl", "cut.glsl") if self.discards else ("all_stored.glsl",)
-        return (GEOMETRY_BLOCK, "primitives.glsl", "stored.glsl", resolve, "fragments.glsl", *ends)
+        kept = "hidden.glsl" if self.discards else "all_stored.glsl"
+        return (GEOMETRY_BLOCK, "primitives.glsl", "stored.glsl", resolve, "fragments.glsl", kept)
 
     @property
     def constants(self) -> str:
