@@ -156,7 +156,7 @@ def errors(given: Arrays, folder: Path, options: argparse.Namespace) -> dict[str
 
 def reference(scene: Scene, given: Arrays, step: float) -> np.ndarray[Any, Any]:
     """Return the float64 picture (h, w, 3), over black."""
-    surfaces = [
+    geometry = [
         (section, Mesh(section.path, np.asarray(given[f"vertices_{n}"]), np.asarray(given[f"triangles_{n}"])))
         for n, section in enumerate(scene.meshes)
     ]
@@ -164,7 +164,7 @@ def reference(scene: Scene, given: Arrays, step: float) -> np.ndarray[Any, Any]:
     if "voxels" in given:
         voxels.append(given["voxels"])
         grids.append(Grid(voxels[0].shape, tuple(given["spacing"]), tuple(given["origin"])))
-    found: np.ndarray[Any, Any] = render_reference(scene, grids, voxels, step, surfaces=surfaces)[..., :3]
+    found: np.ndarray[Any, Any] = render_reference(scene, grids, voxels, step, geometry=geometry)[..., :3]
     return found
 
 

@@ -94,10 +94,10 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     rendered = render_frame(small, LoopbackChannel(), [*sources, *geometries, *grids])
     voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
     pairs = zip(rendered.scene.geometry, geometries, strict=True)
-    surfaces: list[Any] = [(section, part_of(section, geometry)) for section, geometry in pairs]
+    geometry: list[Any] = [(section, part_of(section, each)) for section, each in pairs]
     cells = [place_cells(*pair) for pair in zip(rendered.scene.grids, grids, strict=True)]
     volumes = [source.grid for source in sources]
-    expected = render_reference(rendered.scene, volumes, voxels, surfaces=surfaces, cells=cells)
+    expected = render_reference(rendered.scene, volumes, voxels, geometry=geometry, cells=cells)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
     return ReferenceComparison(size, difference.max, difference.rms)
 

@@ -29,7 +29,7 @@ from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection
 from clusterviz.scene.transfer import interpolate, opacity_points
 from clusterviz.scene.values import Scene
 
-Surface = tuple[MeshSection, Mesh] | tuple[LinesSection, Lines] | tuple[PointsSection, Points]
+SectionGeometry = tuple[MeshSection, Mesh] | tuple[LinesSection, Lines] | tuple[PointsSection, Points]
 WORLD = Grid((1, 1, 1))
 
 
@@ -140,15 +140,15 @@ def place(section: GeometrySection, geometry: Mesh | Lines | Points) -> PlacedGe
     raise InputError("not what the section is for", where=section.path, found=found)
 
 
-def find_fragments(rays: Rays, surfaces: Sequence[PlacedGeometry], scene: Scene) -> Fragments:
+def find_fragments(rays: Rays, geometry: Sequence[PlacedGeometry], scene: Scene) -> Fragments:
     """Return the fragments of rays in the world that are not clipped.
 
     Parameters
     ----------
-    surfaces : in the order of the scene
+    geometry : in the order of the scene
     scene : for its lights and clipping
     """
-    parts = [_of_geometry(rays, surface, number, scene) for number, surface in enumerate(surfaces)]
+    parts = [_of_geometry(rays, each, number, scene) for number, each in enumerate(geometry)]
     keys = np.concatenate([np.empty((0, 3), np.int64), *(part[0] for part in parts)])
     t, rgba, normal = (
         np.concatenate([np.empty(0), *(p[1] for p in parts)]),

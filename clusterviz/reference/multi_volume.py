@@ -286,7 +286,7 @@ def march_mixture(
     step: float,
     scene: Scene,
     met: HalfOpacity | None = None,
-    surfaces: Sequence[PlacedGeometry] = (),
+    geometry: Sequence[PlacedGeometry] = (),
     cells: Sequence[PlacedCells] = (),
 ) -> Floats:
     """Return the colours of rays, float64 (n, 4), premultiplied.
@@ -301,11 +301,11 @@ def march_mixture(
     step : length of a slab in the smallest spacing of all volumes
     scene : for its lights, its clipping and its classification
     met : written, if given; a slab is that of the volume that absorbs most in it
-    surfaces : meshes, lines and points, in the order of the scene
+    geometry : meshes, lines and points, in the order of the scene
     cells : unstructured grids, in any order
     """
     firsts = np.cumsum([0, *(1 + len(placed.volume.isosurfaces) for placed in volumes)]).tolist()
-    fragments = FragmentQueue(find_fragments(rays, surfaces, scene), firsts[-1], met)
+    fragments = FragmentQueue(find_fragments(rays, geometry, scene), firsts[-1], met)
     if not volumes:
         if cells:
             return march_cells(rays, cells, scene.clip, fragments.fragments)
@@ -314,7 +314,7 @@ def march_mixture(
     # The box is a little larger than geometry beyond the volumes, so that nothing lies on its faces by rounding.
     corners = np.concatenate([placed.grid.corners for placed in volumes])
     boxes = [np.array(placed.tetrahedra.bounds or np.empty((0, 3))) for placed in cells]
-    bounds = np.concatenate([np.empty((0, 3)), *(surface.bounds for surface in surfaces), *boxes])
+    bounds = np.concatenate([np.empty((0, 3)), *(each.bounds for each in geometry), *boxes])
     growth = GROWTH * spacing + 2.0**-48 * np.abs(bounds).max(initial=0.0)
     low, high = corners.min(axis=0), corners.max(axis=0)
     least, greatest = bounds.min(axis=0, initial=np.inf), bounds.max(axis=0, initial=-np.inf)

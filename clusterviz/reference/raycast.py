@@ -21,7 +21,7 @@ from clusterviz.errors import InputError
 from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.cells import PlacedCells
 from clusterviz.reference.fields import SAMPLERS, gradient_at
-from clusterviz.reference.fragments import Surface, place
+from clusterviz.reference.fragments import SectionGeometry, place
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, gradient_normals, layers_of
 from clusterviz.reference.lighting import lit
@@ -50,11 +50,11 @@ def reference_layers(
     scene: Scene,
     grid: Grid | Sequence[Grid],
     voxels: NDArray[Any] | Sequence[NDArray[Any]],
-    surfaces: Sequence[Surface] = (),
+    geometry: Sequence[SectionGeometry] = (),
 ) -> dict[str, NDArray[Any]]:
     """Return all layers of a scene's picture, see `layers_of`; parameters and errors as of `render_reference`."""
     met = HalfOpacity.of(camera_rays(scene.camera, scene.image.size).direction)
-    rgba = render_reference(scene, grid, voxels, met=met, surfaces=surfaces)
+    rgba = render_reference(scene, grid, voxels, met=met, geometry=geometry)
     return layers_of(met, rgba, view_direction(scene.camera))
 
 
@@ -64,7 +64,7 @@ def render_reference(
     voxels: NDArray[Any] | Sequence[NDArray[Any]],
     step: float | None = None,
     met: HalfOpacity | None = None,
-    surfaces: Sequence[Surface] = (),
+    geometry: Sequence[SectionGeometry] = (),
     cells: Sequence[PlacedCells] = (),
 ) -> Floats:
     """Ray cast the scene's volume; `multi_volume.py` handles several, and geometry.
@@ -83,7 +83,7 @@ def render_reference(
     voxels : (z, y, x), of the grid's shape, any integer or float type; a sequence for several volumes
     step : h in units of the smallest spacing; by default the scene's `quality.step`
     met : written, if given, for the layers of the picture; not of projections
-    surfaces : meshes, lines and points with their sections, in the order of the scene
+    geometry : meshes, lines and points with their sections, in the order of the scene
     cells : unstructured grids in the world, with their transfer functions
 
     Returns
@@ -101,11 +101,11 @@ def render_reference(
     ----------
     N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4 (absorption plus emission).
     """
-    if (surfaces or cells) and isinstance(grid, Grid):
+    if (geometry or cells) and isinstance(grid, Grid):
         grid, voxels = [grid], [np.asarray(voxels)]
     if not isinstance(grid, Grid):
-        if len(scene.volumes) != 1 or surfaces or cells:
-            return _render_mixture(scene, grid, list(voxels), step, met, surfaces, cells)
+        if len(scene.volumes) != 1 or geometry or cells:
+            return _render_mixture(scene, grid, list(voxels), step, met, geometry, cells)
         (grid,), (voxels,) = grid, voxels
     if not isinstance(voxels, np.ndarray):
         raise InputError("not an array", where="voxels", found=type(voxels).__name__, allowed="an array of the grid")
@@ -143,7 +143,7 @@ def _render_mixture(
     voxels: Sequence[NDArray[Any]],
     step: float | None,
     met: HalfOpacity | None,
-    surfaces: Sequence[Surface],
+    geometry: Sequence[SectionGeometry],
     cells: Sequence[PlacedCells],
 ) -> Floats:
     """Return the picture of several volumes, geometry and unstructured grids."""
@@ -162,12 +162,12 @@ def _render_mixture(
     rgba = np.zeros((width * height, 4))
     jittered = scene.quality.jitter and not any(volume.isosurfaces for volume in scene.volumes)
     rays, shifts = camera_rays(scene.camera, (width, height)), pixel_shifts((width, height))
-    placed_surfaces = [place(*surface) for surface in surfaces]
-    for begin in range(0, len(rgba) if volumes or placed_surfaces or cells else 0, RAYS_AT_ONCE):
+    placed_geometry = [place(*each) for each in geometry]
+    for begin in range(0, len(rgba) if volumes or placed_geometry or cells else 0, RAYS_AT_ONCE):
         part = slice(begin, begin + RAYS_AT_ONCE)
         some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
         length = scene.quality.step if step is None else step
-        rgba[part] = march_mixture(some, volumes, length, scene, met and met.part(part), placed_surfaces, cells)
+        rgba[part] = march_mixture(some, volumes, length, scene, met and met.part(part), placed_geometry, cells)
     return rgba.reshape(height, width, 4)
 
 

@@ -80,8 +80,8 @@ WAYS: list[tuple[int, dict[str, Any]]] = [
 def test_the_picture_is_the_reference_however_bricks_are_dealt_out(volumes: int) -> None:
     scene, given = scene_of(*THREE, volumes=volumes)
     completed = infos_of(scene, given)[0]
-    surfaces: list[Any] = list(zip(completed.geometry, [part for part, _ in THREE], strict=True))
-    expected = render_reference(completed, [GRID] * volumes, [VOXELS] * volumes, surfaces=surfaces)
+    geometry: list[Any] = list(zip(completed.geometry, [part for part, _ in THREE], strict=True))
+    expected = render_reference(completed, [GRID] * volumes, [VOXELS] * volumes, geometry=geometry)
     assert expected[..., 3].max() > 0.5
     for ranks, cluster in WAYS:
         (found,) = on_ranks(ranks, [with_settings(scene, cluster)], given)

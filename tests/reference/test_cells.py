@@ -233,7 +233,7 @@ def test_volumes_and_meshes_mix_with_grids() -> None:
     np.testing.assert_allclose(found[:3], outer + 0.7 * (mixture + 0.42**2 * outer), atol=1e-12)
     square = np.array([(0, 0, 2), (9, 0, 2), (0, 9, 2)], float)
     mesh = MeshSection(path="m", color="red", shade=False), Mesh("m", square, np.array([[0, 1, 2]]))
-    found = render_reference(whole, Grid((5, 5, 5)), voxels, 0.7, surfaces=[mesh], cells=[look])[0, 0]
+    found = render_reference(whole, Grid((5, 5, 5)), voxels, 0.7, geometry=[mesh], cells=[look])[0, 0]
     front = outer + 0.7 * (1 - 0.42) * (kappa @ colours) / kappa.sum()
     np.testing.assert_allclose(found, [*(front + 0.7 * 0.42 * np.array([1, 0, 0])), 1], atol=1e-12)
     ramp = np.broadcast_to(np.arange(5.0)[:, None, None], (5, 5, 5))

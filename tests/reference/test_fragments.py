@@ -73,7 +73,7 @@ def test_a_sheet_in_fog_divides_its_slab(z: float, step: float) -> None:
     """Also on the faces of the volume and on the borders of slabs, whatever the length of slabs is."""
     scene = scene_of(fog(), quality=Quality(step=step))
     section = MeshSection(**FLAT, color="blue", opacity=0.4)
-    found = render_reference(scene, GRID, np.ones(SHAPE), surfaces=[(section, square(z))])[0, 0]
+    found = render_reference(scene, GRID, np.ones(SHAPE), geometry=[(section, square(z))])[0, 0]
     expected = absorbed((KAPPA, z, RED), (-1, 0.4, BLUE), (KAPPA, 8 - z, RED))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 
@@ -81,13 +81,13 @@ def test_a_sheet_in_fog_divides_its_slab(z: float, step: float) -> None:
 def test_surfaces_beyond_the_volume_widen_the_box_and_count_once() -> None:
     section = MeshSection(**FLAT, color="blue", opacity=0.4)
     sheets = [square(z, -3, 7) for z in (-5.3, -1.0, 2.0, 8.0, 11.7)]
-    found = render_reference(scene_of(fog()), GRID, np.ones(SHAPE), surfaces=[(section, sheet) for sheet in sheets])
+    found = render_reference(scene_of(fog()), GRID, np.ones(SHAPE), geometry=[(section, sheet) for sheet in sheets])
     sheet = (-1, 0.4, BLUE)
     expected = absorbed(sheet, sheet, (KAPPA, 2, RED), sheet, (KAPPA, 6, RED), sheet, sheet)
     # A slab that the volume's face cuts is inside by its midpoint: the lattice begins elsewhere now.
     np.testing.assert_allclose(found[0, 0], expected, rtol=0, atol=0.05)
     fine = scene_of(fog(), quality=Quality(step=1e-2))
-    found = render_reference(fine, GRID, np.ones(SHAPE), surfaces=[(section, sheet) for sheet in sheets])
+    found = render_reference(fine, GRID, np.ones(SHAPE), geometry=[(section, sheet) for sheet in sheets])
     np.testing.assert_allclose(found[0, 0], expected, rtol=0, atol=1e-3)
 
 
@@ -98,7 +98,7 @@ def test_a_sphere_in_two_fogs() -> None:
     section = PointsSection(**FLAT, color="blue", opacity=0.5, radius=1.0)
     points = Points("p", np.array([[2.0, 2.0, 4.0], [np.nan, 2.0, 4.0]]))
     voxels = np.ones(SHAPE)
-    found = render_reference(scene, [GRID, second], [voxels, voxels], surfaces=[(section, points)])[0, 0]
+    found = render_reference(scene, [GRID, second], [voxels, voxels], geometry=[(section, points)])[0, 0]
     other = -np.log1p(-0.6) / 2
     mixed = (KAPPA * RED + other * GREEN) / (KAPPA + other)
     shell = (-1, 0.5, BLUE)
@@ -112,11 +112,11 @@ def test_nested_shells_from_outside_and_inside() -> None:
         (MeshSection(**FLAT, color=name, opacity=alpha), octahedron(radius))
         for name, alpha, radius in (("blue", 0.3, 1.0), ("red", 0.5, 3.0), ("lime", 0.7, 2.0))
     ]
-    found = render_reference(scene_of(), [], [], surfaces=shells)[0, 0]
+    found = render_reference(scene_of(), [], [], geometry=shells)[0, 0]
     front = [(-1, 0.5, colours["red"]), (-1, 0.7, colours["lime"]), (-1, 0.3, colours["blue"])]
     np.testing.assert_allclose(found, absorbed(*front, *front[::-1]), rtol=0, atol=1e-14)
     inside = AXIS.model_copy(update={"position": (2.0, 2.0, 4.0), "focal_point": (2.0, 2.0, 9.0)})
-    found = render_reference(scene_of(camera=inside), [], [], surfaces=shells)[0, 0]
+    found = render_reference(scene_of(camera=inside), [], [], geometry=shells)[0, 0]
     np.testing.assert_allclose(found, absorbed(*front[::-1]), rtol=0, atol=1e-14)
 
 
@@ -126,13 +126,13 @@ def test_equal_depths_keep_the_order_of_the_scene_and_of_the_triangles() -> None
     names = ("red", "lime", "blue")
     sections = [MeshSection(**FLAT, color=name, opacity=0.5) for name in names]
     for order in ([0, 1, 2], [2, 0, 1], [1, 2, 0]):
-        surfaces = [(sections[n], Mesh("m", vertices, turns[[n, n + 3]])) for n in order]
-        found = render_reference(scene_of(), [], [], surfaces=surfaces)[0, 0]
+        geometry = [(sections[n], Mesh("m", vertices, turns[[n, n + 3]])) for n in order]
+        found = render_reference(scene_of(), [], [], geometry=geometry)[0, 0]
         colours = [(-1, 0.75, (RED, GREEN, BLUE)[n]) for n in order]
         np.testing.assert_allclose(found, absorbed(*colours), rtol=0, atol=1e-14)
     # The numbers of triangles in one mesh, by their own colours.
     own = Mesh("m", vertices, turns, {}, {"c": np.eye(3)[[0, 1, 2, 0, 1, 2]]})
-    found = render_reference(scene_of(), [], [], surfaces=[(MeshSection(**FLAT, opacity=0.5, scalars="c"), own)])[0, 0]
+    found = render_reference(scene_of(), [], [], geometry=[(MeshSection(**FLAT, opacity=0.5, scalars="c"), own)])[0, 0]
     np.testing.assert_allclose(found, absorbed(*[(-1, 0.5, c) for c in (RED, GREEN, BLUE)] * 2), rtol=0, atol=1e-14)
     rays = rays_of(np.random.default_rng(3).normal(0, 1, (200, 3)) - np.array([0, 0, 20]), [[0.01, 0.02, 1]])
     hits = intersect(rays, Triangles(vertices, turns))
@@ -274,13 +274,13 @@ def test_colours_and_opacities(name: str) -> None:
     keys, arrays, expected = COLOURS[name]
     section = MeshSection(**FLAT, **{"cmap": [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)], **keys})
     camera = AXIS.model_copy(update={"position": (1.5, 2.5, -9.0), "focal_point": (1.5, 2.5, 0.0)})
-    found = render_reference(scene_of(camera=camera), [], [], surfaces=[(section, square(1, **arrays))])[0, 0]
+    found = render_reference(scene_of(camera=camera), [], [], geometry=[(section, square(1, **arrays))])[0, 0]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
 def test_direction_culling_transform_clipping_and_light() -> None:
     def drawn(section: Any, geometry: Any, **keys: Any) -> np.ndarray:
-        return render_reference(scene_of(**keys), [], [], surfaces=[(section, geometry)])[0, 0]
+        return render_reference(scene_of(**keys), [], [], geometry=[(section, geometry)])[0, 0]
 
     line = Lines("l", np.array([[-1.0, 2, 3], [2, 2, 3], [2, 6, 6]]), np.array([0, 3]))
     shown = LinesSection(**FLAT, radius=0.25, color_by="direction")
@@ -334,8 +334,8 @@ def test_what_has_no_meaning_is_refused() -> None:
             place(section, geometry)
     gone = MeshSection(**FLAT, scalars="gone"), square(1, vertex_attributes={"h": HEAT})
     with pytest.raises(InputError, match="no such array; found gone; allowed h"):
-        render_reference(scene_of(), [], [], surfaces=[gone])
+        render_reference(scene_of(), [], [], geometry=[gone])
     empty = Mesh("m", np.empty((0, 3)), np.empty((0, 3), int))
-    assert not render_reference(scene_of(), [], [], surfaces=[(MeshSection(**FLAT), empty)]).any()
+    assert not render_reference(scene_of(), [], [], geometry=[(MeshSection(**FLAT), empty)]).any()
     with pytest.raises(InputError, match="not a colour"):
         MeshSection(path="a", color="transparent")

@@ -109,7 +109,7 @@ def expected(scene: Scene, grids: tuple[Entry, ...], volumes: tuple[Any, ...], m
                 found = replace(found, corners=found.corners[:, [1, 0, 2, 3]])
         cells.append(PlacedCells(found, transfer_function(section)))
     parts = [one[2] for one in volumes], [one[1] for one in volumes]
-    return render_reference(scene, *parts, surfaces=meshes, cells=cells)
+    return render_reference(scene, *parts, geometry=meshes, cells=cells)
 
 
 CASES: dict[str, tuple[Any, ...]] = {

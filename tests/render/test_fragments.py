@@ -110,7 +110,7 @@ def scene_of(parts: tuple[Part, ...], camera: str = "outside", brick: int = 64, 
 
 
 def expected(scene: Scene, parts: tuple[Part, ...], entries: tuple[Entry, ...]) -> np.ndarray:
-    return render_reference(scene, [p[2] for p in parts], [p[1] for p in parts], surfaces=entries)
+    return render_reference(scene, [p[2] for p in parts], [p[1] for p in parts], geometry=entries)
 
 
 def drawn(

@@ -169,9 +169,9 @@ def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[D
     grids_read = [read_grid(section.path, section.time) for section in scene.grids]
 
     def reference(of: Scene, step: float) -> Floats:
-        surfaces: list[Any] = list(zip(of.geometry, parts, strict=True))
+        geometry: list[Any] = list(zip(of.geometry, parts, strict=True))
         cells = [place_cells(*pair) for pair in zip(of.grids, grids_read, strict=True)]
-        return render_reference(of, grids, voxels, step, surfaces=surfaces, cells=cells)
+        return render_reference(of, grids, voxels, step, geometry=geometry, cells=cells)
 
     try:
         seconds = _seconds(lambda: reference(_resized(scene, 2), 8.0))
