@@ -3,20 +3,13 @@
 // has left. Of parts of a grid that overlap, the one that is entered first is drawn. A ray has no tetrahedron twice: it enters each by one face only.
 layout(std430, binding = 19) readonly buffer CellsBlock { int cell_row[]; };       // corners of tetrahedra
 layout(std430, binding = 20) readonly buffer NextBlock { int next_half_face[]; };
-layout(std430, binding = 22) readonly buffer CellValuesBlock { float cell_value[]; };
-const int NO_VALUES = -0x7fffffff;
 const uint NO_ENTRY = 0xffffffffu;
-const float NOWHERE = 3e38; // depth, and scalar
 
 Walk walks[GRIDS];                   // on the face by which the ray leaves the tetrahedron
 int passed[GRIDS];                   // half-face by which it has entered it, negative outside of the grid
-vec2 entered[GRIDS], leaves[GRIDS]; // depth and scalar there; outside, leaves.x is the depth of the next entry
 uvec2 entry[GRIDS];                  // key of the last one; outside, of the next one
-Class known[GRIDS];                  // of the scalar up to which the ray was composited
 int cells_list;                      // of the pixel
-float cell_length;                   // of the ray, in cells of the domain, for each cell of depth
 float slab_depth;
-vec2 unclipped;                      // depths
 
 vec4 cell_vertex(int row) {
     return vec4(sheared(vertex[row]), vertex[row].zw);
@@ -99,16 +92,10 @@ void go_back_in_cells(int g, uvec4 left) {
     cells_list = int(left.w);
 }
 
-float depth_at(double position) {
-    return float(ray_depth.x + clamp(position, -1e30LF, 1e30LF) / ray_depth.y);
-}
-
 void face_cells(Ray ray) {
-    cell_length = sqrt(1.0 + dot(ray_slope, ray_slope));
+    begin_segments(ray);
     slab_depth = float(1.0LF / ray_depth.y);
-    unclipped = vec2(depth_at(ray.kept.x), depth_at(ray.kept.y));
     for (int g = 0; g < GRIDS; ++g) {
-        known[g].s = NOWHERE;
         if (passed[g] < 0) {
             wait_outside(g);
         } else {
@@ -116,22 +103,6 @@ void face_cells(Ray ray) {
             pass_next(g);
         }
     }
-}
-
-float scalar_in(int g, float depth) {
-    return mix(entered[g].y, leaves[g].y, clamp((depth - entered[g].x) / (leaves[g].x - entered[g].x), 0.0, 1.0));
-}
-
-// Colour and opacity of a part of the tetrahedron in which the ray is.
-vec4 seen_in(int g, float begin, float end) {
-    if (GRIDS > 1) own_grid = g;
-    float s = scalar_in(g, begin);
-    Class front = known[g];
-    if (front.s != s) front = class_at(s);
-    Class back = class_at(scalar_in(g, end));
-    known[g] = back;
-    if (front.segment == back.segment && front.kappa == vec3(0.0)) return vec4(0.0);
-    return integrated(front, back, grid[GRIDS > 1 ? g : 0].optics.x * cell_length * (end - begin));
 }
 
 // Composite a part of a slab, or of a run without volumes, from `begin` to `end`, in which volumes absorb evenly. Where a grid is alone it is seen in

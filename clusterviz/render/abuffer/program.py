@@ -110,7 +110,15 @@ class GeometryVariant:
         begin = glsl_array("grid", GRIDS_BINDING, GRID, self.grids) + "int own_grid = 0;\n"
         ramp = (begin + define(macros), "transfer.glsl", "front_to_back.glsl", "ramp.glsl", undefine(macros))
         classes = {name: macros[name] for name in ("Class", "class_at", "integrated")}
-        return (*ramp, "strict_side.glsl", define(classes), "walk.glsl", "run.glsl", undefine(classes))
+        return (
+            *ramp,
+            "strict_side.glsl",
+            define(classes),
+            "cell_segment.glsl",
+            "walk.glsl",
+            "run.glsl",
+            undefine(classes),
+        )
 
     def parts(self, number: int, on_cpu: bool) -> tuple[str, ...]:
         """Return the files behind those of `number` volumes."""

@@ -1,0 +1,35 @@
+// Absorption in a part of the segment of a ray in a tetrahedron, along which the scalar changes linearly.
+layout(std430, binding = 22) readonly buffer CellValuesBlock { float cell_value[]; };
+const int NO_VALUES = -0x7fffffff;
+const float NOWHERE = 3e38; // depth, and scalar
+
+vec2 entered[GRIDS], leaves[GRIDS]; // depth and scalar where the segment begins and ends; outside of the grid, leaves.x is the depth of the next entry
+Class known[GRIDS];                 // of the scalar up to which the ray was composited
+float cell_length;                  // of the ray, in cells of the domain, for each cell of depth
+vec2 unclipped;                     // depths
+
+float depth_at(double position) {
+    return float(ray_depth.x + clamp(position, -1e30LF, 1e30LF) / ray_depth.y);
+}
+
+void begin_segments(Ray ray) {
+    cell_length = sqrt(1.0 + dot(ray_slope, ray_slope));
+    unclipped = vec2(depth_at(ray.kept.x), depth_at(ray.kept.y));
+    for (int g = 0; g < GRIDS; ++g) known[g].s = NOWHERE;
+}
+
+float scalar_in(int g, float depth) {
+    return mix(entered[g].y, leaves[g].y, clamp((depth - entered[g].x) / (leaves[g].x - entered[g].x), 0.0, 1.0));
+}
+
+// Colour and opacity of a part of the tetrahedron in which the ray is.
+vec4 seen_in(int g, float begin, float end) {
+    if (GRIDS > 1) own_grid = g;
+    float s = scalar_in(g, begin);
+    Class front = known[g];
+    if (front.s != s) front = class_at(s);
+    Class back = class_at(scalar_in(g, end));
+    known[g] = back;
+    if (front.segment == back.segment && front.kappa == vec3(0.0)) return vec4(0.0);
+    return integrated(front, back, grid[GRIDS > 1 ? g : 0].optics.x * cell_length * (end - begin));
+}
