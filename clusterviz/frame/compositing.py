@@ -40,6 +40,7 @@ from clusterviz.image.picture import Image as Picture
 from clusterviz.render.crossing import named_layers
 from clusterviz.render.render_result import finish_projection
 from clusterviz.report.decisions import Change
+from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans
 from clusterviz.scene.visibility import visibility_warnings
@@ -162,6 +163,9 @@ class Compositing:
         gathered = run.channel.allgather((counts, image is not None and not image[..., 3].any()))
         per_rank, is_blank = tuple(counts for counts, _ in gathered), gathered[0][1]
         reasons = visibility_warnings(work.scene, drawn.infos, is_blank)
+        kbuffer = all_counts(rank.kbuffer for rank in per_rank)
+        if kbuffer and kbuffer.wrong_pixels:
+            reasons["grids[0].visibility"] = f"grids[0].visibility: {kbuffer}"
         for topic in [topic for topic in reasons if topic not in self._warned]:
             self._warned.add(topic)
             if run.channel.rank == 0:

@@ -187,4 +187,5 @@ class Drawing:
             samples=samples,
             frame_coherence=frame_coherence,
             early_discarding=all_counts(each.early_discarding for each in drawn),
+            kbuffer=all_counts(each.kbuffer for each in drawn),
         )

@@ -97,7 +97,7 @@ class KnownCells:
             make_preintegrated(transfer),
             grid.domain.spacing / transfer.unit_distance,
             make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
-            section.visibility.k if isinstance(section.visibility, KBuffer) else 0,
+            section.visibility if isinstance(section.visibility, KBuffer) else None,
             section,
             transfer.domain,
             *self._types,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.segments import Segments
 from clusterviz.plan.shading import Shading
-from clusterviz.scene.grids import GridSection
+from clusterviz.scene.grids import GridSection, KBuffer
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class CellLayer:
     segments : the transfer function, pre-integrated; scalars are in units of clim
     units : opacity unit distances in a cell's side of the domain
     shading : lights and material, for gradients in the world; None: not lit
-    k : entries a pixel of a k-buffer; 0: exact
+    kbuffer : brings faces in order; None: exact
     section : completed
     clim : scalars that are 0 and 1 in the shader
     point_type, value_type : of the arrays of `CellBrick`
@@ -73,7 +73,7 @@ class CellLayer:
     segments: Segments
     units: float
     shading: Shading | None = None
-    k: int = 0
+    kbuffer: KBuffer | None = None
     section: GridSection | None = None
     clim: tuple[float, float] = (0.0, 1.0)
     point_type: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float32))

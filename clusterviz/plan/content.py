@@ -35,6 +35,7 @@ from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.grids import KBuffer
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Fill, Resolve, Scene, Volume
 
@@ -142,6 +143,11 @@ class Content:
     def layers(self) -> tuple[GeometryLayer | CellLayer, ...]:
         """Geometry, and then the unstructured grids."""
         return (*self.geometry, *self.cells)
+
+    @property
+    def kbuffer(self) -> KBuffer | None:
+        """K-buffer of the unstructured grid, which is then alone."""
+        return self.cells[0].kbuffer if self.cells else None
 
     @property
     def brick_grid(self) -> BrickGrid:

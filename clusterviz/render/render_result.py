@@ -14,6 +14,7 @@ from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.report.early_discarding import EarlyDiscarding
 from clusterviz.report.frame_coherence import FrameCoherence
+from clusterviz.report.kbuffer_counts import KBufferCounts
 
 SQUARE = 8  # pixels along the side of the squares in which samples are counted
 Progress = Callable[[float], None]
@@ -53,7 +54,8 @@ class RenderResult:
     occluded : bricks not drawn, as all rays ended in front of them
     frame_coherence : counts of rays; None without frame coherence
     early_discarding : counts of fragments; None if all are stored
-    fragments : int32 (h, w), fragments of meshes, lines and points at each pixel; (0, 0) without any of these
+    kbuffer : counts of a k-buffer; None without one
+    fragments : int32 (h, w), fragments of meshes, lines and points, or of a k-buffer, at each pixel; (0, 0) without any
     work : uint32 (rows, columns), samples in each square of `SQUARE` pixels of the partial image, from its corner
     """
 
@@ -67,6 +69,7 @@ class RenderResult:
     frame_coherence: FrameCoherence | None = None
     fragments: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 0), np.int32))
     early_discarding: EarlyDiscarding | None = None
+    kbuffer: KBufferCounts | None = None
 
 
 def joined_bands(rect: Rect, drawn: Sequence[RenderResult], axis: int = 0) -> RenderResult:

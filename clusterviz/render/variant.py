@@ -196,9 +196,8 @@ class Variant:
             "MAIN": "pixels.glsl",
             "LIGHTS_FROM": light_files(self.near, bool(self.occlusion)) if self.lights else NOTHING,
         }
-        return assemble(
-            "raycast.glsl", slots | (self._content if self.is_mixed else {}) | (self._on_cpu if self.cpu else {})
-        )
+        slots |= (self._content if self.is_mixed else {}) | (self._on_cpu if self.cpu else {})
+        return assemble("raycast.glsl", slots | (self.geometry.whole_rays if self.geometry else {}))
 
     @property
     def _on_cpu(self) -> dict[str, Files]:

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
+from typing import TypeVar
+
+from clusterviz.report.kbuffer_counts import KBufferCounts
+
+Counts = TypeVar("Counts", "EarlyDiscarding", KBufferCounts)
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,7 @@ class EarlyDiscarding:
         )
 
 
-def all_counts(each: Iterable[EarlyDiscarding | None]) -> EarlyDiscarding | None:
-    """Sum the counts of several pieces, ranks or frames; None if all fragments were stored."""
-    some = [astuple(one) for one in each if one is not None]
-    return EarlyDiscarding(*map(sum, zip(*some, strict=True))) if some else None
+def all_counts(each: Iterable[Counts | None]) -> Counts | None:
+    """Sum the counts of several pieces, ranks or frames; None if nothing was counted."""
+    some = [one for one in each if one is not None]
+    return type(some[0])(*map(sum, zip(*map(astuple, some), strict=True))) if some else None

@@ -12,6 +12,7 @@ from typing import Any
 from clusterviz.report.decisions import Accuracy, Change, Sharing
 from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
 from clusterviz.report.frame_coherence import FrameCoherence, together
+from clusterviz.report.kbuffer_counts import KBufferCounts
 from clusterviz.report.trace import Span
 
 STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "collect", "finish")
@@ -78,6 +79,7 @@ class RankFrame:
     renderer : name of the renderer, as in OpenGL
     frame_coherence : statistics of frame coherence; None if quality.frame_coherence is false
     early_discarding : statistics of early fragment discarding; None if all fragments are stored
+    kbuffer : counts of a k-buffer; None without one
     compositing : algorithm, prediction and measurements, by stage and peer
     balance : bytes and seconds of load balancing in a dynamic distribution
     """
@@ -98,6 +100,7 @@ class RankFrame:
     renderer: str = ""
     frame_coherence: FrameCoherence | None = None
     early_discarding: EarlyDiscarding | None = None
+    kbuffer: KBufferCounts | None = None
     compositing: dict[str, Any] = field(default_factory=dict)
     balance: dict[str, Any] = field(default_factory=dict)
 
@@ -145,6 +148,11 @@ class FrameStatistics:
         return all_counts(rank.early_discarding for rank in self.per_rank)
 
     @property
+    def kbuffer(self) -> KBufferCounts | None:
+        """Counts of a k-buffer on all ranks; None without one."""
+        return all_counts(rank.kbuffer for rank in self.per_rank)
+
+    @property
     def imbalance(self) -> float:
         """Largest over mean seconds of rendering; 1 if nothing was drawn."""
         cost = [rank.seconds.get("render", 0.0) for rank in self.per_rank]
@@ -184,6 +192,7 @@ class FrameStatistics:
             "migration": self.migration,
             "frame_coherence": asdict(self.frame_coherence) if self.frame_coherence else None,
             "early_discarding": asdict(self.early_discarding) if self.early_discarding else None,
+            "kbuffer": asdict(self.kbuffer) if self.kbuffer else None,
             "per_rank": [asdict(rank) for rank in self.per_rank],
         }
 

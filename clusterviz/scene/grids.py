@@ -35,6 +35,10 @@ class KBuffer(Section):
     k: Annotated[int, Field(strict=True, ge=2, le=32), BeforeValidator(to_builtin)] = Field(
         examples=[6], description="Entries a pixel, 2 to 32; pixels that need more are wrong, and counted."
     )
+    entries: Literal["sorted", "unsorted"] = Field(
+        default="sorted",
+        description="Keep the entries in order, or search them for the nearest two; pictures are the same.",
+    )
 
 
 def _check_visibility(value: Any) -> Any:

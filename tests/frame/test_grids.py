@@ -139,13 +139,14 @@ def test_frames_may_differ_in_colours_and_opacity_only() -> None:
         ({"shade": True}, r"\.shade: grids cannot be lit yet; found true; allowed false"),
         (
             {"visibility": {"k": 6}},
-            r"\.visibility: k-buffers cannot be drawn yet; found {k: 6}; allowed exact",
+            r"\.visibility: a k-buffer draws one unstructured grid, and nothing else; found {k: 6} and grids\[1\]; "
+            "allowed exact",
         ),
     ],
 )
 def test_what_is_not_drawn_is_refused(keys: dict[str, Any], message: str) -> None:
     with pytest.raises(SceneError, match=r"grids\[0\]" + message):
-        clusterviz.render(mixed(), **keys)
+        clusterviz.render(Scene(), grids=[{"path": mixed(), "array": "f", **keys}, {"path": BOX}])
 
 
 def test_objects_are_drawn_as_files_are(tmp_path: Path) -> None:

@@ -209,14 +209,22 @@ def drawn_in(
     where: moderngl.Context | None, prepared: Prepared, numbers: tuple[int, ...], **limits: Any
 ) -> list[tuple[np.ndarray, int]]:
     """What `drawn` returns for each of several numbers of parts, of bricks that are loaded once."""
+    pieces = [pieces_of(prepared, parts) for parts in numbers]
+    drawn = draw_pieces(where, prepared, *pieces, **limits)
+    return [(picture_of(prepared, results), sum(one.samples for one in results)) for results in drawn]
+
+
+def pieces_of(prepared: Prepared, parts: int) -> tuple[Piece, ...]:
+    """The boxes of a tree."""
     plan = prepared.plan
-    trees = [build_tree(plan.cost, parts) for parts in numbers]
-    pieces = [leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward) for tree in trees]
-    found = []
-    for results in draw_pieces(where, prepared, *pieces, **limits):
-        merged = merge_partials([one.partial for one in results], plan.view.size, plan.blend_mode.operator)
-        found.append((finish_projection(plan, merged).astype(np.float64), sum(one.samples for one in results)))
-    return found
+    return leaf_pieces(build_tree(plan.cost, parts), plan.cost, plan.eye_in_bricks(), plan.view.forward)
+
+
+def picture_of(prepared: Prepared, results: list[RenderResult]) -> np.ndarray:
+    """The finished picture of all pieces, float64 (h, w, 4)."""
+    plan = prepared.plan
+    merged = merge_partials([one.partial for one in results], plan.view.size, plan.blend_mode.operator)
+    return finish_projection(plan, merged).astype(np.float64)
 
 
 def draw_pieces(

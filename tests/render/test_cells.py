@@ -12,6 +12,7 @@ from render import scenes
 from render.scenes import Prepared
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.data.faces import find_neighbours
 from clusterviz.data.geometry import Geometry, Mesh
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -20,9 +21,10 @@ from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import PlacedCells
+from clusterviz.report.kbuffer.analysis import analyse, comparisons
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.geometry import MeshSection
-from clusterviz.scene.grids import GridSection
+from clusterviz.scene.grids import GridSection, KBuffer
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Quality, Scene, Volume
 
 CAMERAS = {
@@ -30,6 +32,7 @@ CAMERAS = {
     "inside": Camera(position=(3.2, 2.7, 2.9), focal_point=(5, 6, 4), view_up=(0, 0, 1), view_angle=90),
     "parallel": Camera(position=(22, -17, 14), focal_point=(3, 3, 3), view_up=(0, 0, 1), parallel_scale=5),
     "along edges": Camera(position=(3, 3, -20), focal_point=(3, 3, 3), view_up=(0, 1, 0), view_angle=20),
+    "long": Camera(position=(80, -60, 10), focal_point=(3, 3, 24), view_up=(0, 0, 1), view_angle=30),
     "far": Camera(position=(3e6, 3e6, 4e6), focal_point=(3, 3, 3), view_up=(0, 0, 1), view_angle=1.5e-4),
 }
 
@@ -112,9 +115,10 @@ def expected(scene: Scene, grids: tuple[Entry, ...], volumes: tuple[Any, ...], m
     return render_reference(scene, *parts, geometry=meshes, cells=cells)
 
 
+VIEWS = tuple(name for name in CAMERAS if name != "long")
 CASES: dict[str, tuple[Any, ...]] = {
-    "lattice": (((THIN, LATTICE),), (), (), {}, tuple(CAMERAS), 5e-5),
-    "holes": (((THIN, HOLES),), (), (), {}, tuple(CAMERAS), 5e-5),
+    "lattice": (((THIN, LATTICE),), (), (), {}, VIEWS, 5e-5),
+    "holes": (((THIN, HOLES),), (), (), {}, VIEWS, 5e-5),
     "peaks": (((PEAKS, HOLES),), (), (), {}, ("outside",), 5e-5),
     "arrays of cells": (((OF_CELLS, CELLS),), (), (), {}, ("outside", "inside"), 5e-5),
     "mirrored": (((MIRRORED, HOLES),), (), (), {}, ("outside",), 5e-5),
@@ -144,3 +148,56 @@ def test_parts_and_bricks_do_not_change_the_picture(camera: str) -> None:
         scene = scene_of(grids, camera, brick=brick)
         found = scenes.drawn(None, prepared(scene, grids, (), ()), leaves)[0]
         assert np.abs(found - first).max() <= 1e-5, brick
+
+
+def drawn_by(section: GridSection, grid: UnstructuredGrid, camera: str, pieces: int = 1, **keys: Any) -> Any:
+    """The picture, and the counts of a k-buffer."""
+    ready = prepared(scene_of(((section, grid),), camera, **keys), ((section, grid),), (), ())
+    (results,) = scenes.draw_pieces(None, ready, scenes.pieces_of(ready, pieces))
+    return scenes.picture_of(ready, results), results[0]
+
+
+def by_entries(section: GridSection, k: int, entries: str = "sorted") -> GridSection:
+    return section.model_copy(update={"visibility": KBuffer(k=k, entries=entries)})
+
+
+BUFFERED = [("lattice", "along edges"), *(("holes", camera) for camera in VIEWS)]
+BUFFERED += [(name, "outside") for name in ("peaks", "arrays of cells", "mirrored", "clipped")]
+
+
+@pytest.mark.parametrize(("name", "camera"), BUFFERED)
+def test_k_buffers_that_suffice_draw_the_exact_picture(name: str, camera: str) -> None:
+    ((entry,), _, _, keys, _, _) = CASES[name]
+    exact = drawn_by(*entry, camera, **keys)[0]
+    assert exact[..., 3].max() > 0.2
+    for entries in ("sorted", "unsorted"):
+        found, result = drawn_by(by_entries(entry[0], 16, entries), entry[1], camera, **keys)
+        assert result.kbuffer.wrong_pixels == 0
+        assert np.abs(found - exact).max() <= 2e-5, entries
+
+
+def test_k_buffers_count_as_the_analysis_does() -> None:
+    """A picture of long cells beside short ones, whose centroids are not in the order of fragments."""
+    thin = replace(HOLES, points=HOLES.points * [1, 1, 8])
+    scene = scene_of(((THIN, thin),), "long")
+    cells = make_tetrahedra(thin, None)
+    faces = find_neighbours(cells.corners, len(cells.points)).faces().corners
+    needs = analyse(cells.points, faces, scene.camera, scene.image.size)
+    assert needs.wrong(2) > needs.wrong(3) > 0
+    exact = drawn_by(THIN, thin, "long")[0]
+    for entries in ("sorted", "unsorted"):
+        for k in (2, 3):
+            found, result = drawn_by(by_entries(THIN, k, entries), thin, "long")
+            np.testing.assert_array_equal(result.fragments.sum(), needs.fragments.sum())
+            expected_counts = comparisons(needs.fragments, k, entries == "sorted").sum()
+            assert (result.kbuffer.wrong_pixels, result.kbuffer.comparisons) == (needs.wrong(k), expected_counts)
+            wrong = np.abs(found - exact).max(axis=2) > 1e-5
+            assert 0 < wrong.sum() <= needs.wrong(k)
+
+
+@pytest.mark.parametrize("camera", ["outside", "inside"])
+def test_parts_and_bricks_do_not_change_the_picture_of_a_k_buffer(camera: str) -> None:
+    section = by_entries(THIN, 16)
+    first = drawn_by(section, HOLES, camera)[0]
+    for brick, pieces in ((64, 3), (13, 1)):
+        assert np.abs(drawn_by(section, HOLES, camera, pieces, brick=brick)[0] - first).max() <= 1e-5, brick

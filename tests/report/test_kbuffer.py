@@ -12,7 +12,7 @@ from clusterviz.errors import InputError
 from clusterviz.reference.cells import find_passages
 from clusterviz.reference.rays import camera_rays
 from clusterviz.report.kbuffer.analysis import KBufferNeeds, analyse, comparisons
-from clusterviz.report.kbuffer.fragment_kernel import count_moves
+from clusterviz.report.kbuffer.fragment_kernel import count_entries
 from clusterviz.scene.values import Camera
 
 
@@ -61,12 +61,11 @@ def segments(arriving: list[float], k: int, is_sorted: bool) -> tuple[list[tuple
 @pytest.mark.parametrize("is_sorted", [False, True])
 def test_needs_and_comparisons_are_those_of_a_buffer_that_is_run(is_sorted: bool) -> None:
     rng = np.random.default_rng(7)
-    for _ in range(60):
-        count = int(rng.integers(1, 20))
-        arriving = (np.arange(count) + rng.normal(0, rng.choice([0.1, 1, 4]), count)).tolist()
-        moves = np.zeros(1, np.int32)
-        count_moves(np.array([0, len(arriving)]), np.array(arriving), moves)
-        needed = max(2, int(moves[0]) + 1)
+    some = [np.arange(count) + rng.normal(0, rng.choice([0.1, 1, 4]), count) for count in rng.integers(1, 20, 60)]
+    for arriving in [[1.0, 2.0, 0.0], [3.0, 1.0, 2.0, 0.0, 4.0], *(each.tolist() for each in some)]:
+        entries = np.zeros(1, np.int32)
+        count_entries(np.array([0, len(arriving)]), np.array(arriving), entries)
+        needed = int(entries[0])
         right = list(zip(sorted(arriving), sorted(arriving)[1:], strict=False))
         for k in range(2, 12):
             found, compared = segments(arriving, k, is_sorted)

@@ -15,7 +15,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.discarding import LEFT_OUT_BINDING
 from clusterviz.render.abuffer.fills import EARLY, Lists, Pass, Pools, store_fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
-from clusterviz.render.abuffer.program import LIGHTING_BINDING, FindVariant, find_variants, lit_layer
+from clusterviz.render.abuffer.program import COUNTED_BINDING, LIGHTING_BINDING, FindVariant, find_variants, lit_layer
 from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BINDING, TileLists, make_lists, prepare_tiles
 from clusterviz.render.cells.table import GRIDS_BINDING, grids_block
 from clusterviz.spmd.machine_code import addresses, compiled
@@ -83,10 +83,13 @@ def find_fragments(
     assert plan.content, "there is geometry"
     fill = plan.content.fill
     own: Blocks = {GEOMETRY_BINDING: tiles.block}
-    buffers: Blocks = {12: tiles.vertices, 13: table.corners, 14: table.layers, 15: table.attributes}
+    buffers: Blocks = {12: tiles.vertices, 13: tiles.corners, 14: table.layers, 15: table.attributes}
     if table.cells:
         own[GRIDS_BINDING] = grids_block(plan.content, table.cells)
         buffers |= {19: table.cells.corners, 20: table.cells.following, 22: table.cells.values}
+    if plan.content.kbuffer:
+        counted = np.zeros((rect.pixels, 2), np.uint32)
+        return own, buffers | {9: tiles.begins, 10: tiles.rows, COUNTED_BINDING: counted}
     variants = {variant.step: variant for variant in find_variants(plan, lanes)}
     links = np.empty((EARLY * rect.pixels if fill == "dynamic" else 1, 2), np.uint32)
 

@@ -41,7 +41,7 @@ class PrimitiveTable:
     positions : float32 or float64 (n, 3) for each layer, in the coordinates of its file
     radii : float32 (n,) for each layer, or (0,); scalars of grids
     corners : int32 (m, 4), rows of all positions; of a triangle the last is its flags, as in primitives.glsl; of a face
-        at the boundary of a grid its half-face
+        of a grid as `LocalGrid.faces`
     layers : LAYER (layers,), of geometry, then of grids
     attributes : float32 (k,), normals, colours and segments
     cells : of unstructured grids; None without any
@@ -138,7 +138,7 @@ def make_table(
             positions.append(grid.points)
             radii.append(grid.scalars)
             corners.append(boundary)
-            record["table"] = first_row, KINDS["entry"], 0, 0
+            record["table"] = first_row, KINDS["entry"], len(grid.values), 0
             first_row += len(boundary)
     return PrimitiveTable(
         tuple(positions),

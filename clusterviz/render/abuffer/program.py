@@ -22,8 +22,9 @@ from clusterviz.render.cells.table import GRID, GRIDS_BINDING
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
+from clusterviz.scene.grids import KBuffer
 
-LIGHTING_BINDING = 2
+LIGHTING_BINDING, COUNTED_BINDING = 2, 16
 MOST_SORTED = 256
 """Fragments of a pixel that a GPU's program sorts: llvmpipe leaves loops after 65535 iterations in total."""
 STORES: dict[Pass, str] = {
@@ -72,6 +73,7 @@ class GeometryVariant:
     size : fragments of a pixel that are sorted at a time; 0: all are stored in order
     discards : what should be hidden is left out
     grids : number of unstructured grids
+    kbuffer : brings the faces of the only grid in order; nothing else is drawn
     """
 
     lights: int
@@ -80,6 +82,7 @@ class GeometryVariant:
     size: int
     discards: bool = False
     grids: int = 0
+    kbuffer: KBuffer | None = None
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -99,6 +102,7 @@ class GeometryVariant:
         """Files of unstructured grids."""
         if not self.grids:
             return ("no_cells.glsl",)
+        walk = ("no_cells.glsl",) if self.kbuffer else ("walk.glsl", "run.glsl")
         grid = f"grid[{'own_grid' if self.grids > 1 else 0}]"
         macros = {name: f"{name}_of_cells" for name in _RAMP_NAMES} | {
             "frame": grid,
@@ -110,15 +114,21 @@ class GeometryVariant:
         begin = glsl_array("grid", GRIDS_BINDING, GRID, self.grids) + "int own_grid = 0;\n"
         ramp = (begin + define(macros), "transfer.glsl", "front_to_back.glsl", "ramp.glsl", undefine(macros))
         classes = {name: macros[name] for name in ("Class", "class_at", "integrated")}
-        return (
-            *ramp,
-            "strict_side.glsl",
-            define(classes),
-            "cell_segment.glsl",
-            "walk.glsl",
-            "run.glsl",
-            undefine(classes),
-        )
+        segment = (define(classes), "cell_segment.glsl", *walk, undefine(classes))
+        return (*ramp, "strict_side.glsl", *segment)
+
+    @property
+    def whole_rays(self) -> dict[str, str | tuple[str, ...]]:
+        """Slots of files with which a k-buffer draws rays from end to end, in place of the march; else empty."""
+        if self.kbuffer is None:
+            return {}
+        k, march = f"const int K = {self.kbuffer.k};\n", {"go_on": "march_on"}
+        entries = f"kbuffer_{self.kbuffer.entries}.glsl"
+        return {
+            "STARTS": (GEOMETRY_BLOCK, "primitives.glsl", "whole_rays.glsl", "unnoted.glsl", "entries.glsl"),
+            "RUN": ("sums.glsl", *self.cells),
+            "BORDERS": (define(march), "unsplit.glsl", undefine(march), k, "faces.glsl", entries),
+        }
 
     def parts(self, number: int, on_cpu: bool) -> tuple[str, ...]:
         """Return the files behind those of `number` volumes."""
@@ -170,7 +180,13 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
     near = bool(shading and shading.has_places)
     size, discards = 0 if is_sorted(plan.content) else SMALLEST, plan.march.discard_margin is not None
     return GeometryVariant(
-        min(1, rows) if on_cpu else rows, near, kinds_of(plan), size, discards, len(plan.content.cells)
+        min(1, rows) if on_cpu else rows,
+        near,
+        kinds_of(plan),
+        size,
+        discards,
+        len(plan.content.cells),
+        plan.content.kbuffer,
     )
 
 
@@ -184,7 +200,8 @@ def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
     in_order, discards = bool(layers) and is_sorted(plan.content), plan.march.discard_margin is not None
     grids = bool(plan.content and plan.content.cells)
     common = plan.march.jittered, planes, kinds_of(plan), which, brick, in_order, lanes, discards, grids
-    return [FindVariant(step, *common) for step in (PASSES[plan.content.fill] if plan.content and layers else ())]
+    finds = plan.content and layers and not plan.content.kbuffer
+    return [FindVariant(step, *common) for step in (PASSES[plan.content.fill] if plan.content and finds else ())]
 
 
 @dataclass(frozen=True)

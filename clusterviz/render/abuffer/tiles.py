@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from clusterviz.gl.layout import glsl_block
 from clusterviz.image.partial import Rect
 from clusterviz.kernels.compiled import CompiledKernel
+from clusterviz.kernels.radix_sort import sorted_order
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
@@ -67,6 +68,7 @@ class TileLists:
     vertices : float32 (n, 4), in the camera's coordinates, and radii
     begins : uint32 (tiles + 1,), of each tile in `rows`
     rows : uint32 (k,), at least one, rows of primitives, ascending in each tile
+    corners : int32 (m, 4), of the table; of a k-buffer's faces by depth
     boxes : float32 (n, 4), pixels of the vertices, as in `tile_kernel.move`
     left_out : float32 (tiles,), depths that what is left out of each tile is not nearer than; (0,): nothing is left out
     """
@@ -75,6 +77,7 @@ class TileLists:
     vertices: NDArray[np.float32]
     begins: NDArray[np.uint32]
     rows: NDArray[np.uint32]
+    corners: NDArray[np.int32]
     boxes: NDArray[np.float32]
     left_out: NDArray[np.float32]
 
@@ -146,6 +149,9 @@ def make_lists(
     """
     moved = (last.block, last.vertices, last.boxes) if last else _moved(plan, table, rect, lights, threads, count)
     block, vertices, boxes = moved
+    corners = table.corners
+    if plan.content and plan.content.kbuffer:
+        corners = corners[sorted_order(vertices[corners[:, :3], 2].sum(axis=1), count)]
     shift = 0 if _are_small(table, boxes, rect) else tile.bit_length() - 1
     across, down = ((side - 1 >> shift) + 1 for side in (rect.width, rect.height))
     block["counts"][0, 1:3] = across, shift
@@ -159,7 +165,7 @@ def make_lists(
         """Return the pairs of a share of the primitives, and count them."""
         pairs = np.empty(4 * (share[1] - share[0]), np.int64)
         eye = np.array([-np.inf if plan.view.parallel else block["eye"][0, 0]])
-        given = shift, rect.width, rect.height, eye, layers, *share, boxes, table.corners, vertices, farthest, nearest
+        given = shift, rect.width, rect.height, eye, layers, *share, boxes, corners, vertices, farthest, nearest
         while True:
             found = _LIST(*given, own, pairs)
             if found <= len(pairs):
@@ -173,7 +179,7 @@ def make_lists(
     begins = np.append(places[0], ends[-1, -1]).astype(np.uint32)
     rows = np.zeros(max(1, int(begins[-1])), np.uint32)
     list(threads.map(_PLACE, pairs, places, [rows] * len(shares)))
-    return TileLists(block, vertices, begins, rows, boxes, left_out.min(axis=0))
+    return TileLists(block, vertices, begins, rows, corners, boxes, left_out.min(axis=0))
 
 
 def _of_tiles(limits: NDArray[np.float32], tile: int) -> NDArray[np.float32]:

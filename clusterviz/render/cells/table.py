@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.faces import NONE, find_neighbours
+from clusterviz.data.faces import NONE, Faces, find_neighbours
 from clusterviz.plan.cells import CellBrick, CellLayer
 from clusterviz.plan.content import Content
 from clusterviz.plan.segments import BUCKETS
@@ -43,8 +43,9 @@ class LocalGrid:
     values : float32 (m,), of tetrahedra; or (0,)
     corners : int32 (m, 4), rows of points, ascending
     following : int32 (m, 4), `Neighbours.halves`, negative at the boundary
-    boundary : int32 (b, 4), corners of the faces at the boundary, counter-clockwise seen from outside in the domain,
-        and the half-face, which is four times the tetrahedron and the place of its corner that is not on the face
+    faces : int32 (b, 4), corners of the faces at the boundary, counter-clockwise seen from outside in the domain, and
+        the half-face, which is four times the tetrahedron and the place of its corner that is not on the face; for a
+        k-buffer corners of all faces, and their marks
     """
 
     points: NDArray[Any]
@@ -52,7 +53,7 @@ class LocalGrid:
     values: NDArray[np.float32]
     corners: NDArray[np.int32]
     following: NDArray[np.int32]
-    boundary: NDArray[np.int32]
+    faces: NDArray[np.int32]
 
 
 def make_local_grid(layer: CellLayer, bricks: Sequence[CellBrick], threads: int = 1) -> LocalGrid:
@@ -74,21 +75,38 @@ def make_local_grid(layer: CellLayer, bricks: Sequence[CellBrick], threads: int 
     corners = places[given[chosen].astype(np.int64)].astype(np.uint32)
     values = layer.shader_values(np.concatenate([part.values for part in parts])[chosen if layer.on_cells else first])
     neighbours = find_neighbours(corners, len(rows), threads)
+    given_points = np.concatenate([part.points for part in parts])[first]
+    scalars, of_cells = (np.zeros(len(rows), np.float32), values) if layer.on_cells else (values, values[:0])
+    reflects = bool(np.linalg.det(layer.index_from_file[:, :3]) < 0)
+    if layer.kbuffer:
+        none = np.zeros((0, 4), np.int32)
+        return LocalGrid(given_points, scalars, of_cells, none, none, marked_faces(neighbours.faces(), reflects))
     tetrahedron, k = np.nonzero(neighbours.halves == NONE)
     own = corners[tetrahedron].astype(np.int64)
     place = (own < np.take_along_axis(own, k[:, None], 1)).sum(axis=1)
     faces = np.take_along_axis(own, OUTWARD[k], 1)
-    if np.linalg.det(layer.index_from_file[:, :3]) < 0:
+    if reflects:
         faces = faces[:, ::-1]
     ascending = neighbours.ascending()
     return LocalGrid(
-        np.concatenate([part.points for part in parts])[first],
-        np.zeros(len(rows), np.float32) if layer.on_cells else values,
-        values if layer.on_cells else np.zeros(0, np.float32),
+        given_points,
+        scalars,
+        of_cells,
         ascending.tetrahedra.astype(np.int32),
         ascending.halves.view(np.int32),
         np.column_stack([faces, 4 * tetrahedron + place]).astype(np.int32),
     )
+
+
+def marked_faces(faces: Faces, reflects: bool) -> NDArray[np.int32]:
+    """Return corners of faces and marks, int32 (f, 4).
+
+    A mark is four times the exclusive or of the numbers of the tetrahedra on both sides, from 1, with 0 for outside;
+    plus 1 if outside is where corners are counter-clockwise seen from in the domain, and 2 if it is on the other side.
+    """
+    outside = (faces.sides == NONE) @ np.array([1, 2] if reflects else [2, 1], np.uint32)
+    numbers = faces.sides + np.uint32(1)
+    return np.column_stack([faces.corners, (numbers[:, 0] ^ numbers[:, 1]) << 2 | outside]).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +134,7 @@ def make_cell_table(grids: Sequence[LocalGrid], vertices: int) -> tuple[CellTabl
     for grid in grids:
         corners.append(grid.corners + vertices)
         following.append(np.where(grid.following < 0, -1, grid.following + 4 * tetrahedra))
-        boundaries.append((grid.boundary + np.array([vertices, vertices, vertices, 4 * tetrahedra])).astype(np.int32))
+        boundaries.append((grid.faces + np.array([vertices, vertices, vertices, 4 * tetrahedra])).astype(np.int32))
         first_values.append(count - tetrahedra if len(grid.values) else NO_VALUES)
         values.append(grid.values)
         vertices, tetrahedra, count = (

@@ -31,6 +31,7 @@ from clusterviz.render.abuffer.discarding import HIDDEN_BINDING, HiddenPixels, L
 from clusterviz.render.abuffer.fills import LEAST_SIDE, ManyFragmentsError, Pools, with_fill
 from clusterviz.render.abuffer.on_cpu import LISTS, find_fragments, list_primitives, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
+from clusterviz.render.abuffer.program import COUNTED_BINDING
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS, classified, counts_of
 from clusterviz.render.abuffer.tiles import TileLists
 from clusterviz.render.content_bricks import store_as
@@ -55,6 +56,7 @@ from clusterviz.render.sizes import is_far_apart
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import doubling_bits, packed_bits, visible_groups
 from clusterviz.render.variant import Lanes, Variant, cpu_variant_of, of_size
+from clusterviz.report.kbuffer_counts import KBufferCounts
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.spmd.machine_code import addresses, compiled
 
@@ -288,7 +290,7 @@ class VectorCaster:
             frame["first_box"], pixels = 0, rays.pixels[0]
         buffers, fragments = shown.buffers | {1: pixels, 2: state}, np.zeros((0, 0), np.int32)
         assert shown.variant, "there are bricks"
-        variants = [shown.variant]
+        variants, kbuffer = [shown.variant], plan.content and plan.content.kbuffer
         tiles: TileLists | None = None
         if hidden:
             hidden.begin()
@@ -314,6 +316,7 @@ class VectorCaster:
                     self._pools,
                 )
                 uniforms, buffers = uniforms | found[0], buffers | found[1]
+            if shown.geometry and not kbuffer:
                 counts = counts_of(buffers[LISTS], rect)
                 fragments = fragments + counts if again else counts
                 buffers[LISTS], sizes = classified(plan.content, buffers[LISTS], counts, TILE)
@@ -321,7 +324,7 @@ class VectorCaster:
             table = addresses(uniforms, buffers, ONE_GROUP, shown.textures)
             for variant in variants:
                 state[COUNTER] = 0
-                if variant.geometry:
+                if variant.geometry and not kbuffer:
                     buffers[LISTS][DRAWN_CLASS] = variant.geometry.size
                 self._run(variant, table, state, rect, progress)
         work, coherence = state[AHEAD:ahead].reshape(squares).copy(), None
@@ -330,8 +333,19 @@ class VectorCaster:
         if isinstance(rays, Starts):
             coherence = rays.finish(pixels[..., 3])
         seconds, samples = perf_counter() - started, int(work.sum(dtype=np.int64))
+        entries = None
+        if kbuffer:
+            counted = buffers[COUNTED_BINDING]
+            entries, fragments = KBufferCounts.of(counted), counted[:, 0].astype(np.int32).reshape(pixels.shape[:2])
         return RenderResult(
-            PartialImage(rect, pixels), samples, shown.bricks, seconds, 0.0, work, 0, coherence, fragments
+            PartialImage(rect, pixels),
+            samples,
+            shown.bricks,
+            seconds,
+            work=work,
+            frame_coherence=coherence,
+            fragments=fragments,
+            kbuffer=entries,
         )
 
     def _run(

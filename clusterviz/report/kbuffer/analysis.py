@@ -2,8 +2,9 @@
 
 Faces are drawn in the order of their centroids' depths. A k-buffer holds k fragments of a pixel; with each new one it
 takes the nearest of k + 1 out, whose segment ends at the second nearest. So a picture is right if no fragment arrives
-behind more than k − 1 others that are farther away: a pixel needs one entry more than the most places by which one of
-its fragments is late, and 2 at least.
+behind more than k − 1 others that are farther away, or behind k where nothing was taken out yet: a pixel needs one
+entry more than the most places by which one of its fragments is late (as many if it is nearer than all before), and 2
+at least.
 
 Of a pixel with s fragments, the unsorted buffer takes 2k − 1 comparisons with each fragment beyond the first k, and
 2l − 3 to take one out of l that are left; the sorted one compares each new fragment with all that it holds. So
@@ -42,9 +43,9 @@ _LIST = CompiledKernel(
     "float64[:,::1]; float64[::1]; uint32[::1]; uint32[:,::1]; int64[:,::1]; float64[::1]",
     _SOURCES,
 )
-_MOVES = CompiledKernel(
+_ENTRIES = CompiledKernel(
     "clusterviz.report.kbuffer.fragment_kernel",
-    "count_moves",
+    "count_entries",
     "int64[::1]; float64[::1]; int32[::1]",
     _SOURCES,
 )
@@ -97,11 +98,10 @@ def analyse(
     counts = np.zeros((size[1], size[0]), np.int64)
     _LIST(vertices, lens, order, faces, counts, np.zeros(0))
     begins = np.append(0, np.cumsum(counts))
-    depths, moves = np.zeros(max(1, int(begins[-1]))), np.zeros(counts.size, np.int32)
+    depths, needed = np.zeros(max(1, int(begins[-1]))), np.zeros(counts.size, np.int32)
     _LIST(vertices, lens, order, faces, begins[:-1].reshape(counts.shape).copy(), depths)
-    _MOVES(begins, depths, moves)
-    needed = np.where(counts > 0, np.maximum(2, moves.reshape(counts.shape) + 1), 0)
-    return KBufferNeeds(counts, needed.astype(np.int64))
+    _ENTRIES(begins, depths, needed)
+    return KBufferNeeds(counts, needed.reshape(counts.shape).astype(np.int64))
 
 
 def comparisons(fragments: Indices, k: int, is_sorted: bool) -> Indices:

@@ -1,4 +1,4 @@
-"""Fragments of faces in each pixel, and how far each is out of order, compiled by numba."""
+"""Fragments of faces in each pixel, and the entries that bring them in order, compiled by numba."""
 
 from __future__ import annotations
 
@@ -63,22 +63,22 @@ def list_fragments(vertices, lens, order, faces, places, depths):  # type: ignor
                 places[row, column] += 1
 
 
-def count_moves(begins, depths, moves):  # type: ignore[no-untyped-def]
-    """Sort the fragments of each pixel, and write the most places that one of them moves forward.
+def count_entries(begins, depths, needed):  # type: ignore[no-untyped-def]
+    """Sort the fragments of each pixel, and write how many entries a k-buffer needs for it.
 
     Parameters
     ----------
     begins : int64 (n + 1,), of each pixel in `depths`
     depths : float64 (k,), sorted
-    moves : int32 (n,), written
+    needed : int32 (n,), written; 0 without fragments, else 2 at least
     """
-    for pixel in range(len(moves)):
-        most = 0
+    for pixel in range(len(needed)):
+        most = 2 if begins[pixel + 1] > begins[pixel] else 0
         for n in range(begins[pixel] + 1, begins[pixel + 1]):
             depth, at = depths[n], n
             while at > begins[pixel] and depths[at - 1] > depth:
                 depths[at] = depths[at - 1]
                 at -= 1
             depths[at] = depth
-            most = max(most, n - at)
-        moves[pixel] = most
+            most = max(most, n - at + (1 if at > begins[pixel] else 0))
+        needed[pixel] = most
