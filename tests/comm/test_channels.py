@@ -23,6 +23,7 @@ from clusterviz.comm import (
     WindowError,
     WorkQueue,
     agree,
+    all_to_all,
     as_channel,
     mpi_window,
     run_loopback,
@@ -145,6 +146,18 @@ def check_counters(channel: Channel) -> None:
     counters.free()
 
 
+def check_all_to_all(channel: Channel) -> None:
+    """Arrays of any length, also none, and of whole multiples of a chunk; whether lengths are known or told."""
+    own, ranks = channel.rank, range(channel.size)
+    lengths = np.array([[(3 * source + target) % 5 * 125 for target in ranks] for source in ranks])
+    sent = [np.full(lengths[own, target], channel.size * own + target) for target in ranks]
+    for counts in (None, lengths[:, own].tolist()):
+        received = all_to_all(channel, sent, 3, counts)
+        assert received[own] is sent[own]
+        for source in ranks:
+            assert received[source].tolist() == [channel.size * source + own] * lengths[source, own]
+
+
 def check_queue(channel: Channel) -> None:
     """Each item goes to one group, and to all of its members in the same order, twice."""
     for groups in {1, (channel.size + 1) // 2, channel.size}:
@@ -241,7 +254,16 @@ def check_too_long(channel: Channel) -> None:
 
 
 Check = Callable[[Channel], None]
-CHECKS = (check_collectives, check_messages, check_arrivals, check_duplicate, check_counters, check_queue, check_window)
+CHECKS = (
+    check_collectives,
+    check_messages,
+    check_arrivals,
+    check_duplicate,
+    check_counters,
+    check_all_to_all,
+    check_queue,
+    check_window,
+)
 
 
 @pytest.mark.parametrize("check", [*CHECKS, check_threads])
