@@ -8,14 +8,12 @@ from llvmlite import ir  # type: ignore[import-untyped]
 
 from clusterviz.composite.over import vector_code
 from clusterviz.composite.over.geometry import block, clip, layer_at, pixel_bytes, prepare_geometry
-from clusterviz.composite.over.intrinsics import clear, compiled, define_intrinsic, set_number, word
+from clusterviz.composite.over.intrinsics import PixelLoop, choose_loop, clear, set_number, word
 from clusterviz.composite.over.job import (
     BEFORE,
-    BYTE,
     COUNT,
     EXTRA,
     FRESH,
-    HALF,
     KIND,
     LAYERS,
     MODE,
@@ -34,10 +32,12 @@ def _depths(builder: Any, address: Any, pixels: int) -> Any:
     return builder.load(vector_code.pointer_to(builder, address, ir.FloatType(), pixels), align=1)
 
 
-def _stepper(words: int, pixels: int) -> Any:
-    """Return a function that writes the nearer of target and source, for `pixels` pixels of `words` 32-bit words."""
+def _chooser(size: int) -> PixelLoop:
+    """Return a loop that writes colours of `size` bytes, and depths, where they are nearer than those of the target."""
 
-    def emit(builder: Any, colour: Any, depth: Any, new_colour: Any, new_depth: Any, or_equal: Any) -> None:
+    def emit(builder: Any, pixels: int, colour: Any, depth: Any, *given: Any) -> None:
+        new_colour, new_depth, or_equal = given
+        words = size // 4
         colours = ir.VectorType(ir.IntType(32), words * pixels)
         depths = tuple(_depths(builder, address, pixels) for address in (depth, new_depth))
         there, here = (builder.inttoptr(address, colours.as_pointer()) for address in (colour, new_colour))
@@ -47,38 +47,11 @@ def _stepper(words: int, pixels: int) -> Any:
         least = builder.select(vector_code.nearer(builder, depths, or_equal, 1), *depths[::-1])
         builder.store(least, vector_code.pointer_to(builder, depth, ir.FloatType(), pixels), align=1)
 
-    return define_intrinsic(5, emit)
+    return PixelLoop((size, 4, size, 4, 0), 16, emit)
 
 
-_nearest_bytes, _nearest_halves, _nearest_floats = (_stepper(words, 16) for words in (1, 2, 4))
-_nearest_byte, _nearest_half, _nearest_float = (_stepper(words, 1) for words in (1, 2, 4))
-
-
-@compiled
-def _nearest(kind, colour, depth, new_colour, new_depth, or_equal, count):  # type: ignore[no-untyped-def]
-    """Write colours and depths of the nearer pixels, in place."""
-    i = 0
-    if kind == BYTE:
-        while i < count - 15:
-            _nearest_bytes(colour + 4 * i, depth + 4 * i, new_colour + 4 * i, new_depth + 4 * i, or_equal)
-            i += 16
-        while i < count:
-            _nearest_byte(colour + 4 * i, depth + 4 * i, new_colour + 4 * i, new_depth + 4 * i, or_equal)
-            i += 1
-    elif kind == HALF:
-        while i < count - 15:
-            _nearest_halves(colour + 8 * i, depth + 4 * i, new_colour + 8 * i, new_depth + 4 * i, or_equal)
-            i += 16
-        while i < count:
-            _nearest_half(colour + 8 * i, depth + 4 * i, new_colour + 8 * i, new_depth + 4 * i, or_equal)
-            i += 1
-    else:
-        while i < count - 15:
-            _nearest_floats(colour + 16 * i, depth + 4 * i, new_colour + 16 * i, new_depth + 4 * i, or_equal)
-            i += 16
-        while i < count:
-            _nearest_float(colour + 16 * i, depth + 4 * i, new_colour + 16 * i, new_depth + 4 * i, or_equal)
-            i += 1
+# _nearest(kind, colour, depth, new_colour, new_depth, or_equal, count)
+_nearest = choose_loop({kind: _chooser(size) for kind, size in vector_code.PIXEL_BYTES.items()})
 
 
 def put_nearest(job):  # type: ignore[no-untyped-def]

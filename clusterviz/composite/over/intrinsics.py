@@ -6,7 +6,9 @@ are checked in Python (`job.py`). No function here raises, so none needs Python.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from inspect import Parameter, Signature
 from typing import Any
 
 import numba
@@ -18,6 +20,7 @@ from clusterviz.composite.over import vector_code
 
 # numba's functions have no type annotations.
 _on_stack: Callable[..., Any] = cgutils.alloca_once
+_range: Callable[..., Any] = cgutils.for_range_slice
 
 _BYTE, _INT, _WORD = ir.IntType(8), ir.IntType(32), ir.IntType(64)
 
@@ -30,7 +33,7 @@ def compiled(function: Callable[..., Any]) -> Any:
 def define_intrinsic(numbers: int, emit: Callable[..., Any], result: Any = types.void) -> Any:
     """Return a numba function of `numbers` int64 arguments whose LLVM code `emit(builder, *arguments)` writes."""
 
-    def define(given: tuple[Any, ...]) -> Any:
+    def define(context: Any, *given: Any) -> Any:
         def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
             made = emit(builder, *args)
             return context.get_dummy_value() if result is types.void else made
@@ -38,15 +41,44 @@ def define_intrinsic(numbers: int, emit: Callable[..., Any], result: Any = types
         return result(*(types.int64 for _ in given)), generate
 
     # numba takes the number of arguments from the function's signature.
-    by_count = (
-        lambda context: define(()),
-        lambda context, a: define((a,)),
-        lambda context, a, b: define((a, b)),
-        lambda context, a, b, c: define((a, b, c)),
-        lambda context, a, b, c, d: define((a, b, c, d)),
-        lambda context, a, b, c, d, e: define((a, b, c, d, e)),
-    )
-    return intrinsic(by_count[numbers])
+    names = ["context", *(f"number_{n}" for n in range(numbers))]
+    define.__signature__ = Signature([Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names])  # type: ignore[attr-defined]
+    return intrinsic(define)
+
+
+@dataclass(frozen=True)
+class PixelLoop:
+    """Loop over pixels, some at a time and then one after the other.
+
+    Attributes
+    ----------
+    strides : bytes of a pixel at each address; 0 for a number that stays
+    pixels : number of pixels at a time, a power of two
+    emit : writes code for some pixels, `emit(builder, pixels, *addresses)`
+    """
+
+    strides: tuple[int, ...]
+    pixels: int
+    emit: Callable[..., None]
+
+    def __call__(self, builder: Any, addresses: Sequence[Any], count: Any) -> None:
+        """Write the code for `count` pixels."""
+        whole = builder.and_(count, ir.Constant(_WORD, -self.pixels))
+        for begin, end, step in ((ir.Constant(_WORD, 0), whole, self.pixels), (whole, count, 1)):
+            with _range(builder, begin, end, ir.Constant(_WORD, step), _WORD, inc=True) as (pixel, _):
+                bytes_ = [builder.mul(pixel, ir.Constant(_WORD, stride)) for stride in self.strides]
+                self.emit(builder, step, *map(builder.add, addresses, bytes_))
+
+
+def choose_loop(loops: Mapping[int, PixelLoop]) -> Any:
+    """Return a numba function of the number of a loop, its addresses and the count of pixels."""
+
+    def emit(builder: Any, chosen: Any, *given: Any) -> None:
+        for number, loop in loops.items():
+            with builder.if_then(builder.icmp_signed("==", chosen, ir.Constant(_WORD, number))):
+                loop(builder, given[:-1], given[-1])
+
+    return define_intrinsic(2 + len(next(iter(loops.values())).strides), emit)
 
 
 def _pointer(builder: Any, address: Any, index: Any, element: Any) -> Any:

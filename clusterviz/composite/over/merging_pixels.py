@@ -8,8 +8,8 @@ from typing import Any
 from llvmlite import ir  # type: ignore[import-untyped]
 
 from clusterviz.composite.over import vector_code
-from clusterviz.composite.over.intrinsics import compiled, define_intrinsic
-from clusterviz.composite.over.job import FLOAT, MAXIMUM, MINIMUM, SUM
+from clusterviz.composite.over.intrinsics import PixelLoop, choose_loop
+from clusterviz.composite.over.job import FIRST_RUN, FLOAT, MAXIMUM, MINIMUM, SUM
 from clusterviz.composite.over.vector_code import splat
 from clusterviz.image.merge import CLOSED, EXISTS, STARTS
 
@@ -79,45 +79,16 @@ def _lanes(numbers: list[int]) -> Any:
     return ir.Constant(ir.VectorType(_I32, len(numbers)), numbers)
 
 
-def _stepper(merge: Callable[[Any, Any, Any], Any], pixels: int) -> Any:
-    """Return a function that merges `pixels` pixels of front and behind; the target may be either of them."""
+def _merger(merge: Callable[[Any, Any, Any], Any]) -> PixelLoop:
+    """Return a loop for target = front merged with behind; the target may be either of them."""
 
-    def emit(builder: Any, target: Any, front: Any, behind: Any) -> None:
+    def emit(builder: Any, pixels: int, target: Any, front: Any, behind: Any) -> None:
         floats = (vector_code.load(builder, FLOAT, address, pixels) for address in (front, behind))
         vector_code.store(builder, FLOAT, target, merge(builder, *floats))
 
-    return define_intrinsic(3, emit)
+    return PixelLoop((16, 16, 16), 4, emit)
 
 
-def _merger(merge: Callable[[Any, Any, Any], Any]) -> Any:
-    """Return a loop over pixels: 64 bytes at a time, then single pixels."""
-    four, one = _stepper(merge, 4), _stepper(merge, 1)
-
-    @compiled
-    def merge_all(target, front, behind, count):  # type: ignore[no-untyped-def]
-        i, size = 0, 16 * count
-        while i < size - 63:
-            four(target + i, front + i, behind + i)
-            i += 64
-        while i < size:
-            one(target + i, front + i, behind + i)
-            i += 16
-
-    return merge_all
-
-
-_maximum, _minimum = _merger(maximum), _merger(minimum)
-_total, _first_run = _merger(add), _merger(first_run)
-
-
-@compiled
-def merge_pixels(operator, target, front, behind, count):  # type: ignore[no-untyped-def]
-    """Merge `count` float pixels at addresses: target = front merged with behind; the target may be either of them."""
-    if operator == MAXIMUM:
-        _maximum(target, front, behind, count)
-    elif operator == MINIMUM:
-        _minimum(target, front, behind, count)
-    elif operator == SUM:
-        _total(target, front, behind, count)
-    else:
-        _first_run(target, front, behind, count)
+# merge_pixels(operator, target, front, behind, count), of float pixels
+_OPERATORS = {MAXIMUM: maximum, MINIMUM: minimum, SUM: add, FIRST_RUN: first_run}
+merge_pixels = choose_loop({operator: _merger(merge) for operator, merge in _OPERATORS.items()})

@@ -8,15 +8,13 @@ from llvmlite import ir  # type: ignore[import-untyped]
 
 from clusterviz.composite.over import vector_code
 from clusterviz.composite.over.geometry import block, clip, layer_at, pixel_bytes, prepare_geometry
-from clusterviz.composite.over.intrinsics import compiled, copy, define_intrinsic, number, set_number, word
+from clusterviz.composite.over.intrinsics import PixelLoop, choose_loop, compiled, copy, number, set_number, word
 from clusterviz.composite.over.job import (
     BEFORE,
     BEHIND,
     BYTE,
     COUNT,
     EXTRA,
-    FLOAT,
-    HALF,
     INTO,
     KIND,
     MODE,
@@ -32,12 +30,13 @@ from clusterviz.composite.over.job import (
     TARGET,
 )
 from clusterviz.composite.over.merging_pixels import merge_pixels
+from clusterviz.composite.over.vector_code import PIXEL_BYTES
 
 
-def _stepper(kind: int, pixels: int) -> Any:
-    """Return a function for target = front over back of `pixels` pixels; the target may be either of them."""
+def _blender(kind: int) -> PixelLoop:
+    """Return a loop for target = front over back; the target may be either of them."""
 
-    def emit(builder: Any, target: Any, front: Any, back: Any) -> None:
+    def emit(builder: Any, pixels: int, target: Any, front: Any, back: Any) -> None:
         if kind == BYTE:
             vector = ir.VectorType(ir.IntType(8), 4 * pixels)
             there, *seen = (builder.inttoptr(address, vector.as_pointer()) for address in (target, front, back))
@@ -47,39 +46,12 @@ def _stepper(kind: int, pixels: int) -> Any:
             floats = (vector_code.load(builder, kind, address, pixels) for address in (front, back))
             vector_code.store(builder, kind, target, vector_code.over(builder, *floats))
 
-    return define_intrinsic(3, emit)
+    size = PIXEL_BYTES[kind]
+    return PixelLoop((size, size, size), 64 // size, emit)
 
 
-# Functions for 64 bytes of each type, and for one pixel.
-_over_floats, _over_bytes, _over_halves = _stepper(FLOAT, 4), _stepper(BYTE, 16), _stepper(HALF, 8)
-_over_float, _over_byte, _over_half = _stepper(FLOAT, 1), _stepper(BYTE, 1), _stepper(HALF, 1)
-
-
-@compiled
-def _over(kind, target, front, back, count):  # type: ignore[no-untyped-def]
-    """Blend `count` pixels at addresses: target = front over back."""
-    i, size = 0, count * pixel_bytes(kind)
-    if kind == BYTE:
-        while i < size - 63:
-            _over_bytes(target + i, front + i, back + i)
-            i += 64
-        while i < size:
-            _over_byte(target + i, front + i, back + i)
-            i += 4
-    elif kind == HALF:
-        while i < size - 63:
-            _over_halves(target + i, front + i, back + i)
-            i += 64
-        while i < size:
-            _over_half(target + i, front + i, back + i)
-            i += 8
-    else:
-        while i < size - 63:
-            _over_floats(target + i, front + i, back + i)
-            i += 64
-        while i < size:
-            _over_float(target + i, front + i, back + i)
-            i += 16
+# _over(kind, target, front, back, count)
+_over = choose_loop({kind: _blender(kind) for kind in PIXEL_BYTES})
 
 
 def put(job):  # type: ignore[no-untyped-def]

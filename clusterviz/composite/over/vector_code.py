@@ -22,7 +22,7 @@ from numba.core import cgutils
 from clusterviz.composite.over.job import BYTE, FLOAT, HALF
 from clusterviz.kernels.objects import has_features
 
-CHANNEL_BYTES = {FLOAT: 4, BYTE: 1, HALF: 2}
+PIXEL_BYTES = {FLOAT: 16, BYTE: 4, HALF: 8}
 
 # numba's functions have no type annotations.
 _function: Callable[..., Any] = cgutils.get_or_insert_function
@@ -46,7 +46,7 @@ def pointer_to(builder: Any, address: Any, element: Any, lanes: int) -> Any:
 
 def offset(builder: Any, kind: int, address: Any, pixels: int) -> Any:
     """Return the address `pixels` pixels further on."""
-    return builder.add(address, ir.Constant(_I64, 4 * CHANNEL_BYTES[kind] * pixels)) if pixels else address
+    return builder.add(address, ir.Constant(_I64, PIXEL_BYTES[kind] * pixels)) if pixels else address
 
 
 def load(builder: Any, kind: int, address: Any, pixels: int) -> Any:
