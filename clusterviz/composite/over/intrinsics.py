@@ -20,7 +20,7 @@ from clusterviz.composite.over import vector_code
 
 # numba's functions have no type annotations.
 _on_stack: Callable[..., Any] = cgutils.alloca_once
-_range: Callable[..., Any] = cgutils.for_range_slice
+_range: Callable[..., Any] = cgutils.for_range
 
 _BYTE, _INT, _WORD = ir.IntType(8), ir.IntType(32), ir.IntType(64)
 
@@ -53,7 +53,7 @@ class PixelLoop:
     Attributes
     ----------
     strides : bytes of a pixel at each address; 0 for a number that stays
-    pixels : number of pixels at a time, a power of two
+    pixels : number of pixels at a time
     emit : writes code for some pixels, `emit(builder, pixels, *addresses)`
     """
 
@@ -63,11 +63,12 @@ class PixelLoop:
 
     def __call__(self, builder: Any, addresses: Sequence[Any], count: Any) -> None:
         """Write the code for `count` pixels."""
-        whole = builder.and_(count, ir.Constant(_WORD, -self.pixels))
-        for begin, end, step in ((ir.Constant(_WORD, 0), whole, self.pixels), (whole, count, 1)):
-            with _range(builder, begin, end, ir.Constant(_WORD, step), _WORD, inc=True) as (pixel, _):
-                bytes_ = [builder.mul(pixel, ir.Constant(_WORD, stride)) for stride in self.strides]
-                self.emit(builder, step, *map(builder.add, addresses, bytes_))
+        blocks, zero = builder.sdiv(count, ir.Constant(_WORD, self.pixels)), ir.Constant(_WORD, 0)
+        rest = builder.mul(blocks, ir.Constant(_WORD, self.pixels))
+        for pixels, begin, end in ((self.pixels, zero, blocks), (1, rest, count)):
+            with _range(builder, end, begin) as loop:
+                steps = [builder.mul(loop.index, ir.Constant(_WORD, stride * pixels)) for stride in self.strides]
+                self.emit(builder, pixels, *map(builder.add, addresses, steps))
 
 
 def choose_loop(loops: Mapping[int, PixelLoop]) -> Any:
