@@ -48,10 +48,10 @@ def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
     gradient : float64 (n, 3), (x, y, z); undefined where a corner is invalid
     """
     cell, fraction = trilinear_cell(voxels, point)
-    gradient = np.zeros(point.shape)
-    for corner in np.ndindex(2, 2, 2):
-        weight = np.where(corner, fraction, 1 - fraction).prod(axis=1)
-        gradient += weight[:, None] * _slopes(voxels, cell + corner, curved=True)
+    corners = np.array(list(np.ndindex(2, 2, 2)))[:, None]
+    slopes = _slopes(voxels, (cell + corners).reshape(-1, 3), curved=True).reshape(8, *point.shape)
+    weights = np.where(corners, fraction, 1 - fraction).prod(axis=2, keepdims=True)
+    gradient: Floats = (weights * slopes).sum(axis=0)
     return gradient
 
 
@@ -188,10 +188,10 @@ def _slopes(voxels: NDArray[Any], at: NDArray[np.int64], curved: bool) -> Floats
 
 def _beside(voxels: NDArray[Any], at: NDArray[np.int64], axis: int, distance: int) -> tuple[Floats, Flags]:
     """Return the voxels (n,) at a distance along an axis, 0 where there is none; and where there is a valid one."""
-    place = at.copy()
-    place[:, axis] += distance
-    inside = (place[:, axis] >= 0) & (place[:, axis] < voxels.shape[2 - axis])
-    value = voxels[tuple(np.where(inside[:, None], place, at)[:, ::-1].T)].astype(np.float64)
+    place, along = at.copy(), at[:, axis] + distance
+    inside = (along >= 0) & (along < voxels.shape[2 - axis])
+    place[inside, axis] = along[inside]
+    value = voxels[tuple(place[:, ::-1].T)].astype(np.float64)
     valid: Flags = inside & np.isfinite(value)
     return np.where(valid, value, 0), valid
 
