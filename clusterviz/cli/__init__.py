@@ -78,6 +78,11 @@ COMMANDS: dict[str, Command] = {
         "Count the fragments of meshes, lines and points at each pixel, as a page.",
         "clusterviz complexity scene.yaml -o complexity --orbit 360 --frames 36",
     ),
+    "kbuffer": Command(
+        "clusterviz.cli.kbuffer",
+        "Survey k-buffers of an unstructured grid: entries, wrong pixels and time, as a page.",
+        "clusterviz kbuffer disk_out_ref.ex2 -o kbuffer -D array=Temp",
+    ),
     "bench": Command(
         "clusterviz.cli.bench",
         "Measure one part: compositing, ray casting, kernels, the network.",

@@ -26,7 +26,17 @@ GEOMETRY_CHANGING = (
 """Keys of meshes, lines and points that may differ between frames: those on which neither bricks nor their primitives
 depend, as they do on radius, transform, scalars and shading."""
 
-GRID_CHANGING = ("cmap", "clim", "opacity", "opacity_unit_distance", "ambient", "diffuse", "specular", "specular_power")
+GRID_CHANGING = (
+    "cmap",
+    "clim",
+    "opacity",
+    "opacity_unit_distance",
+    "ambient",
+    "diffuse",
+    "specular",
+    "specular_power",
+    "visibility",
+)
 """Keys of unstructured grids that may differ between frames."""
 
 

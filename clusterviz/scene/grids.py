@@ -29,13 +29,17 @@ MOST_GRIDS = 4
 """Grids of a scene: a ray walks through all of them at the same time."""
 
 
+Entries = Literal["sorted", "unsorted"]
+"""How a k-buffer holds its entries."""
+
+
 class KBuffer(Section):
     """K-buffer: entries a pixel, which bring the faces in order as far as they suffice."""
 
     k: Annotated[int, Field(strict=True, ge=2, le=32), BeforeValidator(to_builtin)] = Field(
         examples=[6], description="Entries a pixel, 2 to 32; pixels that need more are wrong, and counted."
     )
-    entries: Literal["sorted", "unsorted"] = Field(
+    entries: Entries = Field(
         default="sorted",
         description="Keep the entries in order, or search them for the nearest two; pictures are the same.",
     )

@@ -85,6 +85,7 @@ COMMANDS = [
     (f"complexity {FIELD} -o out", "meshes, lines, points: nothing to count; allowed a scene with one of them"),
     (f"complexity {FIELD} -o out --frames 3", "--frames: nothing moves; found 3; allowed --orbit DEGREES"),
     (f"complexity {FIELD} -o out --orbit 90", "--frames: missing"),
+    (f"kbuffer {FIELD} -o out", "grids: no k-buffer draws it; found 0; allowed a scene of one unstructured grid"),
     (f"verify {FIELD} --ranks 1,x", "--ranks: not a count; found x"),
     (f"verify {FIELD} --ranks 0", "--ranks: not a count; found 0"),
     (f"verify {FIELD} --algorithms tree,magic", "--algorithms: unknown name; found magic"),
@@ -194,7 +195,11 @@ def test_bad_input(
 
 @pytest.mark.parametrize(
     ("command", "does"),
-    [*((name, "starts mpirun") for name in ("scale", "tradeoff", "verify")), ("profile", "draws all ranks")],
+    [
+        *((name, "starts mpirun") for name in ("scale", "tradeoff", "verify")),
+        ("profile", "draws all ranks"),
+        ("kbuffer", "draws all views"),
+    ],
 )
 def test_commands_that_need_no_mpirun_are_not_run_by_it(
     command: str, does: str, cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

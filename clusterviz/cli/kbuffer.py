@@ -1,0 +1,61 @@
+"""`clusterviz kbuffer`: survey the entries that k-buffers of an unstructured grid need, and write a page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
+from clusterviz.cli.console import print_info, show_progress
+from clusterviz.cli.jobs import refuse_launcher
+from clusterviz.data import open_scene
+from clusterviz.errors import InputError
+from clusterviz.report.kbuffer.measure import Report, measure, steps
+from clusterviz.report.kbuffer.page import NUMBERS, PAGE, as_json, write_report
+from clusterviz.report.output import check_folder, replacing_folder
+from clusterviz.report.tradeoff.page import check_libraries
+
+
+def command(
+    scene: SceneArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
+    define: Define = None,
+    size: Size = None,
+    device: DeviceOption = None,
+    as_numbers: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
+) -> None:
+    """Survey k-buffers of an unstructured grid from 14 sides: entries, wrong pixels, comparisons and time."""
+    refuse_launcher("kbuffer", "draws all views by itself")
+    check_libraries()
+    opened, device_choice = open_scene(scene, overrides_of(define, size)), parse_device(device)
+    if len(opened.grids) != 1 or opened.volumes or opened.geometry:
+        allowed = "a scene of one unstructured grid, and nothing else"
+        raise InputError("no k-buffer draws it", where=f"{scene}: grids", found=len(opened.grids), allowed=allowed)
+    check_folder(output, NUMBERS)
+    with show_progress([*steps(), "write"]) as progress:
+        report = measure(opened, device_choice, progress)
+        progress("write")
+        with replacing_folder(output, NUMBERS) as temporary:
+            write_report(temporary, Path(scene).name, report)
+    if as_numbers:
+        print(json.dumps(as_json(report), indent=2))
+        return
+    print_info(summary(report))
+    print_info(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}")
+
+
+def summary(report: Report) -> str:
+    """Return the survey in a few lines."""
+    wrong = ", ".join(f"{k}: {pixels:,}" for k, pixels in report.wrong.items())
+    longest = max(int(view.needs.fragments.max()) for view in report.views)
+    exact, *buffers = report.drawings
+    lines = [f"grid       {report.tetrahedra:,} tetrahedra, {report.faces:,} faces; a ray meets {longest:,} at most"]
+    lines += [f"wrong      pixels of {len(report.views)} views by k: {wrong}"]
+    lines += [f"exact      {1e3 * exact.cpu_seconds:.1f} ms of CPU time a frame"]
+    for entries in ("sorted", "unsorted"):
+        own = ", ".join(f"{each.k}: {1e3 * each.cpu_seconds:.1f}" for each in buffers if each.entries == entries)
+        lines.append(f"{entries:10} ms by k: {own}")
+    return "\n".join(lines)
