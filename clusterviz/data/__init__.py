@@ -2,7 +2,7 @@
 
 Every volume is a `Source`: it knows its `Grid` and reads any box of samples. Bricks divide a volume; summaries hold its
 extremes, histogram and exact percentiles. Meshes, lines and points are read whole, as a `Geometry`; `MESH_FORMATS` has
-their formats. Unstructured grids are read whole, too, as an `UnstructuredGrid`, by `GRID_FORMATS`.
+their formats. Unstructured grids are read by pieces, each as an `UnstructuredGrid`, by `GRID_FORMATS`.
 
 To add a format: a file in formats/ with `open_<format>`, which raises `DataError` for every fault and compares sizes
 with the file (`check_size`, `check_packed`) before it allocates memory; one entry in `FORMATS`; one test with the
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from os import PathLike
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
+from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError, guard
@@ -119,7 +121,7 @@ MESH_FORMATS = (
 """Formats of meshes, lines and points; FreeSurfer's surfaces have any extension or none."""
 GRID_FORMATS = (
     Format("vtu", (".vtu",), (), "vtu.read_vtu"),
-    Format("pvtu", (".pvtu",), (), "vtu.read_pvtu"),
+    Format("list", (".pvtu", *SERIES), (), ""),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_unstructured", "vtk.is_unstructured"),
     Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf.read_vtkhdf"),
     Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", b"\x89HDF"), "exodus.read_exodus"),
@@ -137,6 +139,8 @@ GRID_FORMATS = (
 GRID_EXTENSIONS: dict[str, Format] = {extension: each for each in GRID_FORMATS for extension in each.extensions}
 MESH_EXTENSIONS: dict[str, Format] = {extension: each for each in MESH_FORMATS for extension in each.extensions}
 EXTENSIONS: dict[str, Format] = {extension: each for each in FORMATS for extension in each.extensions}
+DECOMPOSED = re.compile(r"\.\d+\.\d+$")
+"""Number of pieces and piece at the end of the names of files of Exodus II."""
 FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECASE | re.DOTALL)
 
 
@@ -242,7 +246,8 @@ def format_of(path: Path) -> Format | None:
 
 
 def _by_extension(path: Path, table: dict[str, Format]) -> Format | None:
-    last = ["".join(path.suffixes[-dots:]).lower() for dots in (2, 1)]
+    suffixes = DECOMPOSED.sub("", path.name).split(".")[1:]
+    last = ["." + ".".join(suffixes[-dots:]).lower() for dots in (2, 1)]
     return next((table[extension] for extension in last if extension in table), None)
 
 
@@ -263,7 +268,12 @@ def mesh_format_of(path: Path) -> Format | None:
 
 
 def grid_format_of(path: Path) -> Format | None:
-    """Return the format of a file of an unstructured grid; None if it is unknown, or another kind of file."""
+    """Return the format of a file of an unstructured grid; None if it is unknown, or another kind of file.
+
+    Of several files, that of the first piece.
+    """
+    with suppress(DataError):  # the reader says it
+        path = grid_files(path)[0].path
     found = _by_extension(path, GRID_EXTENSIONS)
     try:
         return found if found and (not found.recognises or _function(found.recognises)(path)) else None
@@ -292,10 +302,11 @@ def read_geometry(path: str | Path) -> Geometry:
 
 
 def read_grid(path: str | Path, time: float | None = None) -> UnstructuredGrid:
-    """Read the unstructured grid of a file of a format in `GRID_FORMATS`.
+    """Read an unstructured grid, whose pieces are joined.
 
     Parameters
     ----------
+    path : a file of a format in `GRID_FORMATS`, a list of files, or a pattern of names; see `grid_files`
     time : number of a time step (int), or its time (float); None: the last one
 
     Raises
@@ -303,18 +314,29 @@ def read_grid(path: str | Path, time: float | None = None) -> UnstructuredGrid:
     DataError
         Missing, unreadable, damaged, of an unknown extension, no such time step, or as of `UnstructuredGrid`.
     """
-    file = Path(path)
-    found = _by_extension(file, GRID_EXTENSIONS)
     with guard(DataError, path):
-        if found is None:
-            require_file(file)
-            kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
+        grids = [read_piece(file) for file in grid_files(Path(path), time)]
+        if len(grids) == 1:
+            return grids[0]
+        from clusterviz.data.unstructured import joined_grids
+
+        return joined_grids(grids, str(path))
+
+
+def read_piece(file: GridFile) -> UnstructuredGrid:
+    """Read one of the files that `grid_files` returns; raises as `read_grid`."""
+    path, time, found = file.path, file.time, _by_extension(file.path, GRID_EXTENSIONS)
+    with guard(DataError, path):
+        if found is None or found.name == "list":
+            require_file(path)
+            kind = f"{path.suffix or 'none'}, {kind_of(start_of(path))}"
             raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(GRID_EXTENSIONS))
         if found.magic:
-            require_file(file, found.magic)
+            require_file(path, found.magic)
         if time is not None and found.name != "exodus":
-            raise DataError("no time steps", where=str(path), found=time, allowed="a file of Exodus II")
-        grid: UnstructuredGrid = _function(found.opener)(file, *([time] if time is not None else []))
+            allowed = f"a file of Exodus II, {' or '.join(SERIES)}"
+            raise DataError("no time steps", where=str(path), found=time, allowed=allowed)
+        grid: UnstructuredGrid = _function(found.opener)(path, *([time] if time is not None else []))
         return grid
 
 

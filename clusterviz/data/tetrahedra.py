@@ -45,6 +45,7 @@ class Tetrahedra:
     values : float32 or float64, (n,) of points or (m,) of tetrahedra, finite
     on_cells : whether they are those of tetrahedra
     cells : uint32 (m,), ascending: the cell of the grid that each is a part of
+    array : name of the array of scalars
     counts : what the grid has that is not drawn, or is drawn otherwise, by the names of `COUNTS`
     """
 
@@ -54,6 +55,7 @@ class Tetrahedra:
     values: NDArray[Any]
     on_cells: bool
     cells: NDArray[np.uint32]
+    array: str = ""
     counts: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -86,7 +88,7 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
     DataError
         No such array, or more points or tetrahedra than 2³⁰ − 1.
     """
-    values, on_cells = grid.array(array)
+    values, on_cells, name = grid.array(array)
     values = values.astype(np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64)
     place, placed = merge_equal(grid.points)[1], np.isfinite(grid.points).all(axis=1)
     known = np.isfinite(values)
@@ -118,7 +120,7 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
         raise DataError("too large", where=grid.name, found=found, allowed=f"at most {MOST} of each")
     counts["unused"] = int((~used).sum())
     counts["duplicates"] = len(place) - int(place.max(initial=-1)) - 1
-    rows, corners = _compact(grid.points, whole, place if on_cells else _with_values(place, values))
+    rows, corners = _compact(grid.points, whole, place if on_cells else groups_with_values(place, values))
     return Tetrahedra(
         grid.name,
         grid.points[rows],
@@ -126,6 +128,7 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
         values[cells] if on_cells else values[rows],
         on_cells,
         cells.astype(np.uint32),
+        name,
         counts,
     )
 
@@ -154,8 +157,8 @@ def _pieces(kind: str, corners: NDArray[np.int64], place: NDArray[np.int64]) -> 
 PIECES = {"tetra": 1, "pyramid": 2, "wedge": 3, "hexahedron": 6}
 
 
-def _with_values(place: NDArray[np.int64], values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return numbers of points that differ where positions or values do."""
+def groups_with_values(place: NDArray[np.int64], values: NDArray[Any]) -> NDArray[np.int64]:
+    """Return numbers of points that differ where positions, which have the numbers `place`, or values do."""
     if int(place.max(initial=-1)) + 1 == len(place):
         return place
     return merge_equal(np.stack([place.astype(np.float64), values.astype(np.float64)], axis=1))[1]

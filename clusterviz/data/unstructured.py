@@ -81,8 +81,27 @@ class UnstructuredGrid:
             used[corners.ravel()] = True
         return bounds_of(self.points[used & np.isfinite(self.points).all(axis=1)])
 
-    def array(self, name: str | None) -> tuple[NDArray[Any], bool]:
-        """Return an array of scalars, (n,) of points or (m,) of cells, and whether it belongs to cells.
+    def part(self, number: int, parts: int) -> UnstructuredGrid:
+        """Return one of equal shares of the cells, in their order, with the points that these use."""
+        if parts == 1:
+            return self
+        first, last = (self.count * n // parts for n in (number, number + 1))
+        cells, begin, used = dict[str, NDArray[np.integer[Any]]](), 0, np.zeros(len(self.points), bool)
+        for kind, corners in self.cells.items():
+            cells[kind] = corners[max(0, first - begin) : max(0, last - begin)]
+            used[cells[kind].ravel()] = True
+            begin += len(corners)
+        row = np.cumsum(used) - 1
+        return UnstructuredGrid(
+            self.name,
+            self.points[used],
+            {kind: row[corners] for kind, corners in cells.items()},
+            {name: array[used] for name, array in self.point_arrays.items()},
+            {name: array[first:last] for name, array in self.cell_arrays.items()},
+        )
+
+    def array(self, name: str | None) -> tuple[NDArray[Any], bool, str]:
+        """Return an array of scalars, (n,) of points or (m,) of cells, whether it belongs to cells, and its name.
 
         Parameters
         ----------
@@ -104,11 +123,46 @@ class UnstructuredGrid:
             raise DataError("no such array", where=self.name, found=name or "no array", allowed=allowed)
         if name is None and len({key for key, _, _ in scalars}) > 1:
             raise DataError("several arrays, and none is named", where=self.name, found=names, allowed="array: NAME")
-        return scalars[0][1].reshape(-1), scalars[0][2]
+        return scalars[0][1].reshape(-1), scalars[0][2], scalars[0][0]
 
     def _arrays(self) -> list[tuple[str, NDArray[Any], bool]]:
         of_points = [(name, array, False) for name, array in self.point_arrays.items()]
         return of_points + [(name, array, True) for name, array in self.cell_arrays.items()]
+
+
+def joined_grids(grids: Sequence[UnstructuredGrid], name: str) -> UnstructuredGrid:
+    """Return the cells of several grids as one grid, with the arrays that all of them have; points are not merged."""
+    some = [grid for grid in grids if grid.count] or grids[:1]
+    begins = np.cumsum([0, *(len(grid.points) for grid in some)])
+    cells = {
+        kind: np.concatenate([g.cells[kind] + first for g, first in zip(some, begins, strict=False) if kind in g.cells])
+        for kind in FACES
+        if any(kind in grid.cells for grid in some)
+    }
+    # The cells of all grids are ordered by their kinds.
+    kinds = [n for grid in some for n, kind in enumerate(FACES) for _ in range(kind in grid.cells)]
+    counts = [len(corners) for grid in some for corners in grid.cells.values()]
+    order = np.argsort(np.repeat(np.array(kinds, np.uint8), counts), kind="stable")
+    of_cells = {key: array[order] for key, array in _joined([grid.cell_arrays for grid in some]).items()}
+    return UnstructuredGrid(
+        name,
+        np.concatenate([grid.points for grid in some]),
+        cells,
+        _joined([grid.point_arrays for grid in some]),
+        of_cells,
+        sum(grid.ignored for grid in grids),
+        {key: max(grid.curved.get(key, 0.0) for grid in some) for grid in some for key in grid.curved},
+    )
+
+
+def _joined(each: Sequence[Attributes]) -> Attributes:
+    """Return the arrays that all have, one after another."""
+    found = {name: [arrays[name] for arrays in each if name in arrays] for name in each[0]}
+    return {
+        name: np.concatenate(parts)
+        for name, parts in found.items()
+        if len(parts) == len(each) and len({part.shape[1:] for part in parts}) == 1
+    }
 
 
 def linearised(

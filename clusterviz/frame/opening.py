@@ -9,15 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
-from clusterviz.data import open_volume, override_grid, read_geometry, read_grid
+from clusterviz.data import open_volume, override_grid, read_geometry, read_piece
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.geometry import Geometry
+from clusterviz.data.grid_files import GridFile, grid_files
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.summary import VolumeSummary, block_sides, summarise
 from clusterviz.data.unstructured import UnstructuredGrid
@@ -298,8 +300,9 @@ def _known(section: GeometrySection, key: str, given: Geometry | None, channel: 
 
 
 def _known_cells(section: GridSection, given: UnstructuredGrid | None, channel: Channel) -> KnownCells:
-    load = (lambda: given) if given else partial(read_grid, section.path, section.time)
-    return KnownCells(section, load, channel)
+    if given:
+        return KnownCells(section, lambda: [GridFile(Path(section.path))], lambda _: given, channel)
+    return KnownCells(section, partial(grid_files, Path(section.path), section.time), read_piece, channel)
 
 
 def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:

@@ -87,49 +87,28 @@ class BrickSearch:
 
     def counted(self, section: Placed, grid: BrickGrid) -> NDArray[np.int64]:
         """Return the primitives and positions of each brick; the first call for a grid is collective."""
-        key = _key_of(section, grid)
+        key = key_of(section, grid)
         if key not in self._counts:
             members = self.members(section, grid)
             with agree(self._channel, 0, "plan"):
                 mine = members.counted(self.opened())
-            self._counts[key] = self.of_all_bricks(mine, grid)
+            self._counts[key] = of_all_bricks(mine, grid, self._channel)
         return self._counts[key]
-
-    def of_all_bricks(self, mine: NDArray[Scalar], grid: BrickGrid) -> NDArray[Scalar]:
-        """Return values of the bricks that each rank keeps (k, bricks) for all bricks (k, bz, by, bx); collective."""
-        counts_zyx, values = grid.layout.counts_zyx, len(mine)
-        every = np.stack(self._channel.allgather(mine), axis=2).reshape(values, -1)
-        return every[:, : int(np.prod(counts_zyx))].reshape(values, *counts_zyx)
 
     def members(self, section: Placed, grid: BrickGrid) -> BrickMembers:
         """Return the members of the bricks r, r + n, r + 2 n, … on rank r of n; those of the last grid are kept.
 
         Collective if the grid is not the last.
         """
-        key, boxes, ranks = _key_of(section, grid), self.boxes(section, grid), self._channel.size
+        key = key_of(section, grid)
         last, members = self._members
         if members is None or last != key:
-            self._members, bricks = (None, None), -(-int(np.prod(boxes.counts_zyx)) // ranks)
+            self._members = None, None
             with agree(self._channel, 0, "plan"):
-                # The bricks of each rank, one rank after the other.
-                keys = brick_keys(self.opened(), self.share(), boxes)
-                begins = np.arange(1, ranks, dtype=np.uint64) * np.uint64(bricks) << np.uint64(32)
-                sent = np.split(keys, np.searchsorted(keys, begins))
-            received = all_to_all(self._channel, sent, TAG)
-            with agree(self._channel, 0, "plan"):
-                if ranks > 1:
-                    keys = np.concatenate(received)
-                    keys.sort()
-                members = members_of_keys(keys, self._channel.rank * bricks, bricks)
+                sent = sent_keys(self.opened(), self.share(), section, grid, self._channel.size)
+            members = received_members(all_to_all(self._channel, sent, TAG), grid, self._channel)
             self._members = key, members
         return members
-
-    def boxes(self, section: Placed, grid: BrickGrid) -> BrickBoxes:
-        """Return the bricks with the entry's place in them."""
-        radius, layout = getattr(section, "radius", 1.0), grid.layout
-        factor = (radius if isinstance(radius, float) else 1.0) / grid.domain.spacing
-        matrix, ranks = grid.index_from_file(section), self._channel.size
-        return BrickBoxes(matrix, factor, layout.brick, layout.counts_zyx, grid.reach, ranks)
 
     def gathered(self, section: Placed, grid: BrickGrid, bricks: Sequence[int]) -> dict[int, Numbers]:
         """Return the numbers of the primitives of some bricks from the ranks that keep them; collective."""
@@ -148,7 +127,46 @@ class BrickSearch:
         return found
 
 
-def _key_of(section: Placed, grid: BrickGrid) -> tuple[object, ...]:
+def brick_boxes(section: Placed, grid: BrickGrid, ranks: int) -> BrickBoxes:
+    """Return the bricks with the entry's place in them."""
+    radius, layout = getattr(section, "radius", 1.0), grid.layout
+    factor = (radius if isinstance(radius, float) else 1.0) / grid.domain.spacing
+    return BrickBoxes(grid.index_from_file(section), factor, layout.brick, layout.counts_zyx, grid.reach, ranks)
+
+
+def sent_keys(
+    drawn: DrawnPrimitives, share: NDArray[np.int64], section: Placed, grid: BrickGrid, ranks: int
+) -> list[NDArray[np.uint64]]:
+    """Return the keys (`brick_keys`) of some primitives for the rank that keeps each brick."""
+    keys = brick_keys(drawn, share, brick_boxes(section, grid, ranks))
+    begins = np.arange(1, ranks, dtype=np.uint64) * np.uint64(_kept(grid, ranks)) << np.uint64(32)
+    return np.split(keys, np.searchsorted(keys, begins))
+
+
+def received_members(received: Sequence[NDArray[np.uint64]], grid: BrickGrid, channel: Channel) -> BrickMembers:
+    """Return the members of the bricks that this rank keeps, from the keys that the ranks sent; collective."""
+    with agree(channel, 0, "plan"):
+        keys = np.concatenate(received) if len(received) > 1 else received[0]
+        if len(received) > 1:
+            keys.sort()
+        bricks = _kept(grid, channel.size)
+        return members_of_keys(keys, channel.rank * bricks, bricks)
+
+
+def of_all_bricks(mine: NDArray[Scalar], grid: BrickGrid, channel: Channel) -> NDArray[Scalar]:
+    """Return values of the bricks that each rank keeps (k, bricks) for all bricks (k, bz, by, bx); collective."""
+    counts_zyx, values = grid.layout.counts_zyx, len(mine)
+    every = np.stack(channel.allgather(mine), axis=2).reshape(values, -1)
+    return every[:, : int(np.prod(counts_zyx))].reshape(values, *counts_zyx)
+
+
+def _kept(grid: BrickGrid, ranks: int) -> int:
+    """Return the number of bricks that each rank keeps."""
+    return -(-int(np.prod(grid.layout.counts_zyx)) // ranks)
+
+
+def key_of(section: Placed, grid: BrickGrid) -> tuple[object, ...]:
+    """Return what decides in which bricks primitives are."""
     return grid.domain, grid.layout.brick, grid.reach, getattr(section, "radius", None), section.transform
 
 

@@ -6,6 +6,7 @@ So a brick holds all tetrahedra that come within half a slab of it, and a tetrah
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -46,6 +47,19 @@ class CellBrick:
     def nbytes(self) -> int:
         """Bytes of all arrays."""
         return sum(array.nbytes for array in vars(self).values())
+
+
+def join_bricks(bricks: Sequence[CellBrick], on_cells: bool) -> CellBrick:
+    """Return the tetrahedra of at least one brick, each once, and their points, by ascending numbers."""
+    numbers, chosen = np.unique(np.concatenate([brick.numbers for brick in bricks]), return_index=True)
+    rows, first, places = np.unique(
+        np.concatenate([brick.rows for brick in bricks]), return_index=True, return_inverse=True
+    )
+    begins = np.cumsum([0, *(len(brick.rows) for brick in bricks)])
+    given = np.concatenate([brick.corners + np.uint32(begin) for brick, begin in zip(bricks, begins, strict=False)])
+    corners = places.reshape(-1).astype(np.uint32)[given[chosen]]
+    values = np.concatenate([brick.values for brick in bricks])[chosen if on_cells else first]
+    return CellBrick(numbers, rows, np.concatenate([brick.points for brick in bricks])[first], corners, values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +112,10 @@ class CellLayer:
             "corners": ((tetrahedra, 4), whole),
             "values": ((tetrahedra if self.on_cells else points,), self.value_type),
         }
+
+    def no_cells(self) -> CellBrick:
+        """Return a brick without tetrahedra."""
+        return CellBrick(**{name: np.zeros(shape, dtype) for name, (shape, dtype) in self.forms(0, 0).items()})
 
     def shader_values(self, values: NDArray[Any]) -> NDArray[np.float32]:
         """Return scalars in units of clim, float32 of the same shape."""

@@ -27,7 +27,7 @@ from clusterviz.data.primitives import (
 )
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
-from clusterviz.plan.brick_search import BrickGrid, BrickSearch, world_from_file
+from clusterviz.plan.brick_search import BrickGrid, BrickSearch, brick_boxes, world_from_file
 from clusterviz.plan.geometry import GeometryLayer, Primitives
 from clusterviz.plan.segments import make_segments
 from clusterviz.plan.shading import make_geometry_shading
@@ -199,7 +199,7 @@ class KnownGeometry:
 
         The triangles around a vertex are in the brick that the vertex is in, which may be one of another rank.
         """
-        boxes = self._search.boxes(section, grid)
+        boxes = brick_boxes(section, grid, self._channel.size)
         rows = others = np.empty(0, np.int64)
         with agree(self._channel, 0, "load"):
             if members:

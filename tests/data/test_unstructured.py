@@ -336,7 +336,7 @@ DAMAGED = [
     ("vtu-ascii", b'type="UnstructuredGrid"', b'type="PolyData"', "not a VTK file of type UnstructuredGrid"),
     ("vtu-raw", b'NumberOfPoints="12"', b'NumberOfPoints="13"', "size is not the dataset's"),
     ("pvtu", b"a_1.vtu", b"b_1.vtu", "b_1.vtu: no such file"),
-    ("pvtu", b"PUnstructuredGrid", b"PPolyData", "not a parallel unstructured grid"),
+    ("pvtu", b"PUnstructuredGrid", b"PPolyData", "not a VTK file of this type; .*; allowed PUnstructuredGrid"),
     ("vtk-ascii", b"CELL_TYPES 4", b"CELL_TYPES 99999999999", "lies about its size"),
     ("vtk-ascii", b"UNSTRUCTURED_GRID", b"POLYDATA", "not an unstructured grid; found DATASET POLYDATA"),
 ]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.files import require_file
+from clusterviz.data.grid_files import choose_step
 from clusterviz.data.header import check_size
 from clusterviz.data.unstructured import UnstructuredGrid, linearised
 from clusterviz.errors import DataError
@@ -170,23 +171,3 @@ def _step(variables: Any, time: float | None, where: str) -> int:
     """Return the number of a time step."""
     times = np.asarray(variables["time_whole"][:]) if "time_whole" in variables else np.zeros(0)
     return choose_step(times, time, where)
-
-
-def choose_step(times: NDArray[Any], time: float | None, where: str) -> int:
-    """Return the number of the step that a number (int) or a time (float) names; None: the last one.
-
-    Raises
-    ------
-    DataError
-        There is no such step.
-    """
-    if time is None:
-        return max(0, len(times) - 1)
-    if isinstance(time, int) and 0 <= time < len(times):
-        return time
-    if not isinstance(time, int) and len(times):
-        nearest = int(np.abs(times - time).argmin())
-        if abs(times[nearest] - time) <= 1e-6 * max(abs(time), float(np.ptp(times)) / len(times)):
-            return nearest
-    allowed = f"0 to {len(times) - 1}, or a time from {times[0]} to {times[-1]}" if len(times) else "no time steps"
-    raise DataError("no such time step", where=where, found=time, allowed=allowed)

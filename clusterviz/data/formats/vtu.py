@@ -1,19 +1,18 @@
-"""VTK's unstructured grids in XML (.vtu), and their parallel form (.pvtu); see `clusterviz.data.vtk_xml`.
+"""VTK's unstructured grids in XML (.vtu); see `clusterviz.data.vtk_xml`. `grid_files.py` reads their lists (.pvtu).
 
-Pieces are joined; of arrays, those that all pieces have are kept. Ghost cells of pieces (`vtkGhostType` 1) are dropped,
-as another piece has them.
+Pieces of a file are joined; of arrays, those that all pieces have are kept. Ghost cells of pieces (`vtkGhostType` 1) are
+dropped, as another piece has them.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import require_file
 from clusterviz.data.geometry import check_indices
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.data.vtk_cells import grid_of_cells
@@ -32,45 +31,6 @@ def read_vtu(path: Path) -> UnstructuredGrid:
         Not such a file, damaged or truncated, counts that do not fit, or indices out of range.
     """
     return _read(_pieces(path), str(path))
-
-
-def read_pvtu(path: Path) -> UnstructuredGrid:
-    """Read all files that a .pvtu file names.
-
-    Raises
-    ------
-    DataError
-        Not such a file, a file is missing, or as of `read_vtu`.
-    """
-    pieces = [piece for source in piece_files(path) for piece in _pieces(source)]
-    return _read(pieces, str(path))
-
-
-def piece_files(path: Path) -> list[Path]:
-    """Return the files that a .pvtu file names, in its order."""
-    require_file(path)
-    names, parser = list[str](), expat.ParserCreate()
-    kind = list[str]()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        if tag == "VTKFile":
-            kind.append(attributes.get("type", ""))
-        elif tag == "Piece":
-            names.append(attributes.get("Source", ""))
-
-    parser.StartElementHandler = start
-    with readable(path):
-        content = path.read_bytes()
-    try:
-        parser.Parse(content, True)
-    except expat.ExpatError as error:
-        raise DataError(f"truncated or damaged XML: {error}", where=str(path)) from error
-    if kind != ["PUnstructuredGrid"]:
-        allowed = "VTKFile type PUnstructuredGrid"
-        raise DataError("not a parallel unstructured grid", where=str(path), found=kind, allowed=allowed)
-    if not names or not all(names):
-        raise DataError("no pieces", where=str(path), allowed="<Piece Source=…>")
-    return [path.parent / name for name in names]
 
 
 def _pieces(path: Path) -> list[XmlPiece]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.faces import NONE, Faces, find_neighbours
-from clusterviz.plan.cells import CellBrick, CellLayer
+from clusterviz.plan.cells import CellBrick, CellLayer, join_bricks
 from clusterviz.plan.content import Content
 from clusterviz.plan.segments import BUCKETS
 
@@ -63,24 +63,14 @@ def make_local_grid(layer: CellLayer, bricks: Sequence[CellBrick], threads: int 
     ----------
     threads : find neighbours
     """
-    forms = layer.forms(0, 0)
-    empty = CellBrick(**{name: np.zeros(shape, dtype) for name, (shape, dtype) in forms.items()})
-    parts = [empty, *bricks]
-    _, chosen = np.unique(np.concatenate([part.numbers for part in parts]), return_index=True)
-    rows, first, places = np.unique(
-        np.concatenate([part.rows for part in parts]), return_index=True, return_inverse=True
-    )
-    begins = np.cumsum([0, *(len(part.rows) for part in parts)])
-    given = np.concatenate([part.corners + begin for part, begin in zip(parts, begins, strict=False)])
-    corners = places[given[chosen].astype(np.int64)].astype(np.uint32)
-    values = layer.shader_values(np.concatenate([part.values for part in parts])[chosen if layer.on_cells else first])
-    neighbours = find_neighbours(corners, len(rows), threads)
-    given_points = np.concatenate([part.points for part in parts])[first]
-    scalars, of_cells = (np.zeros(len(rows), np.float32), values) if layer.on_cells else (values, values[:0])
+    whole = join_bricks([layer.no_cells(), *bricks], layer.on_cells)
+    corners, values = whole.corners, layer.shader_values(whole.values)
+    neighbours = find_neighbours(corners, len(whole.rows), threads)
+    scalars, of_cells = (np.zeros(len(whole.rows), np.float32), values) if layer.on_cells else (values, values[:0])
     reflects = bool(np.linalg.det(layer.index_from_file[:, :3]) < 0)
     if layer.kbuffer:
         none = np.zeros((0, 4), np.int32)
-        return LocalGrid(given_points, scalars, of_cells, none, none, marked_faces(neighbours.faces(), reflects))
+        return LocalGrid(whole.points, scalars, of_cells, none, none, marked_faces(neighbours.faces(), reflects))
     tetrahedron, k = np.nonzero(neighbours.halves == NONE)
     own = corners[tetrahedron].astype(np.int64)
     place = (own < np.take_along_axis(own, k[:, None], 1)).sum(axis=1)
@@ -89,7 +79,7 @@ def make_local_grid(layer: CellLayer, bricks: Sequence[CellBrick], threads: int 
         faces = faces[:, ::-1]
     ascending = neighbours.ascending()
     return LocalGrid(
-        given_points,
+        whole.points,
         scalars,
         of_cells,
         ascending.tetrahedra.astype(np.int32),
