@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -69,6 +70,28 @@ def pvtu(path: Path) -> Path:
     vtu(path.with_name("a_1.vtu"), rows=(2, 3, 0), ghosts=1)
     names = "".join(f'<Piece Source="a_{n}.vtu"/>' for n in range(2))
     path.write_text(f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{names}</PUnstructuredGrid></VTKFile>')
+    return path
+
+
+def pattern(path: Path) -> Path:
+    pvtu(path.with_name("a.pvtu"))
+    return path
+
+
+def pvd(path: Path) -> Path:
+    """Two time steps, of which the first one's file is missing."""
+    pvtu(path.with_name("a.pvtu"))
+    steps = ((0.5, "none.vtu"), (1.5, "a_0.vtu"), (1.5, "a_1.vtu"))
+    listed = "".join(f'<DataSet timestep="{time}" part="0" file="{name}"/>' for time, name in steps)
+    path.write_text(f'<VTKFile type="Collection"><Collection>{listed}</Collection></VTKFile>')
+    return path
+
+
+def series(path: Path) -> Path:
+    """As `pvd`, in ParaView's form."""
+    pvtu(path.with_name("a.pvtu"))
+    files = [{"name": name, "time": time} for name, time in (("a.pvtu", 1.5), ("none.vtu", 0.5))]
+    path.write_text(json.dumps({"file-series-version": "1.0", "files": files}))
     return path
 
 
@@ -146,6 +169,9 @@ FILES: dict[str, tuple[str, Write]] = {
     "vtu-raw": ("a.vtu", lambda path: vtu(path, "")),
     "vtu-zlib": ("a.vtu", lambda path: vtu(path, "vtkZLibDataCompressor")),
     "pvtu": ("a.pvtu", pvtu),
+    "pattern": ("a_[0-9].vtu", pattern),
+    "pvd": ("a.pvd", pvd),
+    "series": ("a.pvtu.series", series),
     "vtk-binary": ("a.vtk", vtk),
     "vtk-ascii": ("a.vtk", lambda path: vtk(path, "ASCII")),
     "vtk-old": ("a.vtk", lambda path: vtk(path, "BINARY", 3)),
@@ -153,6 +179,7 @@ FILES: dict[str, tuple[str, Write]] = {
 }
 if find_spec("netCDF4"):
     FILES["exodus-3"] = ("a.ex2", exodus)
+    FILES["exodus-pieces"] = ("a.e.1.*", lambda path: exodus(path.with_name("a.e.1.0")).with_name(path.name))
     FILES["exodus-4"] = ("a.exo", lambda path: exodus(path, "NETCDF4"))
 if find_spec("meshlane"):
     FILES["xdmf"] = ("a.xdmf", lambda path: meshlane(path, data_format="XML"))

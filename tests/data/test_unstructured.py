@@ -323,6 +323,16 @@ def test_time_steps_of_exodus(tmp_path: Path) -> None:
     refused(lambda: read_grid(grid_writers.vtu(tmp_path / "a.vtu"), 1), "no time steps", "Exodus")
 
 
+@pytest.mark.parametrize("write", [grid_writers.pvd, grid_writers.series])
+def test_time_steps_in_files_of_their_own(write: grid_writers.Write, tmp_path: Path) -> None:
+    path = write(tmp_path / FILES[write.__name__][0])
+    for time in (None, 1, 1.5):
+        check_grid(read_grid(path, time), "vtu")
+    for time in (0, 0.5):
+        refused(lambda time=time: read_grid(path, time), "none.vtu: no such file")
+    refused(lambda: read_grid(path, 2), "no such time step; found 2; allowed 0 to 1, or a time from 0.5 to 1.5")
+
+
 DAMAGED = [
     ("vtu-ascii", b"types", b"kinds", "Cells lack an array"),
     ("vtu-ascii", b"10 14 13 12", b"10 14 13 42", "VTK's type 42, a polyhedron"),
@@ -337,6 +347,11 @@ DAMAGED = [
     ("vtu-raw", b'NumberOfPoints="12"', b'NumberOfPoints="13"', "size is not the dataset's"),
     ("pvtu", b"a_1.vtu", b"b_1.vtu", "b_1.vtu: no such file"),
     ("pvtu", b"PUnstructuredGrid", b"PPolyData", "not a VTK file of this type; .*; allowed PUnstructuredGrid"),
+    ("pvtu", b"Source", b"Target", "no pieces"),
+    ("pvd", b'timestep="1.5"', b'timestep="late"', "not a time and a file; found late, a_0.vtu"),
+    ("pvd", b"DataSet", b"Set", "lists no files"),
+    ("series", b'"time"', b'"step"', "not a list of a file series"),
+    ("series", b'"none.vtu"', b"7", "not a time and a file; found 0.5, 7"),
     ("vtk-ascii", b"CELL_TYPES 4", b"CELL_TYPES 99999999999", "lies about its size"),
     ("vtk-ascii", b"UNSTRUCTURED_GRID", b"POLYDATA", "not an unstructured grid; found DATASET POLYDATA"),
 ]
@@ -356,6 +371,7 @@ def test_names_and_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     path = tmp_path / "a.case"
     path.write_text("FORMAT\ntype: ensight gold\n")
     refused(lambda: read_grid(path), "unknown extension; found .case", r"\.vtu")
+    refused(lambda: read_grid(tmp_path / "b_*.vtu"), r"b_\*.vtu: no file matches")
     page = (Path(__file__).parents[2] / "docs/reference/data-formats.md").read_text()
     assert [word for word in GRID_EXTENSIONS if f"`{word}`" not in page] == []
     for package, name in (("netCDF4", "a.exo"), ("meshlane", "a.msh")):

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 from data.cells import lattice, mixed
-from data.grid_writers import vtu
+from data.grid_writers import pvtu, vtu
 from frame.views import check_same, moving, on_ranks, pixels, so_far
 
 import clusterviz
-from clusterviz.comm import LoopbackChannel
-from clusterviz.data import open_scene
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.data import open_scene, read_piece
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.data.vtk_cells import as_grid
 from clusterviz.errors import ClustervizError, SceneError
@@ -197,6 +197,75 @@ def test_pictures_are_the_same_on_any_ranks() -> None:
         check_same(found, alone[keys["brick"]], 1e-6)
         check_same(found, alone[600], 3e-5)
         assert pixels(found[0])[..., 3].max() > 0.5
+
+
+def test_pieces_are_drawn_on_any_ranks_as_the_joined_file_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each piece is read by one rank, and points that pieces share are numbered as those of one file."""
+    whole, pieces, read = vtu(tmp_path / "whole.vtu"), pvtu(tmp_path / "a.pvtu"), list[str]()
+    recorded = lambda file: read.append(file.path.name) or read_piece(file)  # noqa: E731
+    monkeypatch.setattr("clusterviz.frame.opening.read_piece", recorded)
+    camera = Camera(position=(9.0, 7.0, 6.0), focal_point=(1.0, 0.8, 0.7), view_up=(0, 0, 1))
+    for array in ("f", "kind"):
+        section = GridSection(path=str(whole), array=array, opacity=0.6, opacity_unit_distance=1.0, clim=(0, 9))
+        scene = Scene(grids=(section,), camera=camera, image=ImageSettings(size=(24, 20)))
+        scene = with_settings(scene, {"brick": 100})
+        alone, counts = on_ranks(1, [scene], device="cpu"), in_bricks(1, scene)
+        assert pixels(alone[0])[..., 3].max() > 0.5
+        assert counts.shape != (2, 1, 1, 1)
+        for ranks, path in ((1, pieces), (2, pieces), (3, pieces), (3, whole), (2, tmp_path / "a_*.vtu")):
+            scene = with_settings(scene, {"grids.0.path": str(path)})
+            check_same(on_ranks(ranks, [scene], device="cpu"), alone, 1e-6)
+            read.clear()
+            np.testing.assert_array_equal(in_bricks(ranks, scene), counts)
+            assert sorted(read) == (["whole.vtu"] * ranks if path == whole else ["a_0.vtu", "a_1.vtu"])
+
+
+def in_bricks(ranks: int, scene: Scene) -> np.ndarray:
+    """Return the tetrahedra and points of each brick."""
+
+    def plan(channel: Channel) -> np.ndarray:
+        completed, found, _ = open_volumes(Run(channel, Options()), scene)
+        assert found is not None
+        content = found.plan(completed).content
+        assert content is not None
+        return content.cells[0].in_bricks
+
+    return run_loopback(ranks, plan)[0]
+
+
+OTHER_PIECES: list[tuple[str, bytes, bytes, str]] = [
+    ("f", b"", b"", "a_1.vtu: no such file"),
+    ("f", b'Name="f"', b'Name="g"', "a_1.vtu: no such array; found f; allowed g, kind"),
+    (
+        "f",
+        b'Float32" Name="f"',
+        b'Float64" Name="f"',
+        "a_1.vtu: a piece is unlike the others; found f of points, float64",
+    ),
+    (
+        "f",
+        b'Float32" Name=""',
+        b'Float64" Name=""',
+        "points float64; allowed f of points, float32, points float32, as in",
+    ),
+    ("kind", b'Name="f"', b'Name="kind"', "found kind of points, float32, .*; allowed kind of cells, float64"),
+    ("f", b'Name="types"', b'Name="kinds"', "a_1.vtu: Cells lack an array"),
+]
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize(("array", "old", "new", "message"), OTHER_PIECES)
+def test_a_piece_that_does_not_fit_is_named(
+    array: str, old: bytes, new: bytes, message: str, ranks: int, tmp_path: Path
+) -> None:
+    scene, piece = Scene(grids=(GridSection(path=str(pvtu(tmp_path / "a.pvtu")), array=array),)), tmp_path / "a_1.vtu"
+    if old:
+        assert old in piece.read_bytes()
+        piece.write_bytes(piece.read_bytes().replace(old, new))
+    else:
+        piece.unlink()
+    with pytest.raises(ClustervizError, match=message):
+        run_loopback(ranks, lambda channel: open_volumes(Run(channel, Options()), scene))
 
 
 def test_tetrahedra_migrate_and_are_read_when_they_become_visible() -> None:
