@@ -185,14 +185,18 @@ class KnownCells:
             with agree(channel, 0, "plan"):
                 drawn, rows = _drawn(own, self._on_cells), DistinctRows(len(own.rows))
                 keys = sent_keys(drawn, np.arange(len(own.numbers)), section, grid, channel.size)
-                members = [np.unique(each.astype(np.uint32)) for each in keys]
-                sent = [_cropped(each, own, rows, self._on_cells) for each in members if channel.size > 1]
-                keys = [each + own.numbers[:1].sum(dtype=np.uint64) for each in keys]
-            kept = join_bricks(_exchanged(sent, channel), self._on_cells) if sent else own
-            of_bricks = received_members(all_to_all(channel, keys, TAG), grid, channel)
+                sent = [own]
+                if channel.size > 1:
+                    renumbered = [_renumbered(each, len(own.numbers)) for each in keys]
+                    sent = [_cropped(each, own, rows, self._on_cells) for each, _ in renumbered]
+                    keys = [each for _, each in renumbered]
+            received, keys = _exchanged(sent, channel), all_to_all(channel, keys, TAG)
             with agree(channel, 0, "plan"):
-                places = np.searchsorted(kept.numbers, of_bricks.numbers).astype(np.uint32)
-                self._kept = key, kept, BrickMembers(of_bricks.begins, places)
+                # Ranks, and so the numbers of their tetrahedra, are in order.
+                begins = np.cumsum([0, *(len(brick.numbers) for brick in received)]).astype(np.uint64)
+                keys = [each + begin for each, begin in zip(keys, begins, strict=False)]
+                kept = join_bricks(received, self._on_cells) if channel.size > 1 else own
+            self._kept = key, kept, received_members(keys, grid, channel)
         return self._kept[1:]
 
     def _received(self, layer: CellLayer, grid: BrickGrid, some: Sequence[Index]) -> dict[Index, CellBrick]:
@@ -223,7 +227,7 @@ class KnownCells:
         return found
 
     def _counted(self, section: GridSection, grid: BrickGrid) -> NDArray[np.int64]:
-        """Return tetrahedra and points of each brick, int64 (2, bz, by, bx); collective at the first call for a grid."""
+        """Return tetrahedra and points of each brick, int64 (2, bz, by, bx); collective once for a grid."""
         key = key_of(section, grid)
         if key not in self._counts:
             kept, members = self._members(section, grid)
@@ -401,6 +405,19 @@ def _numbered(own: CellBrick, on_cells: bool, channel: Channel) -> NDArray[np.ui
     found = np.empty(len(order), np.uint32)
     found[order] = np.concatenate(received)
     return found
+
+
+def _renumbered(keys: NDArray[np.uint64], count: int) -> tuple[NDArray[np.uint32], NDArray[np.uint64]]:
+    """Return the different numbers in the lower halves of keys, ascending, and keys with their places among these.
+
+    Parameters
+    ----------
+    count : of the numbers
+    """
+    numbers, is_used = keys.astype(np.uint32), np.zeros(count, bool)
+    is_used[numbers] = True
+    place = np.cumsum(is_used, dtype=np.uint32) - np.uint32(1)
+    return np.flatnonzero(is_used).astype(np.uint32), keys - numbers + place[numbers]
 
 
 def _exchanged(sent: Sequence[CellBrick], channel: Channel) -> list[CellBrick]:

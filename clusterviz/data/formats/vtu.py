@@ -1,7 +1,7 @@
 """VTK's unstructured grids in XML (.vtu); see `clusterviz.data.vtk_xml`. `grid_files.py` reads their lists (.pvtu).
 
-Pieces of a file are joined; of arrays, those that all pieces have are kept. Ghost cells of pieces (`vtkGhostType` 1) are
-dropped, as another piece has them.
+Pieces of a file are joined; of arrays, those that all pieces have are kept. Ghost cells (`vtkGhostType` 1) are dropped,
+as another piece has them.
 """
 
 from __future__ import annotations
