@@ -46,6 +46,7 @@ class Tetrahedra:
     on_cells : whether they are those of tetrahedra
     cells : uint32 (m,), ascending: the cell of the grid that each is a part of
     array : name of the array of scalars
+    rows : uint32 (n,), ascending: the first point of the grid that is equal to each of `points`
     counts : what the grid has that is not drawn, or is drawn otherwise, by the names of `COUNTS`
     """
 
@@ -56,6 +57,7 @@ class Tetrahedra:
     on_cells: bool
     cells: NDArray[np.uint32]
     array: str = ""
+    rows: NDArray[np.uint32] = field(default_factory=lambda: np.empty(0, np.uint32))
     counts: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -129,6 +131,7 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
         on_cells,
         cells.astype(np.uint32),
         name,
+        rows.astype(np.uint32),
         counts,
     )
 
@@ -167,13 +170,10 @@ def groups_with_values(place: NDArray[np.int64], values: NDArray[Any]) -> NDArra
 def _compact(
     points: NDArray[Any], corners: NDArray[np.int64], group: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
-    """Return the rows of the points that are used, one of each group, ascending, and the corners among them."""
+    """Return the rows of the points that are used, the first of each group, ascending, and the corners among them."""
+    first = np.empty(int(group.max(initial=-1)) + 1, np.int64)
+    first[group[::-1]] = np.arange(len(points))[::-1]  # the last one written is the smallest
     used = np.zeros(len(points), bool)
-    used[corners.ravel()] = True
-    candidates = np.flatnonzero(used)
-    first = np.full(int(group.max(initial=-1)) + 1, -1, np.int64)
-    first[group[candidates][::-1]] = candidates[::-1]  # the last one written is the smallest
-    rows = np.sort(first[first >= 0])
-    number = np.empty(len(first), np.int64)
-    number[group[rows]] = np.arange(len(rows))
-    return rows, number[group[corners]].astype(np.uint32)
+    used[first[group[corners.ravel()]]] = True
+    number = np.cumsum(used, dtype=np.uint32) - np.uint32(1)
+    return np.flatnonzero(used), number[first[group[corners]]]

@@ -82,23 +82,14 @@ class UnstructuredGrid:
         return bounds_of(self.points[used & np.isfinite(self.points).all(axis=1)])
 
     def part(self, number: int, parts: int) -> UnstructuredGrid:
-        """Return one of equal shares of the cells, in their order, with the points that these use."""
-        if parts == 1:
-            return self
+        """Return one of equal shares of the cells, in their order, with all points."""
         first, last = (self.count * n // parts for n in (number, number + 1))
-        cells, begin, used = dict[str, NDArray[np.integer[Any]]](), 0, np.zeros(len(self.points), bool)
+        cells, begin = dict[str, NDArray[np.integer[Any]]](), 0
         for kind, corners in self.cells.items():
             cells[kind] = corners[max(0, first - begin) : max(0, last - begin)]
-            used[cells[kind].ravel()] = True
             begin += len(corners)
-        row = np.cumsum(used) - 1
-        return UnstructuredGrid(
-            self.name,
-            self.points[used],
-            {kind: row[corners] for kind, corners in cells.items()},
-            {name: array[used] for name, array in self.point_arrays.items()},
-            {name: array[first:last] for name, array in self.cell_arrays.items()},
-        )
+        of_cells = {name: array[first:last] for name, array in self.cell_arrays.items()}
+        return UnstructuredGrid(self.name, self.points, cells, self.point_arrays, of_cells)
 
     def array(self, name: str | None) -> tuple[NDArray[Any], bool, str]:
         """Return an array of scalars, (n,) of points or (m,) of cells, whether it belongs to cells, and its name.

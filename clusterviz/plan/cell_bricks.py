@@ -155,8 +155,10 @@ class KnownCells:
                 raise DataError("too large", where=section.path, found=found, allowed=f"at most {MOST} of each")
             before = [part for of_rank in each[: channel.rank] for part in of_rank]
             own = _stacked(parts, before, self._types)
+            if len(files) == 1:
+                own = replace(own, rows=parts[0].rows)
             del parts
-        if len(known) > 1:
+        if len(files) > 1:
             rows = _numbered(own, self._on_cells, channel)
             with agree(channel, 0, "open"):
                 own = join_bricks([replace(own, rows=rows)], self._on_cells)
@@ -332,7 +334,7 @@ class _Part:
             _bounds(found.points, matrix),
             (float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))),
             _volume(found.points, found.corners, matrix),
-            found.counts,
+            {name: n for name, n in found.counts.items() if name not in ("duplicates", "unused")},
         )
 
 

@@ -130,7 +130,7 @@ class GridInfo:
     drawn : number of cells that they are parts of
     scalars : minimum and maximum of the array in them; None if there are none
     cell_size : cube root of the mean volume of a cell that is drawn, world units; 0 if there are none
-    counts : what is not drawn, or drawn otherwise, as `Tetrahedra.counts`
+    counts : cells that are not drawn, or drawn otherwise, as `Tetrahedra.counts`
     """
 
     box: NDArray[np.float64]

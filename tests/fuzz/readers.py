@@ -21,6 +21,8 @@ from clusterviz.scene import load_scene
 from clusterviz.scene.animation import load_path
 from clusterviz.scene.transfer_2d import read_table
 
+PIECES = {"pattern": "a_1.vtu", "exodus-pieces": "a.e.1.0"}
+"""File of several that is damaged."""
 SAMPLES = np.arange(4 * 5 * 6, dtype="<i2").reshape(4, 5, 6)
 MOST_BYTES = 1 << 26  # no file of these can hold more, however well it is packed
 
@@ -201,5 +203,8 @@ READERS = {
         for kind, (name, make) in mesh_writers.FILES.items()
         if kind not in ("pdb", "cif") or find_spec("gemmi")
     },
-    **{f"grid-{kind}": Reader(name, make, read_cells) for kind, (name, make) in grid_writers.FILES.items()},
+    **{
+        f"grid-{kind}": Reader(name, make, read_cells, PIECES.get(kind, ""))
+        for kind, (name, make) in grid_writers.FILES.items()
+    },
 }
