@@ -7,7 +7,7 @@ float scalar_at(int brick, ivec3 cell, vec3 beyond);
 // origin, the slab in its middle. Each batch is composited by itself, and then added to the pixel with compensated summation, so
 // that 10^6 faint slabs add up. So the begin and the number of runs change no bit: pictures are the same with and without empty-space skipping.
 // A run of at most LONGEST_RUN slabs ends with its batch at the latest; SIMD lanes wait for the one with the longest run.
-const int LONGEST_SKIP = 1 << 20;
+const int LONGEST_SKIP = 1 << 20, LONGEST_IN_BRICK = 1 << 16;
 const int NO_SLAB = 1 << 30; // not the number of any slab
 
 struct Sum {
@@ -167,6 +167,12 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         else if (place.brick == OUTSIDE) k = last; // by rounding, the last slab may be this box's again
         if (k >= until) break;
         int slabs = long_slab(k, min(min(place.slabs, first + slabs_in_batch - k), last - k));
+        // Grids have no use for bricks.
+        while (LONGEST_RUN > LONGEST_IN_BRICK && slabs < last - k) {
+            Place after = place_of(ray, k + slabs, slab);
+            if (after.brick < 0) break;
+            slabs = min(slabs + after.slabs, last - k);
+        }
         slabs = up_to_start(k, slabs, sum.high.a, batch.a);
         in_front = sum.high.a;
         run_iterations = 2;
