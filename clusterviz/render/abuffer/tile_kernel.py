@@ -116,9 +116,13 @@ def list_tiles(  # type: ignore[no-untyped-def]
                 px, py, qx, qy = _middle(boxes, p, 0), _middle(boxes, p, 2), _middle(boxes, q, 0), _middle(boxes, q, 2)
                 rx, ry = _middle(boxes, r, 0), _middle(boxes, r, 2)
                 turn = (qx - px) * (ry - py) - (qy - py) * (rx - px)
-                turn = 1.0 if turn > 0 else -1.0 if turn < 0 else 0.0
                 u = max(max(boxes[p, 1] - px, boxes[q, 1] - qx), boxes[r, 1] - rx)
                 v = max(max(boxes[p, 3] - py, boxes[q, 3] - qy), boxes[r, 3] - ry)
+                # Rays leave by a face that is clockwise, with rows upwards, however its corners are rounded.
+                rounded = 2 * v * (abs(qx - px) + abs(rx - px)) + 2 * u * (abs(qy - py) + abs(ry - py)) + 8 * u * v
+                if kind == ENTRY and turn > rounded:
+                    continue
+                turn = 1.0 if turn > 0 else -1.0 if turn < 0 else 0.0
                 a0, b0, c0 = _side(px, py, qx, qy, turn, u, v)
                 a1, b1, c1 = _side(qx, qy, rx, ry, turn, u, v)
                 a2, b2, c2 = _side(rx, ry, px, py, turn, u, v)
