@@ -3,7 +3,7 @@
 If the scalar changes linearly along a slab, the integrals of emission and absorption are those of the transfer
 function between two scalars. The function is piecewise linear, so κ is stored as a parabola for each segment, with
 sums over whole segments. A slab then has three parts: a part of the first segment, all whole segments between, and a
-part of the last one (ramp.glsl). If the segments between have an optical depth above 0.5, they are halved until the
+part of the last one (ramp.glsl). If the segments between have an optical depth above 0.25, they are halved until the
 next ones have less. There is no table of pairs of scalars, hence no resolution and no fixed length of a slab: a shorter
 last slab is exact, and another step needs no new data.
 
