@@ -34,7 +34,7 @@ void find_in(Ray ray, int tile) {
             int row = int(tile_row[n]), own = layer_of(row);
             if (SOME_OPAQUE && (int(layer[own].table.w) & OPAQUE) != (pass == 0 ? OPAQUE : 0)) continue;
             int kind = int(layer[own].table.y);
-            if (ENTRIES && kind == ENTRY) {
+            if (ENTRIES && kind >= ENTRY) {
                 if (ray.slabs > 0 && find_entry(row, found) && !is_behind(found, last)) keep(found);
                 continue;
             }

@@ -15,7 +15,7 @@ from clusterviz.render.cells.table import CellTable, make_cell_table, make_local
 
 T = TypeVar("T")
 
-KINDS = {"triangle": 0, "tube": 1, "sphere": 2, "entry": 3}
+KINDS = {"triangle": 0, "tube": 1, "sphere": 2, "entry": 3, "face": 4}
 NONE = -0x7FFFFFFF
 """Place of normals that there are not, as in primitives.glsl."""
 LAYER = np.dtype(
@@ -134,11 +134,11 @@ def make_table(
     if grids:
         local = list(map(make_local_grid, grids, _by_layer(len(grids), cells)))
         found, boundaries = make_cell_table(local, first_vertex)
-        for record, grid, boundary in zip(records[len(geometry) :], local, boundaries, strict=True):
+        for layer, record, grid, boundary in zip(grids, records[len(geometry) :], local, boundaries, strict=True):
             positions.append(grid.points)
             radii.append(grid.scalars)
             corners.append(boundary)
-            record["table"] = first_row, KINDS["entry"], len(grid.values), 0
+            record["table"] = first_row, KINDS["face" if layer.kbuffer else "entry"], len(grid.values), 0
             first_row += len(boundary)
     return PrimitiveTable(
         tuple(positions),

@@ -13,7 +13,7 @@ import numba
 ROUNDED = 1e-6  # of float32 coordinates, with a margin
 ROUNDED_DEPTH = 1e-5  # of fragments, with a margin
 MARGIN = 1e-2  # pixels
-ENTRY = 3  # kind of a face at the boundary of a grid
+ENTRY = 3  # kind of a face at the boundary of a grid, where rays enter; the next kind: any face, for k-buffers
 LENS = 9  # numbers of `lens_of`
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
@@ -86,7 +86,7 @@ def list_tiles(  # type: ignore[no-untyped-def]
     found, across = 0, (width - 1 >> shift) + 1
     for layer in range(len(layers) - 1):
         kind = layers[layer, 1]
-        is_triangle = kind == 0 or kind == ENTRY
+        is_triangle = kind == 0 or kind >= ENTRY
         first, middle, last = (0, 1, 2) if is_triangle else (1, 2, 2) if kind == 1 else (0, 0, 0)
         for row in range(max(begin, layers[layer, 0]), min(end, layers[layer + 1, 0])):
             p, q, r = corners[row, first], corners[row, middle], corners[row, last]
@@ -95,7 +95,7 @@ def list_tiles(  # type: ignore[no-untyped-def]
             y_low = min(min(boxes[p, 2], boxes[q, 2]), boxes[r, 2])
             y_high = max(max(boxes[p, 3], boxes[q, 3]), boxes[r, 3])
             is_cut = x_low == -math.inf and y_low < math.inf
-            if kind == ENTRY:
+            if kind >= ENTRY:
                 ahead = vertices[p, 2] > eye[0]
                 is_cut = is_cut or ahead != (vertices[q, 2] > eye[0]) or ahead != (vertices[r, 2] > eye[0])
             if is_cut:

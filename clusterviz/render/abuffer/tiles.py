@@ -21,7 +21,7 @@ from clusterviz.render.abuffer.primitives import PrimitiveTable
 CPU_TILE, GPU_TILE = 4, 8  # pixels along the side of a tile: a packet of 16 lanes, and a work group
 SMALL = 16  # pixels of a primitive's box, below which each pixel is a tile
 SAMPLED = 4096  # primitives whose size is looked at
-ENDS = np.array([[0, 1, 2], [1, 2, 2], [0, 0, 0], [0, 1, 2]])  # corners that bound a primitive of each kind
+ENDS = np.array([[0, 1, 2], [1, 2, 2], [0, 0, 0], [0, 1, 2], [0, 1, 2]])  # corners that bound a primitive of each kind
 LEAST = 1 << 13  # primitives or vertices of a task
 GEOMETRY = np.dtype(
     [
