@@ -37,7 +37,7 @@ void absorb_within(inout vec4 sum, Class of, float from, float to, float units) 
 void absorb_next(inout vec4 sum, inout int low, inout int high, bool rises, float per_scalar) {
     int begin = low, end = high;
     dvec4 at_begin = sums[2 * begin], passed = sums[2 * end] - at_begin;
-    while (IN_ORDER && end - begin > 1 && passed.x * double(per_scalar) > 0.25LF) {
+    while (IN_ORDER && end - begin > 1 && passed.x * double(per_scalar) > AS_ONE) {
         int half_of = (end - begin + 1) / 2;
         if (rises) end = begin + half_of;
         else begin = end - half_of;

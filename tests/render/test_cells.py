@@ -117,16 +117,16 @@ def expected(scene: Scene, grids: tuple[Entry, ...], volumes: tuple[Any, ...], m
 
 VIEWS = tuple(name for name in CAMERAS if name != "long")
 CASES: dict[str, tuple[Any, ...]] = {
-    "lattice": (((THIN, LATTICE),), (), (), {}, VIEWS, 3e-5),
-    "holes": (((THIN, HOLES),), (), (), {}, VIEWS, 3e-5),
-    "peaks": (((PEAKS, HOLES),), (), (), {}, ("outside",), 3e-5),
-    "arrays of cells": (((OF_CELLS, CELLS),), (), (), {}, ("outside", "inside"), 3e-5),
-    "mirrored": (((MIRRORED, HOLES),), (), (), {}, ("outside",), 3e-5),
-    "clipped": (((THIN, HOLES),), (), (), CUT, ("outside", "inside"), 3e-5),
-    "geometry": (((THIN, HOLES),), (), (MESH,), {}, ("outside", "inside"), 3e-5),
+    "lattice": (((THIN, LATTICE),), (), (), {}, VIEWS, 1e-5),
+    "holes": (((THIN, HOLES),), (), (), {}, VIEWS, 1e-5),
+    "peaks": (((PEAKS, HOLES),), (), (), {}, ("outside",), 1e-5),
+    "arrays of cells": (((OF_CELLS, CELLS),), (), (), {}, ("outside", "inside"), 1e-5),
+    "mirrored": (((MIRRORED, HOLES),), (), (), {}, ("outside",), 1e-5),
+    "clipped": (((THIN, HOLES),), (), (), CUT, ("outside", "inside"), 1e-5),
+    "geometry": (((THIN, HOLES),), (), (MESH,), {}, ("outside", "inside"), 1e-5),
     "volume": (((THIN, HOLES),), (VOLUME,), (), {"step": 0.1}, ("outside", "inside"), 1e-4),
     "volume and geometry": (((THIN, HOLES),), (VOLUME,), (MESH,), {"step": 0.1}, ("outside",), 1e-4),
-    "two": (((THIN, HOLES), (PEAKS, BESIDE)), (), (), {}, ("outside", "inside"), 3e-5),
+    "two": (((THIN, HOLES), (PEAKS, BESIDE)), (), (), {}, ("outside", "inside"), 1e-5),
 }
 
 

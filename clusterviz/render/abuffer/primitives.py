@@ -134,11 +134,11 @@ def make_table(
     if grids:
         local = list(map(make_local_grid, grids, _by_layer(len(grids), cells)))
         found, boundaries = make_cell_table(local, first_vertex)
-        for layer, record, grid, boundary in zip(grids, records[len(geometry) :], local, boundaries, strict=True):
+        for own_layer, record, grid, boundary in zip(grids, records[len(geometry) :], local, boundaries, strict=True):
             positions.append(grid.points)
             radii.append(grid.scalars)
             corners.append(boundary)
-            record["table"] = first_row, KINDS["face" if layer.kbuffer else "entry"], len(grid.values), 0
+            record["table"] = first_row, KINDS["face" if own_layer.kbuffer else "entry"], len(grid.values), 0
             first_row += len(boundary)
     return PrimitiveTable(
         tuple(positions),

@@ -111,6 +111,8 @@ class GeometryVariant:
             "FURTHER_STARTS": f"{grid}.further_starts",
             "MAY_BE_INVALID": "false",
         }
+        # A tetrahedron that is cut has to look as if it were not.
+        macros["AS_ONE"] = "0.125LF"
         begin = glsl_array("grid", GRIDS_BINDING, GRID, self.grids) + "int own_grid = 0;\n"
         ramp = (begin + define(macros), "transfer.glsl", "front_to_back.glsl", "ramp.glsl", undefine(macros))
         classes = {name: macros[name] for name in ("Class", "class_at", "integrated")}
