@@ -114,6 +114,41 @@ def match_half_faces(ends, first, last, keys, numbers, neighbours):  # type: ign
     return boundary, crowded
 
 
+def sort_corners(tetrahedra, corners, places):  # type: ignore[no-untyped-def]
+    """Sort the corners of each tetrahedron.
+
+    Parameters
+    ----------
+    corners : uint32 (m, 4), written
+    places : uint8 (m, 4), of each corner, written
+    """
+    for row in range(len(tetrahedra)):
+        for k in range(4):
+            corner, place = tetrahedra[row, k], 0
+            for other in range(4):
+                place += tetrahedra[row, other] < corner
+            corners[row, place] = corner
+            places[row, k] = place
+
+
+def sort_half_faces(neighbours, first, places, target):  # type: ignore[no-untyped-def]
+    """Bring half-faces in the order of sorted corners, and their numbers to sorted corners.
+
+    Parameters
+    ----------
+    neighbours : uint32 (k, 4), of some tetrahedra
+    first : number of the first of them
+    places : uint8 (m, 4), of all corners
+    target : uint32 (k, 4), written
+    """
+    for row in range(len(neighbours)):
+        for k in range(4):
+            other = neighbours[row, k]
+            if other != NONE:
+                other = other - (other & 3) + places[other >> 2, other & 3]
+            target[row, places[first + row, k]] = other
+
+
 def write_faces(tetrahedra, neighbours, corners, sides):  # type: ignore[no-untyped-def]
     """Write each face once.
 

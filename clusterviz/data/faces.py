@@ -25,6 +25,8 @@ def _kernel(name: str, arguments: str, results: int = 0) -> CompiledKernel:
 _COUNT = _kernel("count_half_faces", "uint32[:,::1]; int64[::1]")
 _FILL = _kernel("fill_buckets", "uint32[:,::1]; int64; int64[::1]; uint64[::1]; int64[::1]")
 _MATCH = _kernel("match_half_faces", "int64[::1]; int64; int64; uint64[::1]; int64[::1]; uint32[::1]", results=2)
+_SORT = _kernel("sort_corners", "uint32[:,::1]; uint32[:,::1]; uint8[:,::1]")
+_RENUMBER = _kernel("sort_half_faces", "uint32[:,::1]; int64; uint8[:,::1]; uint32[:,::1]")
 _WRITE = _kernel("write_faces", "uint32[:,::1]; uint32[:,::1]; uint32[:,::1]; uint32[:,::1]")
 
 
@@ -46,16 +48,14 @@ class Neighbours:
     boundary: int
     crowded: int
 
-    def ascending(self) -> Neighbours:
+    def ascending(self, threads: int = 1) -> Neighbours:
         """Return the same with the corners of each tetrahedron in increasing order, whatever its orientation."""
-        order = np.argsort(self.tetrahedra, axis=1)
-        place = np.empty(order.shape, np.uint32)  # of each corner, when in order
-        np.put_along_axis(place, order, np.arange(4, dtype=np.uint32)[None], 1)
-        halves = np.take_along_axis(self.halves, order, 1)
-        inner = halves != NONE
-        other = halves[inner]
-        halves[inner] = other & ~np.uint32(3) | place[other >> 2, other & 3]
-        corners = np.take_along_axis(self.tetrahedra, order, 1)
+        corners, halves = np.empty_like(self.tetrahedra), np.empty_like(self.halves)
+        places = np.empty(corners.shape, np.uint8)
+        parts = _parts(len(corners), threads)
+        with ThreadPoolExecutor(len(parts)) as pool:
+            list(pool.map(lambda p: _SORT(self.tetrahedra[p], corners[p], places[p]), parts))
+            list(pool.map(lambda p: _RENUMBER(self.halves[p], p.start, places, halves[p]), parts))
         return Neighbours(corners, halves, self.boundary, self.crowded)
 
     def faces(self) -> Faces:
@@ -100,22 +100,26 @@ def find_neighbours(tetrahedra: NDArray[np.uint32], points: int, threads: int = 
     points : number of points
     threads : of the work
     """
-    count = max(1, min(threads, len(tetrahedra) // LEAST))
-    shares = [len(tetrahedra) * n // count for n in range(count + 1)]
+    parts = _parts(len(tetrahedra), threads)
     halves = np.empty((len(tetrahedra), 4), np.uint32)
-    with ThreadPoolExecutor(count) as pool:
-        places = np.zeros((count, points), np.int64)
-        parts = [tetrahedra[a:b] for a, b in pairwise(shares)]
-        list(pool.map(_COUNT, parts, places))
+    with ThreadPoolExecutor(len(parts)) as pool:
+        places = np.zeros((len(parts), points), np.int64)
+        list(pool.map(_COUNT, (tetrahedra[part] for part in parts), places))
         ends = np.cumsum(places.sum(axis=0))
         np.cumsum(places[:-1], axis=0, out=places[1:])
         places[0] = 0
         places[:, 1:] += ends[:-1]
         keys, numbers = np.empty(4 * len(tetrahedra), np.uint64), np.empty(4 * len(tetrahedra), np.int64)
-        list(pool.map(lambda part, first, own: _FILL(part, first, own, keys, numbers), parts, shares, places))
+        list(pool.map(lambda p, own: _FILL(tetrahedra[p], p.start, own, keys, numbers), parts, places))
         # Buckets with about as many half-faces for each thread.
-        cuts = np.searchsorted(ends, [4 * share for share in shares[1:-1]]).tolist()
+        cuts = np.searchsorted(ends, [4 * part.start for part in parts[1:]]).tolist()
         ranges = list(pairwise([0, *cuts, points]))
         found = list(pool.map(lambda some: _MATCH(ends, *some, keys, numbers, halves.ravel()), ranges))
     boundary, crowded = (sum(each) for each in zip(*found, strict=True))
     return Neighbours(tetrahedra, halves, boundary, crowded)
+
+
+def _parts(count: int, threads: int) -> list[slice]:
+    """Divide tetrahedra among threads."""
+    tasks = max(1, min(threads, count // LEAST))
+    return [slice(a, b) for a, b in pairwise(count * n // tasks for n in range(tasks + 1))]

@@ -111,6 +111,16 @@ def test_faces_do_not_depend_on_threads_and_large_buckets_are_sorted() -> None:
     found = tetrahedra(many)
     one, two = (find_neighbours(found.corners, len(found.points), threads) for threads in (1, 2))
     np.testing.assert_array_equal(one.halves, two.halves)
+    rising = [one.ascending(threads) for threads in (1, 2)]
+    np.testing.assert_array_equal(rising[0].halves, rising[1].halves)
+    np.testing.assert_array_equal(rising[1].tetrahedra, np.sort(found.corners, axis=1))
+    tetrahedron, k = np.nonzero(rising[1].halves != NONE)
+    beyond, place = np.divmod(rising[1].halves[tetrahedron, k], 4)
+    assert (rising[1].halves[beyond, place] == 4 * tetrahedron + k).all()
+    faces = [
+        np.where(np.arange(4) == n[:, None], 0, rising[1].tetrahedra[m]) for m, n in ((tetrahedron, k), (beyond, place))
+    ]
+    np.testing.assert_array_equal(*(np.sort(face, axis=1) for face in faces))
     turn = np.linspace(0, 2 * np.pi, 201)[:-1]
     points = np.concatenate([[(0, 0, -1), (0, 0, 1)], np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)])
     ring = np.arange(200)

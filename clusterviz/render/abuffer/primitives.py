@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm.placement import kernel_threads
 from clusterviz.plan.cells import CellBrick, CellLayer
 from clusterviz.plan.geometry import GeometryLayer, Primitives
 from clusterviz.render.cells.table import CellTable, make_cell_table, make_local_grid
@@ -132,7 +133,8 @@ def make_table(
         first_row, first_vertex = first_row + rows, first_vertex + vertices
     found = None
     if grids:
-        local = list(map(make_local_grid, grids, _by_layer(len(grids), cells)))
+        threads = kernel_threads()
+        local = [make_local_grid(*each, threads) for each in zip(grids, _by_layer(len(grids), cells), strict=True)]
         found, boundaries = make_cell_table(local, first_vertex)
         for own_layer, record, grid, boundary in zip(grids, records[len(geometry) :], local, boundaries, strict=True):
             positions.append(grid.points)

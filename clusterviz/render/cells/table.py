@@ -77,7 +77,7 @@ def make_local_grid(layer: CellLayer, bricks: Sequence[CellBrick], threads: int 
     faces = np.take_along_axis(own, OUTWARD[k], 1)
     if reflects:
         faces = faces[:, ::-1]
-    ascending = neighbours.ascending()
+    ascending = neighbours.ascending(threads)
     return LocalGrid(
         whole.points,
         scalars,
