@@ -39,8 +39,8 @@ BLOCKS_A_RANK = 8  # of interleaved blocks, at least: fewer balance worse, more 
 Assigned = TypeVar("Assigned")
 
 
-class StaticAssignment(Generic[Assigned]):
-    """Assignment of bricks to ranks that is kept from frame to frame.
+class StaticDistribution(Generic[Assigned]):
+    """Distribution by an assignment of bricks to ranks that is recomputed when an unassigned brick becomes visible.
 
     Parameters
     ----------
@@ -49,7 +49,10 @@ class StaticAssignment(Generic[Assigned]):
     assign : from the cost of bricks and a number of ranks to an assignment
     sums : from an assignment and an integer for each brick to the sum over each rank's bricks, int64 (ranks,)
     bricks : from an assignment, a rank and the cost to the rank's visible bricks, int64 (m, 3)
+    pieces : from an assignment and a plan to pieces
     """
+
+    mode: Mode = "sort-last"
 
     def __init__(
         self,
@@ -58,10 +61,15 @@ class StaticAssignment(Generic[Assigned]):
         assign: Callable[[Costs, int], Assigned],
         sums: Callable[[Assigned, NDArray[np.int64]], NDArray[np.int64]],
         bricks: Callable[[Assigned, int, Costs], NDArray[np.int64]],
+        pieces: Callable[[Assigned, Plan], tuple[Piece, ...]],
     ) -> None:
         self._ranks, self._budget = ranks, budget
-        self._assign, self._sums, self._bricks = assign, sums, bricks
+        self._assign, self._sums, self._bricks, self._pieces = assign, sums, bricks, pieces
         self._current: tuple[Assigned, Costs] | None = None
+
+    def assign(self, plan: Plan) -> tuple[Piece, ...]:
+        """Return one piece for each part of a rank that can be drawn whole. Raises as `update`."""
+        return self._pieces(self.update(plan), plan)
 
     def update(self, plan: Plan) -> Assigned:
         """Return the assignment: the same object as before, or a new one if it was recomputed.
@@ -84,9 +92,12 @@ class StaticAssignment(Generic[Assigned]):
         assigned, cost = self._current
         return frozenset((z, y, x) for z, y, x in self._bricks(assigned, rank, cost).tolist())
 
+    def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
+        """Do nothing: the assignment ignores costs."""
 
-class Coherent:
-    """Static BSP tree by the number of visible cells; rebuilt when an unassigned brick becomes visible.
+
+class Coherent(StaticDistribution[BspTree]):
+    """BSP tree by the number of visible cells.
 
     Parameters
     ----------
@@ -94,28 +105,20 @@ class Coherent:
     budget : memory of a rank for bricks
     """
 
-    mode: Mode = "sort-last"
-
     def __init__(self, ranks: int, budget: MemoryBudget) -> None:
-        self._tree = StaticAssignment[BspTree](
-            ranks, budget, build_tree, lambda tree, amount: owners_of(tree).sums(amount), bricks_of
-        )
-
-    def assign(self, plan: Plan) -> tuple[Piece, ...]:
-        """Return one piece for each leaf with visible bricks. Raises as `StaticAssignment.update`."""
-        tree = self._tree.update(plan)
-        return leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
-
-    def holds(self, rank: int) -> frozenset[Index]:
-        """Return the bricks of a rank's leaf that were visible when the tree was built."""
-        return self._tree.holds(rank)
-
-    def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """Do nothing: a static distribution ignores costs."""
+        super().__init__(ranks, budget, build_tree, lambda tree, n: owners_of(tree).sums(n), bricks_of, _leaf_pieces)
 
 
-class Interleaved:
-    """Static assignment of blocks, recomputed when an unassigned brick becomes visible.
+def _leaf_pieces(tree: BspTree, plan: Plan) -> tuple[Piece, ...]:
+    return leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
+
+
+def _owner_pieces(owners: Owners, plan: Plan) -> tuple[Piece, ...]:
+    return owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
+
+
+class Interleaved(StaticDistribution[Owners]):
+    """Blocks of bricks, round robin.
 
     Parameters
     ----------
@@ -123,24 +126,8 @@ class Interleaved:
     budget : memory of a rank for bricks
     """
 
-    mode: Mode = "sort-last"
-
     def __init__(self, ranks: int, budget: MemoryBudget) -> None:
-        self._owners = StaticAssignment[Owners](
-            ranks, budget, _interleave, Owners.sums, lambda owners, rank, _: owners.bricks(rank)
-        )
-
-    def assign(self, plan: Plan) -> tuple[Piece, ...]:
-        """Return one piece for each group of blocks that can be drawn whole. Raises as `StaticAssignment.update`."""
-        owners = self._owners.update(plan)
-        return owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
-
-    def holds(self, rank: int) -> frozenset[Index]:
-        """Return the bricks of a rank's blocks that were visible when they were assigned."""
-        return self._owners.holds(rank)
-
-    def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
-        """Do nothing: a static distribution ignores costs."""
+        super().__init__(ranks, budget, _interleave, Owners.sums, lambda own, rank, _: own.bricks(rank), _owner_pieces)
 
 
 def _interleave(cost: Costs, ranks: int) -> Owners:
@@ -151,8 +138,8 @@ def _interleave(cost: Costs, ranks: int) -> Owners:
     return interleave(cost, ranks, block)
 
 
-class Replicated:
-    """Static replicas, recomputed when an unassigned brick becomes visible.
+class Replicated(StaticDistribution[Replicas]):
+    """Replicas of bricks; of the ranks that hold a brick, one draws it.
 
     The cost of a brick is the expected number of samples times the factor measured in earlier frames.
 
@@ -163,29 +150,22 @@ class Replicated:
     budget : memory of a rank for bricks
     """
 
-    mode: Mode = "sort-last"
-
     def __init__(self, ranks: int, copies: int, budget: MemoryBudget) -> None:
         def assign(cost: Costs, count: int) -> Replicas:
             return replicate(build_tree(cost, count), min(copies, count))
 
-        self._held = StaticAssignment[Replicas](ranks, budget, assign, Replicas.sums, _replica_bricks)
+        super().__init__(ranks, budget, assign, Replicas.sums, _replica_bricks, self._cheapest_pieces)
         self._replicas: Replicas | None = None
         self._measured = unmeasured((1, 1, 1))
         self._owners: Owners | None = None
 
-    def assign(self, plan: Plan) -> tuple[Piece, ...]:
-        """Return one piece for each group of bricks that can be drawn whole. Raises as `StaticAssignment.update`."""
-        before, self._replicas = self._replicas, self._held.update(plan)
-        if self._replicas is not before:
-            self._measured = unmeasured(self._replicas.home.shape_zyx)
+    def _cheapest_pieces(self, replicas: Replicas, plan: Plan) -> tuple[Piece, ...]:
+        """Return the pieces of the ranks to which the cost expected of bricks is assigned."""
+        if replicas is not self._replicas:
+            self._replicas, self._measured = replicas, unmeasured(replicas.home.shape_zyx)
         expected = predict(self._measured, expected_samples(plan), plan.cost > 0)
-        self._owners = assign_replicas(self._replicas, expected)
-        return owner_pieces(self._owners, plan.eye_in_bricks(), plan.view.forward)
-
-    def holds(self, rank: int) -> frozenset[Index]:
-        """Return a rank's replicas of bricks that were visible when they were assigned."""
-        return self._held.holds(rank)
+        self._owners = assign_replicas(replicas, expected)
+        return _owner_pieces(self._owners, plan)
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
         """Learn the cost of bricks from the costs of ranks."""
