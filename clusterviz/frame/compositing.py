@@ -166,6 +166,11 @@ class Compositing:
         kbuffer = all_counts(rank.kbuffer for rank in per_rank)
         if kbuffer and kbuffer.wrong_pixels:
             reasons["grids[0].visibility"] = f"grids[0].visibility: {kbuffer}"
+        if cut_short := sum(rank.cut_short for rank in per_rank):
+            reasons["cut short"] = (
+                f"grids: {cut_short} walks of rays were cut short, as they went in circles through cells thinner than "
+                "float32 resolves; pixels may miss cells behind"
+            )
         for topic in [topic for topic in reasons if topic not in self._warned]:
             self._warned.add(topic)
             if run.channel.rank == 0:

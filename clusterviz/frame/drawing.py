@@ -188,4 +188,5 @@ class Drawing:
             frame_coherence=frame_coherence,
             early_discarding=all_counts(each.early_discarding for each in drawn),
             kbuffer=all_counts(each.kbuffer for each in drawn),
+            cut_short=sum(each.cut_short for each in drawn),
         )

@@ -33,7 +33,8 @@ FRAME = np.dtype(
         ("rect", "i4", 4),  # footprint: first pixel in x, y; width, height
         ("scalar", "f4", 4),  # scale and bias from a stored voxel to units of clim
         ("buckets", "f4", 4),  # low, buckets per unit, last bucket; the scalar below which nothing is visible
-        ("optics", "f4", 4),  # a slab in opacity unit distances; residual that ends a ray or −1; threshold of a run
+        # A slab in opacity unit distances; residual that ends a ray or −1; threshold of a run; a dispatch's iterations.
+        ("optics", "f4", 4),
         ("last_segment", "i4"),
         ("base", "i4"),  # integer subtracted from 16-bit voxels
         ("first_box", "i4"),  # 1: pixels are empty; 2: pixels are empty, and no other box follows
@@ -43,6 +44,7 @@ FRAME = np.dtype(
 ASK = 2
 ONLY = 2
 LONGEST_BATCH = 64  # slabs
+WHOLE_RAY = 1 << 20  # slabs of a batch without voxels
 WIDEST_BATCH = 128.0
 """Most voxels of a batch, as positions in it are float32."""
 BEHIND_OPAQUE = 2.0**-23
@@ -83,6 +85,8 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
 
 def _batch(plan: Plan) -> int:
     """Return the slabs of a batch; positions are counted from its middle, which should lie in its brick."""
+    if plan.content is not None and not plan.content.volume_layers:
+        return WHOLE_RAY
     widest = min(2.0 * plan.layout.brick, WIDEST_BATCH)
     return slabs_in_batch(widest / voxels_a_slab(plan), LONGEST_BATCH)
 

@@ -35,6 +35,7 @@ from clusterviz.render.abuffer.program import find_variants
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS
 from clusterviz.render.abuffer.tiles import TileLists
 from clusterviz.render.brick_atlas import BrickPool, capacity
+from clusterviz.render.cells.table import walk_planes
 from clusterviz.render.content_bricks import store_as
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
@@ -55,6 +56,9 @@ from clusterviz.render.volume_layers import all_segments, content_blocks, conten
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXEL_BYTES = 16
+ITERATIONS = (1 << 16, 3600)
+"""Of the loops of a ray in a dispatch; llvmpipe silently leaves all loops after 65535 in total, and sixteen lanes that
+diverge may take sixteen times the iterations that each of them counts."""
 MOST_PIXELS_AT_ONCE, FIRST_BAND_PIXELS = 1 << 18, 1 << 15
 """Larger pictures are drawn in bands, with progress reports; the first band measures the speed."""
 Index = tuple[int, int, int]
@@ -301,14 +305,16 @@ class Raycaster:
         groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
         tiles = dict[BrickBox, TileLists]()
         ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
-        geometry = plan.content.geometry if plan.content else ()
-        fragments = np.zeros((rect.height, rect.width) if geometry else (0, 0), np.int32)
+        content = plan.content.layers if plan.content else ()
+        fragments = np.zeros((rect.height, rect.width) if content else (0, 0), np.int32)
         with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
             if isinstance(starts, Crossing):
                 pixels.write(starts.pixels.tobytes())
             planes = starts.planes if starts else np.zeros(0, np.float32)
-            progress = buffers.bind(2, np.append(np.zeros(ahead + squares, np.uint32), planes.view(np.uint32)))
+            walks = np.zeros(walk_planes(plan.content) * rect.pixels, np.uint32)
+            parts = np.zeros(ahead + squares, np.uint32), planes.view(np.uint32).ravel(), walks
+            progress = buffers.bind(2, np.concatenate(parts))
             march = March(self._context, self._program(self.variant_of(plan)), buffers, progress, groups)
             for again in (False, True) if starts or hidden else (False,):
                 if hidden:
@@ -325,7 +331,8 @@ class Raycaster:
                     for box in tables.bind_each():
                         block = frame_block(plan, box, rect, self.slot)
                         block["first_box"], first = first, 0
-                        if table := self._primitives.table(geometry, *tables.primitives_of(box)):
+                        block["optics"][0, 3] = ITERATIONS["llvmpipe" in self.renderer]
+                        if table := self._primitives.table(content, *tables.primitives_of(box)):
                             buffers.make(block).bind_to_uniform_block(0)
                             limits = hidden.limits if hidden else None
                             tiles[box] = list_primitives(self._context, plan, table, rect, limits, tiles.get(box))
@@ -343,14 +350,18 @@ class Raycaster:
                 read = np.frombuffer(progress.read(offset=4 * ahead), np.uint32)
                 if hidden and (again or not hidden.draw_again()):
                     break
-                if starts and not starts.keep(read[squares:].view(np.float32).reshape(-1, rect.height, rect.width)):
+                if starts and not starts.keep(
+                    read[squares:][: planes.size].view(np.float32).reshape(-1, rect.height, rect.width)
+                ):
                     break
             rendered = perf_counter()
             rgba = np.frombuffer(pixels.read(PIXEL_BYTES * rect.pixels), np.float32).reshape(rect.height, rect.width, 4)
             work = read[:squares].reshape(groups[::-1])
             taken = int(work.sum(dtype=np.int64))
+            cut_short = int(read[squares + planes.size :].reshape(-1, rect.pixels)[1:2].sum())
         seconds = rendered - started, perf_counter() - rendered
-        return RenderResult(PartialImage(rect, rgba), taken, sum(bricks.values()), *seconds, work, fragments=fragments)
+        partial, shown = PartialImage(rect, rgba), sum(bricks.values())
+        return RenderResult(partial, taken, shown, *seconds, work, fragments=fragments, cut_short=cut_short)
 
     def release(self) -> None:
         """Free all GPU resources."""
@@ -367,12 +378,12 @@ class _Tables:
         members = piece.members(plan.cost > 0)
         self.bricks = len(members)
         self._parts = []
-        self._members: dict[BrickBox, tuple[NDArray[np.int64], Callable[..., Any]]] = {}
+        self._members: dict[BrickBox, tuple[NDArray[np.int64], Callable[..., Any], Callable[..., Any]]] = {}
         for atlas, part in pool.parts(plan, members) if self.bricks else ():
             box = bounding_box(part)
             offsets, visible = map(self._buffers.make, atlas.tables(plan, box, part))
             self._parts.append((atlas, box, offsets, visible))
-            self._members[box] = part, atlas.primitives
+            self._members[box] = part, atlas.primitives, atlas.cells
 
     @property
     def alone(self) -> bool:
@@ -387,8 +398,8 @@ class _Tables:
             atlas.bind()
             yield box
 
-    def primitives_of(self, box: BrickBox) -> tuple[NDArray[np.int64], Callable[..., Any]]:
-        """Return the bricks of a box, and a function that finds their primitives."""
+    def primitives_of(self, box: BrickBox) -> tuple[NDArray[np.int64], Callable[..., Any], Callable[..., Any]]:
+        """Return the bricks of a box, and functions that find their primitives and tetrahedra."""
         return self._members[box]
 
     def __enter__(self) -> _Tables:
@@ -418,12 +429,12 @@ LEAST_BRICKS = 2
 def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
     """Return the visible bricks of a piece in disjoint boxes, from front to back.
 
-    There is only one layer if no ray ends early, with geometry, or if the piece is a part of the screen that shares
-    its bricks with others.
+    There is only one layer if no ray ends early, with geometry or grids, or if the piece is a part of the screen that
+    shares its bricks with others.
     """
     members = piece.members(plan.cost > 0)
     count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)
-    if plan.content and plan.content.geometry:
+    if plan.content and plan.content.layers:
         count = min(1, len(members))
     if count < 2 or not plan.march.residual or not plan.blend_mode.traits.composited or piece.rect is not None:
         return [piece] if len(members) else []

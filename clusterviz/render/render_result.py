@@ -56,6 +56,7 @@ class RenderResult:
     early_discarding : counts of fragments; None if all are stored
     kbuffer : counts of a k-buffer; None without one
     fragments : int32 (h, w), fragments of meshes, lines and points, or of a k-buffer, at each pixel; (0, 0) without any
+    cut_short : walks through unstructured grids that were ended, as they went in a circle
     work : uint32 (rows, columns), samples in each square of `SQUARE` pixels of the partial image, from its corner
     """
 
@@ -70,6 +71,7 @@ class RenderResult:
     fragments: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 0), np.int32))
     early_discarding: EarlyDiscarding | None = None
     kbuffer: KBufferCounts | None = None
+    cut_short: int = 0
 
 
 def joined_bands(rect: Rect, drawn: Sequence[RenderResult], axis: int = 0) -> RenderResult:
@@ -84,6 +86,7 @@ def joined_bands(rect: Rect, drawn: Sequence[RenderResult], axis: int = 0) -> Re
         sum(each.seconds_readback for each in drawn),
         work,
         fragments=fragments,
+        cut_short=sum(each.cut_short for each in drawn),
     )
 
 

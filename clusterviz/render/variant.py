@@ -16,6 +16,7 @@ from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
 from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.abuffer.program import GeometryVariant, geometry_variant
+from clusterviz.render.crossing import PLANES
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.frame_coherence import STARTS_BLOCK
 from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, PACKETS, SIZES, SIZES_BINDING
@@ -260,7 +261,8 @@ class Variant:
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         pieces = self.cpu.volumes if self.cpu else None
         geometry = self.geometry.parts(len(self.volumes), self.cpu is not None) if self.geometry else ()
-        cells = self.geometry.cells if self.geometry else ()
+        planes = PLANES if self.crossing else 0
+        cells = self.geometry.cells(self.cpu is not None, planes) if self.geometry else ()
         files = content_files(self.volumes, self.crossing, pieces, geometry, cells)
         return one | {"CLIP": ("kept.glsl", clip), "RUN": files}
 
@@ -341,7 +343,7 @@ class Variant:
     @property
     def _longest_run(self) -> int:
         """Most slabs of a run; unstructured grids have no use for slabs."""
-        if self.cpu and self.is_mixed and not self.volumes:
+        if self.is_mixed and not self.volumes:
             return 1 << 20
         return 64 if self.cpu else 16
 

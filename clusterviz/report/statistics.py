@@ -80,6 +80,7 @@ class RankFrame:
     frame_coherence : statistics of frame coherence; None if quality.frame_coherence is false
     early_discarding : statistics of early fragment discarding; None if all fragments are stored
     kbuffer : counts of a k-buffer; None without one
+    cut_short : walks of rays through unstructured grids that went in a circle
     compositing : algorithm, prediction and measurements, by stage and peer
     balance : bytes and seconds of load balancing in a dynamic distribution
     """
@@ -101,6 +102,7 @@ class RankFrame:
     frame_coherence: FrameCoherence | None = None
     early_discarding: EarlyDiscarding | None = None
     kbuffer: KBufferCounts | None = None
+    cut_short: int = 0
     compositing: dict[str, Any] = field(default_factory=dict)
     balance: dict[str, Any] = field(default_factory=dict)
 

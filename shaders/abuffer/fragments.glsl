@@ -7,7 +7,8 @@ vec3 fragment_normal(Ray ray, uint number);                                  // 
 const uint NO_FRAGMENT = 0xffffffffu;
 
 bool is_entry(uint number); // into an unstructured grid, which is no fragment
-void begin_cells(int pixel);
+void begin_cells(int pixel, bool begins);
+bool was_taken(int k, float place); // in the dispatch before, a place from the midpoint of slab k
 
 double fragment_position; // of the next fragment, and the slab that holds it, or the number of none
 int fragment_slab;
@@ -27,7 +28,7 @@ void find_next() {
 
 void start_fragments(Ray ray, int pixel, bool begins, inout int slab) {
     begin_fragments(pixel);
-    begin_cells(pixel);
+    begin_cells(pixel, begins);
     // The dispatch before has composited those in front.
     while (!begins && has_fragment() && slab_at_position(next_position(), ray.slabs) < slab) next_fragment();
     find_next();

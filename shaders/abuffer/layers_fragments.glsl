@@ -3,6 +3,10 @@
 int object_of(uint number);
 
 void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int object) {
+    if (is_suspended) {
+        surfaces = 0;
+        return;
+    }
     vec3 colour = depth.a > 1e-37 ? depth.rgb / depth.a : vec3(0.0);
     if (k < NO_SLAB && !is_opaque(sum.a)) reach(double(k) + 0.5LF);
     if (k < fragment_slab && surfaces == 0) {
@@ -30,7 +34,8 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
         } else break;
         absorb_between(sum, depth, colour, k, middle, begin, place, length);
         if (LAYERS) note(k, middle + vec2(begin, place), sum.a, object);
-        sum += (1.0 - sum.a) * light;
+        if (is_suspended) break;
+        if (!was_taken(k, middle + place)) sum += (1.0 - sum.a) * light;
         if (number == NO_FRAGMENT) {
             if (LAYERS) note(k, vec2(middle + place), sum.a, surface_object[n]);
             ++n;

@@ -1,5 +1,5 @@
 // Absorption in a part of the segment of a ray in a tetrahedron, along which the scalar changes linearly.
-layout(std430, binding = 22) readonly buffer CellValuesBlock { float cell_value[]; };
+layout(std430, binding = 19) readonly buffer CellsBlock { int cell_table[]; }; // of each tetrahedron its corners, and what is behind its faces; then values
 const int NO_VALUES = -0x7fffffff;
 const float NOWHERE = 3e38; // depth, and scalar
 
@@ -22,6 +22,14 @@ float scalar_in(int g, float depth) {
     return mix(entered[g].y, leaves[g].y, clamp((depth - entered[g].x) / (leaves[g].x - entered[g].x), 0.0, 1.0));
 }
 
+// Begin a segment in a tetrahedron.
+void set_segment(int g, int tetrahedron, vec2 begin, vec2 end) {
+    int first = grid[GRIDS > 1 ? g : 0].first_value;
+    if (first != NO_VALUES) begin.y = end.y = intBitsToFloat(cell_table[first + tetrahedron]);
+    entered[g] = begin; // whole: Mesa's software driver mistakes parts of what functions write here
+    leaves[g] = end;
+}
+
 // Colour and opacity of a part of the tetrahedron in which the ray is.
 vec4 seen_in(int g, float begin, float end) {
     if (GRIDS > 1) own_grid = g;
@@ -30,6 +38,7 @@ vec4 seen_in(int g, float begin, float end) {
     if (front.s != s) front = class_at(s);
     Class back = class_at(scalar_in(g, end));
     known[g] = back;
+    run_iterations += 2 * min(grid[GRIDS > 1 ? g : 0].further_starts, 9);
     if (front.segment == back.segment && front.kappa == vec3(0.0)) return vec4(0.0);
     return integrated(front, back, grid[GRIDS > 1 ? g : 0].optics.x * cell_length * (end - begin));
 }

@@ -60,13 +60,9 @@ void take(Fragment nearest, Fragment second) {
     is_wrong = is_wrong || nearest.depth < leaves[0].x;
     inside += (nearest.mark & 3) - 1;
     tetrahedron ^= nearest.mark >> 2;
-    entered[0] = vec2(nearest.depth, nearest.scalar);
-    leaves[0] = vec2(second.depth, second.scalar);
+    int last = max(int(layer[0].table.z) - 1, 0); // cell, if cells have values
+    set_segment(0, clamp(tetrahedron - 1, 0, last), vec2(nearest.depth, nearest.scalar), vec2(second.depth, second.scalar));
     if (inside <= 0) return;
-    if (grid[0].first_value != NO_VALUES) {
-        int at = grid[0].first_value + clamp(tetrahedron - 1, 0, int(layer[0].table.z) - 1);
-        entered[0].y = leaves[0].y = cell_value[at];
-    }
     float at = max(max(entered[0].x, unclipped.x), reached), end = min(leaves[0].x, unclipped.y);
     while (at < end && !is_ended()) {
         while (run_end <= at) find_run();

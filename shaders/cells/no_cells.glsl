@@ -3,7 +3,11 @@ bool is_entry(uint number) {
     return false;
 }
 
-void begin_cells(int pixel) {}
+void begin_cells(int pixel, bool begins) {}
+
+bool was_taken(int k, float place) {
+    return false;
+}
 
 void face_cells(Ray ray) {}
 

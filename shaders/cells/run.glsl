@@ -1,14 +1,20 @@
 // Absorption along a ray in all unstructured grids, in part after part of it. In each grid the ray walks from tetrahedron to tetrahedron (walk.glsl).
 // It starts at the entry that the pixel's list of fragments holds, even behind the eye or in another box, and goes on with the next entry where it
 // has left. Of parts of a grid that overlap, the one that is entered first is drawn. A ray has no tetrahedron twice: it enters each by one face only.
-layout(std430, binding = 19) readonly buffer CellsBlock { int cell_row[]; };       // corners of tetrahedra
-layout(std430, binding = 20) readonly buffer NextBlock { int next_half_face[]; };
 const uint NO_ENTRY = 0xffffffffu;
+const bool IN_SHARES = !TWO_AT_ONCE; // GPUs: a dispatch may end in a run
+
+// Walks of a ray, from one dispatch to the next (walks_kept.glsl).
+void keep_walks(float depth);
+bool take_walks(bool begins);
+void count_cut_short();
 
 Walk walks[GRIDS];                   // on the face by which the ray leaves the tetrahedron
 int passed[GRIDS];                   // half-face by which it has entered it, negative outside of the grid
 uvec2 entry[GRIDS];                  // key of the last one; outside, of the next one
-int cells_list;                      // of the pixel
+int cells_list, cells_pixel;
+int steps[GRIDS];                    // of the walk, since it was nearest to the depth that it is to reach
+float resumed;                       // depth up to which dispatches before have composited
 float slab_depth;
 
 vec4 cell_vertex(int row) {
@@ -16,11 +22,11 @@ vec4 cell_vertex(int row) {
 }
 
 int cell_corner(int half_face) {
-    return cell_row[half_face];
+    return cell_table[half_face + (half_face & ~3)];
 }
 
 int cell_next(int half_face) {
-    return next_half_face[half_face];
+    return cell_table[half_face + (half_face & ~3) + 4];
 }
 
 bool is_entry(uint number) {
@@ -38,6 +44,7 @@ void find_entry(int g) {
         if (GRIDS == 1 || layer_of(int(own.y >> 1)) - geometry.counts.x + GRIDS == g) found = own;
     }
     entry[g] = found;
+    run_iterations += count;
 }
 
 // Wait for the entry.
@@ -50,36 +57,73 @@ void wait_outside(int g) {
 void pass_next(int g) {
     Walk walk = walks[g];
     passed[g] = walk.half_face;
-    entered[g] = met(walk);
+    vec2 begin = met(walk);
     pass(walk);
-    leaves[g] = met(walk);
     walks[g] = walk;
-    int first = grid[GRIDS > 1 ? g : 0].first_value;
-    if (first != NO_VALUES) entered[g].y = leaves[g].y = cell_value[first + (passed[g] >> 2)];
+    set_segment(g, passed[g] >> 2, begin, met(walk));
 }
 
-// Go on to where the ray leaves the tetrahedron, or enters the grid, behind a depth.
+// Whether the dispatch has done as much as it may, on a GPU.
+bool has_to_stop() {
+    return IN_SHARES && has_done_share(run_iterations, 0);
+}
+
+// Go on to where the ray leaves the tetrahedron, or enters the grid, behind a depth. Where rounding folds slivers, a walk may go in a circle. It is
+// cut short after as many steps as there are tetrahedra, and counted.
 void walk_to(int g, float depth) {
-    while (leaves[g].x <= depth) {
+    int count = IN_SHARES ? steps[g] : 0;
+    while (leaves[g].x <= depth && !has_to_stop()) {
+        bool goes_on = passed[g] >= 0 && walks[g].half_face >= 0;
+        if (goes_on && ++count > int(grid[GRIDS > 1 ? g : 0].optics.y)) {
+            count_cut_short();
+            goes_on = false;
+        }
         if (passed[g] < 0) {
             walks[g] = enter(corner[entry[g].y >> 1].w);
             pass_next(g);
-        } else if (walks[g].half_face >= 0) {
+        } else if (goes_on) {
             pass_next(g);
         } else {
             find_entry(g);
             wait_outside(g);
+            count = 0;
+        }
+        ++run_iterations;
+    }
+    if (IN_SHARES) steps[g] = leaves[g].x > depth ? 0 : count;
+}
+
+void place_walks() {
+    for (int g = 0; g < GRIDS; ++g) {
+        if (passed[g] < 0) {
+            wait_outside(g);
+        } else {
+            walks[g] = enter(passed[g]);
+            pass_next(g);
         }
     }
 }
 
-void begin_cells(int pixel) {
+void begin_cells(int pixel, bool begins) {
     cells_list = list_of(pixel);
+    cells_pixel = pixel;
+    is_suspended = false;
+    resumed = -NOWHERE;
     for (int g = 0; g < GRIDS; ++g) {
         entry[g] = uvec2(0u);
+        steps[g] = 0;
+    }
+    bool was_suspended = take_walks(begins);
+    for (int g = 0; g < GRIDS; ++g) {
+        if (was_suspended) continue;
         find_entry(g);
         wait_outside(g);
     }
+    if (was_suspended) place_walks();
+}
+
+bool was_taken(int k, float place) {
+    return IN_SHARES && depth_at(double(k) + double(place)) <= resumed;
 }
 
 uvec4 cells_left(int g) {
@@ -95,14 +139,7 @@ void go_back_in_cells(int g, uvec4 left) {
 void face_cells(Ray ray) {
     begin_segments(ray);
     slab_depth = float(1.0LF / ray_depth.y);
-    for (int g = 0; g < GRIDS; ++g) {
-        if (passed[g] < 0) {
-            wait_outside(g);
-        } else {
-            walks[g] = enter(passed[g]);
-            pass_next(g);
-        }
-    }
+    if (!IN_SHARES) place_walks();
 }
 
 // Composite a part of a slab, or of a run without volumes, from `begin` to `end`, in which volumes absorb evenly. Where a grid is alone it is seen in
@@ -110,7 +147,8 @@ void face_cells(Ray ray) {
 void absorb_between(inout vec4 sum, vec4 depth, vec3 colour, int k, float middle, float begin, float end, float length) {
     float at = depth_at(double(k) + double(middle + begin)), last = depth_at(double(k) + double(middle + end));
     vec4 even = HAS_VOLUMES && depth.a > 1e-37 ? depth.a * float(ray_depth.y) / length * vec4(colour, 1.0) : vec4(0.0);
-    while (at < last && !is_opaque(sum.a)) {
+    if (IN_SHARES) at = max(at, resumed);
+    while (!is_suspended && at < last && !is_opaque(sum.a)) {
         bool is_kept = at >= unclipped.x && at < unclipped.y;
         float next = min(last, is_kept ? unclipped.y : at < unclipped.x ? unclipped.x : NOWHERE);
         int inside = 0;
@@ -118,6 +156,11 @@ void absorb_between(inout vec4 sum, vec4 depth, vec3 colour, int k, float middle
             walk_to(g, at);
             next = min(next, leaves[g].x);
             inside += int(passed[g] >= 0);
+        }
+        if (has_to_stop()) {
+            is_suspended = true;
+            keep_walks(at);
+            break;
         }
         if (inside > 1) next = min(next, at + slab_depth);
         vec4 mixed = even * (next - at), only = vec4(0.0);
@@ -134,6 +177,6 @@ void absorb_between(inout vec4 sum, vec4 depth, vec3 colour, int k, float middle
         if (media > 1) only = absorbed(mixed.a) * vec4(mixed.rgb / mixed.a, 1.0);
         sum += (1.0 - sum.a) * only;
         at = next;
-        ++run_iterations;
+        run_iterations += 2;
     }
 }

@@ -43,7 +43,9 @@ void absorb_next(inout vec4 sum, inout int low, inout int high, bool rises, floa
         else begin = end - half_of;
         at_begin = sums[2 * begin];
         passed = sums[2 * end] - at_begin;
+        ++run_iterations;
     }
+    ++run_iterations;
     if (rises) low = end;
     else high = begin;
     if (!(passed.x > 0.0LF)) return;

@@ -1,11 +1,7 @@
 // One invocation a pixel. A dispatch may end before its rays do; the next one continues.
 
-// llvmpipe silently leaves all loops after 65535 iterations in total, so a dispatch does less. Sixteen divergent lanes may
-// take sixteen times the iterations that each of them counts.
-const int ITERATIONS = 3600;
-
 bool has_done_share(int iterations, int k) {
-    return iterations >= ITERATIONS;
+    return float(iterations) >= frame.optics.w;
 }
 
 int first_plane() {

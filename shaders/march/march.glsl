@@ -91,7 +91,8 @@ ivec2 slabs_in_box(Ray ray, int k);
 void count_gap(int from, int to);
 void count_run(Ray ray, int k, int slabs);
 
-int run_iterations; // iterations of loops that a run has counted
+int run_iterations; // iterations of loops that runs have counted in this dispatch
+bool is_suspended = false; // grids: a run has stopped, with all that the dispatch may do; the next one takes it again
 
 // Frame coherence (starts.glsl) and layers (crossing.glsl): the number of the next slabs before a predicted start, by the opacities of the pixel and
 // of the batch; the note that a batch, or a single slab, has reached an opacity with an object in slab k, in a part counted from the slab's midpoint
@@ -124,6 +125,7 @@ bool has_done_share(int iterations, int k);
 void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
     int last = min(ray.slabs - (LAST_IN_RUN ? 0 : 1), ray.end), iterations = 0;
+    run_iterations = 0;
     if (JITTERED && k == 0 && last > 0) {
         Place place = place_of(ray, 0, slab);
         if (place.brick >= 0) {
@@ -133,6 +135,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             put_behind(sum, share);
             count_run(ray, 0, 1);
             ++samples;
+            if (is_suspended) return;
         } else if (place.brick == GAP) {
             count_gap(0, 1);
         }
@@ -175,14 +178,15 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         }
         slabs = up_to_start(k, slabs, sum.high.a, batch.a);
         in_front = sum.high.a;
-        run_iterations = 2;
+        run_iterations = iterations + 2;
         int origin = origin_of(first);
         take_run(batch, ray, origin, k - origin, k - origin + slabs, on_lattice(ray, origin, place), slab);
         samples += uint(slabs >> doublings);
         count_run(ray, k, slabs);
         if (is_late()) return;
+        if (is_suspended) break;
         k += slabs;
-        iterations += run_iterations;
+        iterations = run_iterations;
     }
     put_behind(sum, batch);
     if (k >= last) {
@@ -195,6 +199,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             put_behind(sum, share);
             count_run(ray, k, 1);
             ++samples;
+            if (is_suspended) return;
         }
         if (!LAST_IN_RUN && place.brick == GAP && k == last && ray.end == ray.slabs)
             count_gap(k, k + 1);

@@ -1,10 +1,11 @@
-"""Unstructured grids drawn by CPUs, against the float64 reference: alone, with geometry and volumes, in any parts."""
+"""Unstructured grids, against the float64 reference: alone, with geometry and volumes, in any parts."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
+import moderngl
 import numpy as np
 import pytest
 from data.cells import lattice, mixed
@@ -21,6 +22,9 @@ from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import PlacedCells
+from clusterviz.render import raycast
+from clusterviz.render.abuffer import primitives
+from clusterviz.render.cells.table import LocalGrid, make_local_grid
 from clusterviz.report.kbuffer.analysis import analyse, comparisons
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.geometry import MeshSection
@@ -138,6 +142,61 @@ def test_pictures_are_the_reference(name: str, camera: str) -> None:
     found = scenes.drawn(None, prepared(scene, grids, volumes, meshes))[0]
     assert right[..., 3].max() > 0.2
     assert np.abs(found - right).max() <= bound
+
+
+ON_OPENGL = [("holes", "outside"), ("holes", "inside"), ("arrays of cells", "outside"), ("two", "outside")]
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(("name", "camera"), [*ON_OPENGL, ("volume and geometry", "outside")])
+def test_opengl_draws_what_cpus_draw(name: str, camera: str, context: moderngl.Context) -> None:
+    grids, volumes, meshes, keys, _, bound = CASES[name]
+    scene = scene_of(grids, camera, volumes, meshes, **keys)
+    given = prepared(scene, grids, volumes, meshes)
+    found = scenes.drawn(context, given)[0]
+    assert np.abs(found - scenes.drawn(None, given)[0]).max() <= 3e-6
+    assert np.abs(found - expected(scene, grids, volumes, meshes)).max() <= bound
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", ["holes", "volume and geometry"])
+def test_dispatches_may_end_within_a_walk(
+    name: str, context: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the programs of the test above, with a few steps of a ray in each dispatch."""
+    grids, volumes, meshes, keys, _, _ = CASES[name]
+    given = prepared(scene_of(grids, "outside", volumes, meshes, **keys), grids, volumes, meshes)
+    monkeypatch.setattr(raycast, "ITERATIONS", (40, 40))
+    ended, dispatch = [0], raycast.March._dispatch
+
+    def counted(self: raycast.March, block: np.ndarray) -> bool:
+        found = dispatch(self, block)
+        ended[0] += found
+        return found
+
+    monkeypatch.setattr(raycast.March, "_dispatch", counted)
+    found = scenes.drawn(context, given)[0]
+    assert ended[0] > 4
+    assert np.abs(found - scenes.drawn(None, given)[0]).max() <= 3e-6
+
+
+@pytest.mark.parametrize("where", ["cpu", pytest.param("opengl", marks=pytest.mark.gl)])
+def test_walks_in_circles_end_and_are_counted(
+    where: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Behind all faces of each inner tetrahedron is itself again, as if slivers were folded."""
+
+    def folded(*given: Any) -> LocalGrid:
+        grid = make_local_grid(*given)
+        own = np.arange(grid.following.size, dtype=np.int32).reshape(-1, 4)
+        is_inner = (grid.following >= 0).all(axis=1, keepdims=True)
+        return replace(grid, following=np.where(is_inner, own, grid.following))
+
+    monkeypatch.setattr(primitives, "make_local_grid", folded)
+    given = prepared(scene_of(((THIN, HOLES),), "outside"), ((THIN, HOLES),), (), ())
+    found = scenes.draw(None if where == "cpu" else request.getfixturevalue("context"), given)
+    assert found.cut_short > 100
+    assert np.isfinite(found.partial.rgba).all()
 
 
 @pytest.mark.parametrize("camera", ["outside", "inside"])

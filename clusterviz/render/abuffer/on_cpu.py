@@ -17,7 +17,7 @@ from clusterviz.render.abuffer.fills import EARLY, Lists, Pass, Pools, store_fra
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import COUNTED_BINDING, LIGHTING_BINDING, FindVariant, find_variants, lit_layer
 from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BINDING, TileLists, make_lists, prepare_tiles
-from clusterviz.render.cells.table import GRIDS_BINDING, grids_block
+from clusterviz.render.cells.table import CELLS_BINDING, GRIDS_BINDING, grids_block
 from clusterviz.spmd.machine_code import addresses, compiled
 
 Blocks = dict[int, NDArray[Any]]
@@ -86,7 +86,7 @@ def find_fragments(
     buffers: Blocks = {12: tiles.vertices, 13: tiles.corners, 14: table.layers, 15: table.attributes}
     if table.cells:
         own[GRIDS_BINDING] = grids_block(plan.content, table.cells)
-        buffers |= {19: table.cells.corners, 20: table.cells.following, 22: table.cells.values}
+        buffers[CELLS_BINDING] = table.cells.words
     if plan.content.kbuffer:
         counted = np.zeros((rect.pixels, 2), np.uint32)
         return own, buffers | {9: tiles.begins, 10: tiles.rows, COUNTED_BINDING: counted}

@@ -29,6 +29,7 @@ from clusterviz.render.abuffer.program import (
 )
 from clusterviz.render.abuffer.resolves import classified, counts_of, is_sorted
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, TileLists, make_lists, prepare_tiles
+from clusterviz.render.cells.table import CELLS_BINDING, GRIDS_BINDING, grids_block
 
 LLVMPIPE_ITERATIONS = 65535
 """Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""
@@ -110,11 +111,21 @@ def bind_fragments(
         9: tiles.begins,
         10: tiles.rows,
         12: tiles.vertices,
-        13: table.corners,
+        13: tiles.corners,
         14: table.layers,
         15: table.attributes,
         LEFT_OUT_BINDING: tiles.left_out,
     }
+    most_bytes = int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+    if table.cells:
+        given[CELLS_BINDING] = table.cells.words
+        make(grids_block(plan.content, table.cells)).bind_to_uniform_block(GRIDS_BINDING)
+        if table.cells.words.nbytes > most_bytes:
+            text, bytes_each = f"{table.cells.tetrahedra} tetrahedra", table.cells.words.nbytes
+            raise DeviceError(
+                f"too large a buffer for {text}; found {bytes_each} bytes; allowed {most_bytes}; more ranks have fewer "
+                "each, and CPUs draw any number (--device cpu)"
+            )
     for binding, data in given.items():
         make(_filled(data)).bind_to_storage_buffer(binding)
     variants = {variant.step: variant for variant in find_variants(plan)}
@@ -140,7 +151,7 @@ def bind_fragments(
         most = int(lists[HEAD + 1 :: 2].max(initial=0))
         _check_loops(context, most, DRAW_ITERATIONS + layers, "fragments in a pixel")
 
-    lists = store_fragments(fill, rect, pools, run_pass, True, int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]))
+    lists = store_fragments(fill, rect, pools, run_pass, True, most_bytes)
     counts = counts_of(lists, rect)
     if is_sorted(plan.content):
         _sort_long(keys, lists[HEAD + 1 :: 2], lists[HEAD::2])

@@ -97,12 +97,15 @@ class GeometryVariant:
         grids = f"const int GRIDS = {self.grids};\n"
         return f"#define STORED readonly\nconst int SIZE = {self.size};\n{grids}{kind_constants(self.kinds)}"
 
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Files of unstructured grids."""
+    def cells(self, on_cpu: bool, planes: int) -> tuple[str, ...]:
+        """Return the files of unstructured grids.
+
+        Parameters
+        ----------
+        planes : of numbers of each pixel, in front of those that are kept of walks
+        """
         if not self.grids:
             return ("no_cells.glsl",)
-        walk = ("no_cells.glsl",) if self.kbuffer else ("walk.glsl", "run.glsl")
         grid = f"grid[{'own_grid' if self.grids > 1 else 0}]"
         macros = {name: f"{name}_of_cells" for name in _RAMP_NAMES} | {
             "frame": grid,
@@ -115,6 +118,13 @@ class GeometryVariant:
         macros["AS_ONE"] = "0.125LF"
         begin = glsl_array("grid", GRIDS_BINDING, GRID, self.grids) + "int own_grid = 0;\n"
         ramp = (begin + define(macros), "transfer.glsl", "front_to_back.glsl", "ramp.glsl", undefine(macros))
+        walk: tuple[str, ...]
+        kept = () if planes else ("planes.glsl",)
+        walk = "walk.glsl", "run.glsl", *kept, f"const int WALKS_PLANE = {planes};\n", "walks_kept.glsl"
+        if on_cpu:
+            walk = "walk.glsl", "run.glsl", "walks_whole.glsl"
+        if self.kbuffer:
+            walk = ("no_cells.glsl",)
         classes = {name: macros[name] for name in ("Class", "class_at", "integrated")}
         segment = (define(classes), "cell_segment.glsl", *walk, undefine(classes))
         return (*ramp, "strict_side.glsl", *segment)
@@ -128,7 +138,7 @@ class GeometryVariant:
         entries = f"kbuffer_{self.kbuffer.entries}.glsl"
         return {
             "STARTS": (GEOMETRY_BLOCK, "primitives.glsl", "whole_rays.glsl", "unnoted.glsl", "entries.glsl"),
-            "RUN": ("sums.glsl", *self.cells),
+            "RUN": ("sums.glsl", *self.cells(True, 0)),
             "BORDERS": (define(march), "unsplit.glsl", undefine(march), k, "faces.glsl", entries),
         }
 

@@ -19,15 +19,17 @@ OUTWARD = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 GRID = np.dtype(
     [
         ("buckets", "f4", 4),  # as in the frame's block
-        ("optics", "f4", 4),  # a cell's side of the domain in opacity unit distances
+        ("optics", "f4", 4),  # a cell's side of the domain in opacity unit distances; tetrahedra of all grids
         ("last_segment", "i4"),
         ("first_bucket", "i4"),
         ("further_starts", "i4"),
-        ("first_value", "i4"),  # of tetrahedron 0, in the table's values; `NO_VALUES`: points have them
+        ("first_value", "i4"),  # word of the value of tetrahedron 0, in the table; `NO_VALUES`: points have them
         ("unused", "f4", 4),
     ]
 )
-GRIDS_BINDING = 4
+GRIDS_BINDING, CELLS_BINDING = 4, 19
+WORDS = 8
+"""Of a tetrahedron in the table."""
 NO_VALUES = -0x7FFFFFFF
 """As in run.glsl."""
 
@@ -105,40 +107,39 @@ class CellTable:
 
     Attributes
     ----------
-    corners : int32 (m, 4), rows of the A-buffer's vertices, ascending
-    following : int32 (m, 4), half-faces behind the faces of each tetrahedron, negative at the boundary
-    values : float32 (k,), of the tetrahedra of grids whose tetrahedra have them; at least one
-    first_values : of tetrahedron 0 of all, as if it were of that grid, for each grid; or `NO_VALUES`
+    tetrahedra : number of all
+    words : int32 (k,), for each tetrahedron its corners, which are rows of the A-buffer's vertices, ascending, and the
+        half-faces behind its faces, negative at the boundary; then the bits of the float32 values of the tetrahedra of
+        grids whose tetrahedra have them
+    first_values : for each grid, word of the value of tetrahedron 0 of all, as if it were of that grid; or `NO_VALUES`
     """
 
-    corners: NDArray[np.int32]
-    following: NDArray[np.int32]
-    values: NDArray[np.float32]
+    tetrahedra: int
+    words: NDArray[np.int32]
     first_values: tuple[int, ...]
 
 
 def make_cell_table(grids: Sequence[LocalGrid], vertices: int) -> tuple[CellTable, list[NDArray[np.int32]]]:
     """Return the table of grids whose points are behind other vertices, and their boundary faces with all rows."""
-    corners, following, values, boundaries = (list[NDArray[Any]]() for _ in range(4))
-    first_values, tetrahedra, count = list[int](), 0, 0
+    words, boundaries = (list[NDArray[np.int32]]() for _ in range(2))
+    first_values, tetrahedra, word = list[int](), 0, WORDS * sum(len(grid.corners) for grid in grids)
     for grid in grids:
-        corners.append(grid.corners + vertices)
-        following.append(np.where(grid.following < 0, -1, grid.following + 4 * tetrahedra))
+        following = np.where(grid.following < 0, -1, grid.following + 4 * tetrahedra)
+        words.append(np.hstack([grid.corners + vertices, following]).astype(np.int32).ravel())
         boundaries.append((grid.faces + np.array([vertices, vertices, vertices, 4 * tetrahedra])).astype(np.int32))
-        first_values.append(count - tetrahedra if len(grid.values) else NO_VALUES)
-        values.append(grid.values)
-        vertices, tetrahedra, count = (
+        first_values.append(word - tetrahedra if len(grid.values) else NO_VALUES)
+        vertices, tetrahedra, word = (
             vertices + len(grid.points),
             tetrahedra + len(grid.corners),
-            count + len(values[-1]),
+            word + len(grid.values),
         )
-    table = CellTable(
-        np.concatenate(corners).astype(np.int32),
-        np.concatenate(following).astype(np.int32),
-        np.concatenate([*values, np.zeros(1, np.float32)]),
-        tuple(first_values),
-    )
-    return table, boundaries
+    words += [grid.values.view(np.int32) for grid in grids]
+    return CellTable(tetrahedra, np.concatenate(words), tuple(first_values)), boundaries
+
+
+def walk_planes(content: Content | None) -> int:
+    """Return the numbers that OpenGL keeps of the walks of each pixel, as in walks_kept.glsl."""
+    return 2 + 4 * len(content.cells) if content and content.cells else 0
 
 
 def grids_block(content: Content, table: CellTable) -> NDArray[np.void]:
@@ -148,7 +149,7 @@ def grids_block(content: Content, table: CellTable) -> NDArray[np.void]:
     for number, (block, layer) in enumerate(zip(blocks, content.cells, strict=True), len(content.volume_layers)):
         segments = layer.segments
         block["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
-        block["optics"][0] = layer.units
+        block["optics"][:2] = layer.units, table.tetrahedra
         first += len(segments.records)
         block["last_segment"], block["first_bucket"] = first - 1, BUCKETS * number
         block["further_starts"] = segments.further_starts

@@ -346,6 +346,7 @@ class VectorCaster:
             frame_coherence=coherence,
             fragments=fragments,
             kbuffer=entries,
+            cut_short=int(state[0]),
         )
 
     def _run(

@@ -28,7 +28,6 @@ from clusterviz.render.volume_layers import (
 from clusterviz.spmd.machine_code import texture_block
 
 LONGEST_BATCH = 32  # slabs
-WHOLE_RAY = 1 << 20  # slabs of a batch without voxels
 EXACT = 1 << 23  # whole numbers up to here, and sums of two, are float32
 Blocks = dict[int, NDArray[Any]]
 
@@ -82,7 +81,6 @@ def frame_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.vo
         layers = zip(slot.parts, plan.content.volume_layers, strict=True)
         voxels = [(part, voxels_a_slab(plan, layer.cut)) for part, layer in layers]
     if not voxels:
-        frame["cells"][0, 3] = WHOLE_RAY
         return frame
     most = slabs_in_batch(min(_widest_batch(part) / a_slab for part, a_slab in voxels), LONGEST_BATCH)
     frame["cells"][0, 3] = min(most, int(frame["cells"][0, 3]))
