@@ -316,11 +316,11 @@ def read_grid(path: str | Path, time: float | None = None) -> UnstructuredGrid:
     """
     with guard(DataError, path):
         grids = [read_piece(file) for file in grid_files(Path(path), time)]
-        if len(grids) == 1:
-            return grids[0]
-        from clusterviz.data.unstructured import joined_grids
+        from clusterviz.data.unstructured import check_volume, joined_grids
 
-        return joined_grids(grids, str(path))
+        whole = grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
+        check_volume(whole)
+        return whole
 
 
 def read_piece(file: GridFile) -> UnstructuredGrid:

@@ -13,6 +13,8 @@ import numpy as np
 from data import writers
 from data.cells import mixed
 
+from clusterviz.data.unstructured import FACES
+
 GRID = mixed()
 TYPES = {"tetra": 10, "pyramid": 14, "wedge": 13, "hexahedron": 12}
 NUMBERS = np.array([TYPES[kind] for kind, corners in GRID.cells.items() for _ in corners], np.uint8)
@@ -42,6 +44,27 @@ def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], ghosts:
         each = "".join(pack(name, array, 3 if section == "Points" else 1) for name, array in members.items())
         tags += f"<{section}>{each}</{section}>"
     return f'<Piece NumberOfPoints="{len(HEAT)}" NumberOfCells="{len(rows)}">{tags}</Piece>'
+
+
+def streams(path: Path, form: str = "vtu") -> Path:
+    """The cells as polyhedra; forms are streams of .vtu and .vtk, and VTK's arrays from 9.4 on."""
+    faces = [[row[list(face)] for face in FACES[kind]] for kind, rows in GRID.cells.items() for row in rows]
+    each = [np.concatenate([[len(some)], *([len(face), *face] for face in some)]) for some in faces]
+    flat = [face for some in faces for face in some]
+    if form == "vtk":
+        return vtk(path, "ASCII", rows=each, types=np.full(4, 42))
+    arrays = {"faces": np.concatenate(each), "faceoffsets": np.cumsum([len(row) for row in each])}
+    if form == "new":
+        arrays = {"face_connectivity": np.concatenate(flat), "face_offsets": np.cumsum([len(face) for face in flat])}
+        arrays["polyhedron_to_faces"] = np.arange(len(flat))
+        arrays["polyhedron_offsets"] = np.cumsum([len(some) for some in faces])
+    tags = "".join(
+        f'<DataArray type="Int64" Name="{name}" format="ascii">{" ".join(map(str, array.tolist()))}</DataArray>'
+        for name, array in arrays.items()
+    )
+    text = vtu(path).read_text().replace("</Cells>", tags + "</Cells>").replace("10 14 13 12", "42 42 42 42")
+    path.write_text(text)
+    return path
 
 
 def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), ghosts: int = 0) -> Path:
@@ -95,15 +118,17 @@ def series(path: Path) -> Path:
     return path
 
 
-def vtk(path: Path, form: str = "BINARY", version: int = 5) -> Path:
+def vtk(path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS) -> Path:
+    rows = CORNERS if rows is None else rows
+    ends = np.cumsum([len(row) for row in rows])
     parts: list[Any] = [f"POINTS {len(HEAT)} float", GRID.points.astype("f4")]
     if version == 5:
-        parts += [f"CELLS {len(ENDS) + 1} {ENDS[-1]}", "OFFSETS vtktypeint64", np.append(0, ENDS)]
-        parts += ["CONNECTIVITY vtktypeint64", np.concatenate(CORNERS)]
+        parts += [f"CELLS {len(ends) + 1} {ends[-1]}", "OFFSETS vtktypeint64", np.append(0, ends)]
+        parts += ["CONNECTIVITY vtktypeint64", np.concatenate(rows)]
     else:
         whole = np.concatenate([[len(row), *row] for row in CORNERS]).astype("i4")
         parts += [f"CELLS {len(CORNERS)} {len(whole)}", whole]
-    parts += [f"CELL_TYPES {len(NUMBERS)}", NUMBERS.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
+    parts += [f"CELL_TYPES {len(types)}", types.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
     parts += ["SCALARS kind int 1", "LOOKUP_TABLE default", KIND]
     parts += [f"POINT_DATA {len(HEAT)}", "SCALARS f float 1", "LOOKUP_TABLE default", HEAT]
     head = "# vtk DataFile Version 5.1\na title\n{form}\nDATASET UNSTRUCTURED_GRID\n"
@@ -168,6 +193,9 @@ FILES: dict[str, tuple[str, Write]] = {
     "vtu-ascii": ("a.vtu", vtu),
     "vtu-raw": ("a.vtu", lambda path: vtu(path, "")),
     "vtu-zlib": ("a.vtu", lambda path: vtu(path, "vtkZLibDataCompressor")),
+    "vtu-streams": ("a.vtu", streams),
+    "vtu-polyhedra": ("a.vtu", lambda path: streams(path, "new")),
+    "vtk-streams": ("a.vtk", lambda path: streams(path, "vtk")),
     "pvtu": ("a.pvtu", pvtu),
     "pattern": ("a_[0-9].vtu", pattern),
     "pvd": ("a.pvd", pvd),
