@@ -178,10 +178,10 @@ def exodus(path: Path, form: str = "NETCDF3_CLASSIC") -> Path:
     return path
 
 
-def meshlane(path: Path, but: str = "", of_cells: bool = True, **options: Any) -> Path:
+def meshlane(path: Path, *but: str, of_cells: bool = True, **options: Any) -> Path:
     import meshlane as package
 
-    cells = [(kind, np.asarray(corners)) for kind, corners in GRID.cells.items() if kind != but]
+    cells = [(kind, np.asarray(corners)) for kind, corners in GRID.cells.items() if kind not in but]
     kind = {"kind": [KIND[n : n + 1] for n in range(4)]} if of_cells else {}
     mesh = package.Mesh(GRID.points, cells, point_data={"f": HEAT.astype("f8")}, cell_data=kind)
     package.write(path, mesh, **options)
@@ -213,6 +213,9 @@ if find_spec("meshlane"):
     FILES["xdmf"] = ("a.xdmf", lambda path: meshlane(path, data_format="XML"))
     FILES["gmsh"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22", binary=False))
     FILES["gmsh-binary"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22"))
-    FILES["abaqus"] = ("a.inp", lambda path: meshlane(path, but="pyramid", of_cells=False, file_format="abaqus"))
+    FILES["abaqus"] = ("a.inp", lambda path: meshlane(path, "pyramid", of_cells=False, file_format="abaqus"))
     FILES["med"] = ("a.med", lambda path: meshlane(path, of_cells=False))
-    FILES |= {name: (f"a.{name}", meshlane) for name in ("nas", "mesh", "su2", "avs")}
+    FILES["tetgen"] = ("a.ele", lambda path: meshlane(path, "pyramid", "wedge", "hexahedron", of_cells=False))
+    FILES |= {
+        name: (f"a.{name}", meshlane) for name in ("nas", "bdf", "fem", "mesh", "meshb", "su2", "avs", "ugrid", "xmf")
+    }

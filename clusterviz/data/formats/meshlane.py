@@ -7,6 +7,7 @@ called, as `meshlane.read` ends the process on errors.
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from importlib import import_module
@@ -55,10 +56,27 @@ def read_meshlane(path: Path) -> UnstructuredGrid:
         package: Any = import_module("meshlane")
     except ImportError as error:
         raise DataError("needs the meshlane package", where=where, allowed="pip install 'clusterviz[grids]'") from error
+    if name == "gmsh":
+        _check_counts(path)
     said = io.StringIO()
     with limited_memory(path.stat().st_size), redirect_stdout(said), redirect_stderr(said):  # its warnings
         mesh = package._helpers.reader_map[name](where)
     return grid_of_blocks(mesh, where)
+
+
+def _check_counts(path: Path) -> None:
+    """Refuse a file of gmsh with more tags of an array than it has bytes, over which meshlane would loop for hours."""
+    content = path.read_bytes()
+    for match in re.finditer(rb"\$(?:Node|Element|ElementNode)Data\s+", content):
+        at = match.end()
+        for _ in range(3):  # tags that are strings, reals and integers, a line each
+            end = content.find(b"\n", at) + 1 or len(content)
+            if not content[at:end].strip().isdigit() or (count := int(content[at:end])) > len(content):
+                where, found = f"{path}:{match[0].decode().strip()}", content[at:end][:20].decode("ascii", "replace")
+                raise DataError("a wrong number of tags", where=where, found=found.strip())
+            at = end
+            for _ in range(count):
+                at = content.find(b"\n", at) + 1 or len(content)
 
 
 @contextmanager
