@@ -125,10 +125,11 @@ GRID_FORMATS = (
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_unstructured", "vtk.is_unstructured"),
     Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf.read_vtkhdf"),
     Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", b"\x89HDF"), "exodus.read_exodus"),
+    Format("cgns", (".cgns",), (b"\x89HDF",), "cgns.read_cgns"),
     Format(
         "meshlane",
         (
-            *(".xdmf", ".xmf", ".msh", ".bdf", ".fem", ".nas", ".cgns", ".inp", ".med", ".mesh", ".meshb", ".ele"),
+            *(".xdmf", ".xmf", ".msh", ".bdf", ".fem", ".nas", ".inp", ".med", ".mesh", ".meshb", ".ele"),
             *(".su2", ".ugrid", ".avs", ".foam"),
         ),
         (),

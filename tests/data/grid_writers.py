@@ -151,6 +151,49 @@ def vtkhdf(path: Path) -> Path:
     return path
 
 
+def cgns(path: Path, mixed: bool = False) -> Path:
+    """One zone with a section for each kind, or one of mixed elements, and a surface."""
+    numbers = {"tetra": 10, "pyramid": 12, "wedge": 14, "hexahedron": 17}
+
+    def add(parent: Any, name: str, label: str, data: Any = None) -> Any:
+        node = parent.create_group(name)
+        node.attrs["label"], node.attrs["name"], node.attrs["type"] = np.bytes_(label), np.bytes_(name), np.bytes_("MT")
+        if data is not None:
+            array = np.frombuffer(data.encode(), "i1") if isinstance(data, str) else np.asarray(data)
+            node[" data"] = array
+            node.attrs["type"] = np.bytes_({"i1": "C1", "i4": "I4", "i8": "I8", "f8": "R8"}[array.dtype.str[1:]])
+        return node
+
+    with h5py.File(path, "w") as file:
+        file.attrs["label"] = np.bytes_("Root Node of HDF5 File")
+        add(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.float32(4.0).astype("f8"))
+        base = add(file, "Base", "CGNSBase_t", np.array([3, 3], "i4"))
+        zone = add(base, "Zone", "Zone_t", np.array([[len(HEAT)], [4], [0]], "i4"))
+        add(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        coordinates = add(zone, "GridCoordinates", "GridCoordinates_t")
+        for axis, row in zip("XYZ", GRID.points.T, strict=True):
+            add(coordinates, f"Coordinate{axis}", "DataArray_t", row)
+        sections = [(number, GRID.cells[kind] + 1) for kind, number in numbers.items()]
+        rows = [np.append(number, row) for number, each in sections for row in each]
+        if mixed:
+            sections = [(20, np.concatenate(rows)[None])]
+        first = 1
+        for number, corners in [*sections, (5, np.array([[1, 2, 3]]))]:
+            last = first + (4 if number == 20 else len(corners)) - 1
+            section = add(zone, f"Elements {first}", "Elements_t", np.array([number, 0], "i4"))
+            add(section, "ElementRange", "IndexRange_t", np.array([first, last], "i4"))
+            add(section, "ElementConnectivity", "DataArray_t", corners.ravel().astype("i4"))
+            if number == 20:
+                offsets = np.cumsum([0, *map(len, rows)]).astype("i4")
+                add(section, "ElementStartOffset", "DataArray_t", offsets)
+            first = last + 1
+        for place, name, array in (("Vertex", "f", HEAT.astype("f8")), ("CellCenter", "kind", KIND)):
+            solution = add(zone, f"Solution{place}", "FlowSolution_t")
+            add(solution, "GridLocation", "GridLocation_t", place)
+            add(solution, name, "DataArray_t", array)
+    return path
+
+
 def exodus(path: Path, form: str = "NETCDF3_CLASSIC") -> Path:
     """A block for each kind, two time steps of f, and kind in all blocks but the first."""
     import netCDF4
@@ -204,6 +247,8 @@ FILES: dict[str, tuple[str, Write]] = {
     "vtk-ascii": ("a.vtk", lambda path: vtk(path, "ASCII")),
     "vtk-old": ("a.vtk", lambda path: vtk(path, "BINARY", 3)),
     "vtkhdf": ("a.vtkhdf", vtkhdf),
+    "cgns": ("a.cgns", cgns),
+    "cgns-mixed": ("a.cgns", lambda path: cgns(path, mixed=True)),
 }
 if find_spec("netCDF4"):
     FILES["exodus-3"] = ("a.ex2", exodus)

@@ -1,6 +1,6 @@
 """Unstructured grids of finite-element programs, which the meshlane package reads (`pip install clusterviz[grids]`).
 
-XDMF, gmsh, NASTRAN, CGNS, Abaqus, MED, Medit, TetGen, SU2, UGRID, AVS-UCD and OpenFOAM. The reader of each format is
+XDMF, gmsh, NASTRAN, Abaqus, MED, Medit, TetGen, SU2, UGRID, AVS-UCD and OpenFOAM. The reader of each format is
 called, as `meshlane.read` ends the process on errors.
 """
 
@@ -27,7 +27,6 @@ READERS = {
     ".bdf": "nastran",
     ".fem": "nastran",
     ".nas": "nastran",
-    ".cgns": "cgns",
     ".inp": "abaqus",
     ".med": "med",
     ".mesh": "medit",
