@@ -261,6 +261,4 @@ if find_spec("meshlane"):
     FILES["abaqus"] = ("a.inp", lambda path: meshlane(path, "pyramid", of_cells=False, file_format="abaqus"))
     FILES["med"] = ("a.med", lambda path: meshlane(path, of_cells=False))
     FILES["tetgen"] = ("a.ele", lambda path: meshlane(path, "pyramid", "wedge", "hexahedron", of_cells=False))
-    FILES |= {
-        name: (f"a.{name}", meshlane) for name in ("nas", "bdf", "fem", "mesh", "meshb", "su2", "avs", "ugrid", "xmf")
-    }
+    FILES |= {name: (f"a.{name}", meshlane) for name in ("nas", "mesh", "meshb", "su2", "avs", "ugrid")}

@@ -6,8 +6,10 @@ called, as `meshlane.read` ends the process on errors.
 
 from __future__ import annotations
 
+import ctypes
 import io
-import re
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from importlib import import_module
@@ -20,6 +22,8 @@ from clusterviz.errors import DataError
 
 GROWTH, ROOM = 128, 1 << 27
 """Bytes of memory for a byte of a file, and for any file."""
+RATE, SECONDS = 50_000, 2.0
+"""Bytes of a file that are read in a second of CPU time, at least, and seconds for any file."""
 READERS = {
     ".xdmf": "xdmf",
     ".xmf": "xdmf",
@@ -55,27 +59,41 @@ def read_meshlane(path: Path) -> UnstructuredGrid:
         package: Any = import_module("meshlane")
     except ImportError as error:
         raise DataError("needs the meshlane package", where=where, allowed="pip install 'clusterviz[grids]'") from error
-    if name == "gmsh":
-        _check_counts(path)
     said = io.StringIO()
-    with limited_memory(path.stat().st_size), redirect_stdout(said), redirect_stderr(said):  # its warnings
+    size = path.stat().st_size
+    with limited_time(size, where), limited_memory(size), redirect_stdout(said), redirect_stderr(said):  # its warnings
         mesh = package._helpers.reader_map[name](where)
     return grid_of_blocks(mesh, where)
 
 
-def _check_counts(path: Path) -> None:
-    """Refuse a file of gmsh with more tags of an array than it has bytes, over which meshlane would loop for hours."""
-    content = path.read_bytes()
-    for match in re.finditer(rb"\$(?:Node|Element|ElementNode)Data\s+", content):
-        at = match.end()
-        for _ in range(3):  # tags that are strings, reals and integers, a line each
-            end = content.find(b"\n", at) + 1 or len(content)
-            if not content[at:end].strip().isdigit() or (count := int(content[at:end])) > len(content):
-                where, found = f"{path}:{match[0].decode().strip()}", content[at:end][:20].decode("ascii", "replace")
-                raise DataError("a wrong number of tags", where=where, found=found.strip())
-            at = end
-            for _ in range(count):
-                at = content.find(b"\n", at) + 1 or len(content)
+@contextmanager
+def limited_time(size: int, where: str) -> Iterator[None]:
+    """Context in which this thread gets as much CPU time as a file of `size` bytes may need, on Linux.
+
+    Some of meshlane's readers wait for a line at the end of a file for ever, or count to what a damaged file states.
+    """
+    if not hasattr(time, "pthread_getcpuclockid"):
+        yield
+        return
+    thread, done = threading.get_ident(), threading.Event()
+    clock = time.pthread_getcpuclockid(thread)
+    end = time.clock_gettime(clock) + SECONDS + size / RATE
+
+    def watch() -> None:
+        while not done.wait(0.1):
+            if time.clock_gettime(clock) > end:
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(TimeoutError))
+                return
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    except TimeoutError as error:
+        raise DataError("damaged: reading does not end", where=where) from error
+    finally:
+        done.set()
+        watcher.join()
 
 
 @contextmanager
