@@ -51,7 +51,7 @@ def summary(report: Report) -> str:
     """Return the survey in a few lines."""
     wrong = ", ".join(f"{k}: {pixels:,}" for k, pixels in report.wrong.items())
     longest = max(int(view.needs.fragments.max()) for view in report.views)
-    exact, *buffers = report.drawings
+    exact, *buffers, _ = report.drawings
     lines = [f"grid       {report.tetrahedra:,} tetrahedra, {report.faces:,} faces; a ray meets {longest:,} at most"]
     lines += [f"wrong      pixels of {len(report.views)} views by k: {wrong}"]
     lines += [f"exact      {1e3 * exact.cpu_seconds:.1f} ms of CPU time a frame"]

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
-from clusterviz.data.faces import find_neighbours
 from clusterviz.data.geometry import CHUNK, hashes, merge_equal
 from clusterviz.data.grid_files import GridFile
 from clusterviz.data.primitives import NO_RADII, BrickMembers, DistinctRows, DrawnPrimitives, transformed
@@ -34,10 +33,12 @@ from clusterviz.plan.brick_search import (
     world_from_file,
 )
 from clusterviz.plan.cells import CellBrick, CellLayer, join_bricks
+from clusterviz.plan.integration_table import make_integration_table
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.shading import make_geometry_shading
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.grids import GridInfo, GridSection, KBuffer
+from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Light
 
 Floats = NDArray[np.float64]
@@ -48,6 +49,9 @@ TAG = 74
 FIELDS = [field.name for field in fields(CellBrick)]
 AT_ONCE = 16
 """Bricks that a rank receives at the same time, which are in memory twice."""
+
+LONGEST = 4.0
+"""Length of a segment in mean cells, up to which a table has its integral."""
 
 
 class KnownCells:
@@ -82,6 +86,7 @@ class KnownCells:
         self._kept: tuple[object, CellBrick, BrickMembers] | None = None
         self._counts: dict[Any, NDArray[np.int64]] = {}
         self._measures: dict[Any, Floats] = {}
+        self._table: tuple[GridSection, NDArray[np.float32]] | None = None
         self._opened()
 
     def layer(self, section: GridSection, lights: tuple[Light, ...], grid: BrickGrid) -> tuple[CellLayer, Floats]:
@@ -100,6 +105,7 @@ class KnownCells:
         transfer = transfer_function(section)
         in_bricks = self._counted(section, grid)
         low, high, segments = self._measured(section, grid)
+        kbuffer = section.visibility if isinstance(section.visibility, KBuffer) else None
         layer = CellLayer(
             self.info.count,
             grid.index_from_file(section),
@@ -107,13 +113,20 @@ class KnownCells:
             make_preintegrated(transfer),
             grid.domain.spacing / transfer.unit_distance,
             make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
-            section.visibility if isinstance(section.visibility, KBuffer) else None,
+            kbuffer,
+            self._integrals(section, transfer) if kbuffer and kbuffer.integration == "table" else None,
             section,
             transfer.domain,
             *self._types,
             in_bricks,
         )
         return layer, np.where(transfer.is_transparent(low, high), 0.0, segments)
+
+    def _integrals(self, section: GridSection, transfer: TransferFunction) -> NDArray[np.float32]:
+        if self._table is None or self._table[0] != section:
+            longest = LONGEST * self.info.cell_size / transfer.unit_distance or 1.0
+            self._table = section, make_integration_table(transfer, longest)
+        return self._table[1]
 
     def read(self, layer: CellLayer, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, CellBrick]:
         """Return the tetrahedra of bricks by index, and forget the others; bricks without any are left out.
@@ -200,10 +213,6 @@ class KnownCells:
                 keys = [each + begin for each, begin in zip(keys, begins, strict=False)]
                 kept = join_bricks(received, self._on_cells) if channel.size > 1 else own
             self._kept = key, kept, received_members(keys, grid, channel)
-            if not self._counts:
-                with agree(channel, 0, "plan"):
-                    crowded = find_neighbours(kept.corners, len(kept.rows)).crowded
-                self.info = replace(self.info, overlaps=channel.maximum(crowded) > 0)
         return self._kept[1:]
 
     def _received(self, layer: CellLayer, grid: BrickGrid, some: Sequence[Index]) -> dict[Index, CellBrick]:

@@ -75,6 +75,7 @@ class CellLayer:
     units : opacity unit distances in a cell's side of the domain
     shading : lights and material, for gradients in the world; None: not lit
     kbuffer : brings faces in order; None: exact
+    integrals : as `make_integration_table`; None: segments are integrated exactly
     section : completed
     clim : scalars that are 0 and 1 in the shader
     point_type, value_type : of the arrays of `CellBrick`
@@ -88,6 +89,7 @@ class CellLayer:
     units: float
     shading: Shading | None = None
     kbuffer: KBuffer | None = None
+    integrals: NDArray[np.float32] | None = None
     section: GridSection | None = None
     clim: tuple[float, float] = (0.0, 1.0)
     point_type: np.dtype[Any] = field(default_factory=lambda: np.dtype(np.float32))

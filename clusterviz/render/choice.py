@@ -55,11 +55,8 @@ def check_opengl(plan: Plan) -> None:
     Raises
     ------
     InputError
-        They have several sizes, or are drawn by a k-buffer.
+        They have several sizes.
     """
-    if plan.content and plan.content.kbuffer:
-        text, found = "OpenGL draws unstructured grids exactly only", f"{{k: {plan.content.kbuffer.k}}}"
-        raise InputError(text, where="grids[0].visibility", found=found, allowed="exact; or the CPU (--device cpu)")
     if plan.layout.edges_zyx is not None:
         raise InputError(
             "OpenGL draws bricks of one size only",

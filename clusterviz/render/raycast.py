@@ -53,6 +53,8 @@ from clusterviz.render.render_result import (
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import Variant, of_size, variant_of
 from clusterviz.render.volume_layers import all_segments, content_blocks, content_tables
+from clusterviz.report.early_discarding import all_counts
+from clusterviz.report.kbuffer_counts import KBufferCounts
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXEL_BYTES = 16
@@ -307,6 +309,7 @@ class Raycaster:
         ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
         content = plan.content.layers if plan.content else ()
         fragments = np.zeros((rect.height, rect.width) if content else (0, 0), np.int32)
+        counts = list[KBufferCounts]()
         with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
             if isinstance(starts, Crossing):
@@ -343,6 +346,10 @@ class Raycaster:
                                 found[1].write(np.uint32(size).tobytes(), offset=4 * DRAWN_CLASS)
                                 program = self._program(of_size(self.variant_of(plan), size))
                                 replace(march, program=program).through(block)
+                            if plan.content and plan.content.kbuffer:
+                                counted = np.frombuffer(found[1].read(), np.uint32).reshape(-1, 2)[: rect.pixels]
+                                counts.append(KBufferCounts.of(counted))
+                                fragments += counted[:, 0].astype(np.int32).reshape(fragments.shape)
                         else:
                             march.through(block)
                 if hidden:
@@ -361,7 +368,16 @@ class Raycaster:
             cut_short = int(read[squares + planes.size :].reshape(-1, rect.pixels)[1:2].sum())
         seconds = rendered - started, perf_counter() - rendered
         partial, shown = PartialImage(rect, rgba), sum(bricks.values())
-        return RenderResult(partial, taken, shown, *seconds, work, fragments=fragments, cut_short=cut_short)
+        return RenderResult(
+            partial,
+            taken,
+            shown,
+            *seconds,
+            work,
+            fragments=fragments,
+            cut_short=cut_short,
+            kbuffer=all_counts(counts),
+        )
 
     def release(self) -> None:
         """Free all GPU resources."""

@@ -12,7 +12,7 @@ from clusterviz.image.merge import EXISTS
 from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
-from clusterviz.report.early_discarding import EarlyDiscarding
+from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
 from clusterviz.report.frame_coherence import FrameCoherence
 from clusterviz.report.kbuffer_counts import KBufferCounts
 
@@ -87,6 +87,7 @@ def joined_bands(rect: Rect, drawn: Sequence[RenderResult], axis: int = 0) -> Re
         work,
         fragments=fragments,
         cut_short=sum(each.cut_short for each in drawn),
+        kbuffer=all_counts(each.kbuffer for each in drawn),
     )
 
 

@@ -43,6 +43,11 @@ class KBuffer(Section):
         default="sorted",
         description="Keep the entries in order, or search them for the nearest two; pictures are the same.",
     )
+    integration: Literal["exact", "table"] = Field(
+        default="exact",
+        description="Integrate segments from the pieces of the transfer function, or take them from a table of 64 x 64 "
+        "scalars and 32 lengths.",
+    )
 
 
 def _check_visibility(value: Any) -> Any:
@@ -131,7 +136,6 @@ class GridInfo:
     scalars : minimum and maximum of the array in them; None if there are none
     cell_size : cube root of the mean volume of a cell that is drawn, world units; 0 if there are none
     counts : cells that are not drawn, or drawn otherwise, as `Tetrahedra.counts`
-    overlaps : whether two cells lie on the same side of a face; known after the first plan
     """
 
     box: NDArray[np.float64]
@@ -140,7 +144,6 @@ class GridInfo:
     scalars: tuple[float, float] | None = None
     cell_size: float = 0.0
     counts: Mapping[str, int] = field(default_factory=dict)
-    overlaps: bool = False
 
     @property
     def left_out(self) -> int:

@@ -47,7 +47,7 @@ def test_page_and_numbers(cli: Callable[..., Any], tmp_path: Path, monkeypatch: 
     assert (needed.shape, len({view["name"] for view in numbers["views"]})) == ((14, 30, 40), 14)
     assert numbers["wrong"] == {str(k): int((needed > k).sum()) for k in range(2, needed.max() + 1)}
     assert needed.max() > 2
-    exact, *buffers = numbers["drawings"]
+    exact, *buffers, table = numbers["drawings"]
     assert (exact["k"], [(each["k"], each["entries"]) for each in buffers]) == (
         0,
         [(2, "sorted"), (2, "unsorted"), (3, "sorted"), (3, "unsorted")],
@@ -56,6 +56,7 @@ def test_page_and_numbers(cli: Callable[..., Any], tmp_path: Path, monkeypatch: 
         assert each["counts"]["comparisons"] == each["by_formula"] > 0
         assert each["counts"]["wrong_pixels"] == numbers["wrong"].get(str(each["k"]), 0)
         assert each["differing"] <= each["counts"]["wrong_pixels"]
+    assert (table["integration"], table["counts"]["wrong_pixels"]) == ("table", 0)
     page = (folder / "index.html").read_text()
     assert len(check_page(page)) == 2
     assert "k = 3, unsorted" in page

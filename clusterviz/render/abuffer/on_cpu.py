@@ -15,7 +15,14 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.discarding import LEFT_OUT_BINDING
 from clusterviz.render.abuffer.fills import EARLY, Lists, Pass, Pools, store_fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
-from clusterviz.render.abuffer.program import COUNTED_BINDING, LIGHTING_BINDING, FindVariant, find_variants, lit_layer
+from clusterviz.render.abuffer.program import (
+    COUNTED_BINDING,
+    INTEGRALS_BINDING,
+    LIGHTING_BINDING,
+    FindVariant,
+    find_variants,
+    lit_layer,
+)
 from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BINDING, TileLists, make_lists, prepare_tiles
 from clusterviz.render.cells.table import CELLS_BINDING, GRIDS_BINDING, grids_block
 from clusterviz.spmd.machine_code import addresses, compiled
@@ -35,7 +42,7 @@ def compiled_pass(variant: FindVariant) -> Callable[[int], None]:
 def prepare_passes(plan: Plan, lanes: int) -> None:
     """Compile what a plan needs."""
     variants = find_variants(plan, lanes)
-    if variants:
+    if plan.content and plan.content.layers:
         prepare_tiles(plan)
     for variant in variants:
         compiled_pass(variant)
@@ -89,6 +96,8 @@ def find_fragments(
         buffers[CELLS_BINDING] = table.cells.words
     if plan.content.kbuffer:
         counted = np.zeros((rect.pixels, 2), np.uint32)
+        table_of_integrals = plan.content.cells[0].integrals
+        buffers |= {} if table_of_integrals is None else {INTEGRALS_BINDING: table_of_integrals}
         return own, buffers | {9: tiles.begins, 10: tiles.rows, COUNTED_BINDING: counted}
     variants = {variant.step: variant for variant in find_variants(plan, lanes)}
     links = np.empty((EARLY * rect.pixels if fill == "dynamic" else 1, 2), np.uint32)

@@ -21,6 +21,8 @@ from clusterviz.render.abuffer.discarding import LEFT_OUT_BINDING
 from clusterviz.render.abuffer.fills import EARLY, HEAD, Lists, Pass, Pools, store_fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import (
+    COUNTED_BINDING,
+    INTEGRALS_BINDING,
     LIGHTING_BINDING,
     MOST_SORTED,
     FindVariant,
@@ -35,6 +37,8 @@ LLVMPIPE_ITERATIONS = 65535
 """Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""
 FIND_ITERATIONS, DRAW_ITERATIONS = 3, 16
 """Bounds for a primitive of a tile in each pass over them, and for a fragment of a pixel; each layer adds one."""
+FACE_ITERATIONS = 16
+"""Bound for a face of a tile, without those over the entries of a k-buffer."""
 Make = Callable[[NDArray[Any]], moderngl.Buffer]
 Programs = dict[FindVariant, moderngl.ComputeShader]
 
@@ -42,7 +46,7 @@ Programs = dict[FindVariant, moderngl.ComputeShader]
 def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, moderngl.ComputeShader]:
     """Compile the programs of a plan."""
     variants = find_variants(plan)
-    if variants:
+    if plan.content and plan.content.layers:
         prepare_tiles(plan)
     return {variant: compile_compute(context, variant.source) for variant in variants}
 
@@ -92,7 +96,7 @@ def bind_fragments(
     Returns
     -------
     counts : int32 (h, w), fragments of pixels
-    lists : their lists, whose word `DRAWN_CLASS` chooses the tiles that are drawn
+    lists : their lists, whose word `DRAWN_CLASS` chooses the tiles that are drawn; for a k-buffer the counts of pixels
     sizes : of the programs that draw them
 
     Raises
@@ -126,8 +130,17 @@ def bind_fragments(
                 f"too large a buffer for {text}; found {bytes_each} bytes; allowed {most_bytes}; more ranks have fewer "
                 "each, and CPUs draw any number (--device cpu)"
             )
+    if kbuffer := plan.content.kbuffer:
+        most = int(np.diff(tiles.begins).max(initial=0))
+        _check_loops(context, most, 2 * kbuffer.k + FACE_ITERATIONS, "faces in a tile")
+        integrals = plan.content.cells[0].integrals
+        given |= {} if integrals is None else {INTEGRALS_BINDING: integrals}
     for binding, data in given.items():
         make(_filled(data)).bind_to_storage_buffer(binding)
+    if kbuffer:
+        counted = make(np.zeros((rect.pixels + 1, 2), np.uint32))
+        counted.bind_to_storage_buffer(COUNTED_BINDING)
+        return np.zeros((rect.height, rect.width), np.int32), counted, [0]
     variants = {variant.step: variant for variant in find_variants(plan)}
     links = make(np.zeros((EARLY * rect.pixels if fill == "dynamic" else 1, 2), np.uint32))
     keys = make(np.zeros((1, 2), np.uint32))

@@ -24,7 +24,7 @@ from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
 from clusterviz.scene.grids import KBuffer
 
-LIGHTING_BINDING, COUNTED_BINDING = 2, 16
+LIGHTING_BINDING, COUNTED_BINDING, INTEGRALS_BINDING = 2, 16, 24
 MOST_SORTED = 256
 """Fragments of a pixel that a GPU's program sorts: llvmpipe leaves loops after 65535 iterations in total."""
 STORES: dict[Pass, str] = {
@@ -117,7 +117,10 @@ class GeometryVariant:
         # A tetrahedron that is cut has to look as if it were not.
         macros["AS_ONE"] = "0.125LF"
         begin = glsl_array("grid", GRIDS_BINDING, GRID, self.grids) + "int own_grid = 0;\n"
-        ramp = (begin + define(macros), "transfer.glsl", "front_to_back.glsl", "ramp.glsl", undefine(macros))
+        integrate: tuple[str, ...] = ("transfer.glsl", "front_to_back.glsl", "ramp.glsl")
+        if self.kbuffer and self.kbuffer.integration == "table":
+            integrate = ("integration_table.glsl",)
+        ramp = (begin + define(macros), *integrate, undefine(macros))
         walk: tuple[str, ...]
         kept = () if planes else ("planes.glsl",)
         walk = "walk.glsl", "run.glsl", *kept, f"const int WALKS_PLANE = {planes};\n", "walks_kept.glsl"

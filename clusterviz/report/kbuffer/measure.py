@@ -37,6 +37,7 @@ AXES = [tuple(row) for row in np.concatenate([np.eye(3), -np.eye(3)]).astype(int
 DIRECTIONS = [*AXES, *product((1, -1), repeat=3)]
 """From the centre to the eye."""
 ENTRIES: tuple[Entries, ...] = get_args(Entries)
+TABLE = KBuffer(k=12, integration="table")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,7 @@ class Drawing:
     ----------
     k : entries; 0: exact
     entries : sorted or unsorted; "" of exact
+    integration : exact, or table
     cpu_seconds : CPU time of drawing, all threads, mean of the views
     seconds : time of drawing, mean of the views
     counts : of all views; None of exact
@@ -66,6 +68,7 @@ class Drawing:
 
     k: int
     entries: str
+    integration: str
     cpu_seconds: float
     seconds: float
     counts: KBufferCounts | None = None
@@ -145,9 +148,9 @@ def measure(
         step("exact")
         drawings, exact = _draw(loop, scene, views, None, [])
         found = [drawings]
-        for k, entries in product(DRAWN, ENTRIES):
-            step(_name(k, entries))
-            found.append(_draw(loop, scene, views, KBuffer(k=k, entries=entries), exact)[0])
+        for buffer in _buffers():
+            step(_name(buffer))
+            found.append(_draw(loop, scene, views, buffer, exact)[0])
         renderer = loop.frame(_seen(scene, views[0], None)).statistics.renderer
     boundary = int(faces.is_boundary.sum())
     return Report(
@@ -157,11 +160,15 @@ def measure(
 
 def steps() -> list[str]:
     """Return the names of what `measure` does."""
-    return ["read", "analyse", "exact", *(_name(k, entries) for k, entries in product(DRAWN, ENTRIES))]
+    return ["read", "analyse", "exact", *map(_name, _buffers())]
 
 
-def _name(k: int, entries: str) -> str:
-    return f"k = {k}, {entries}"
+def _buffers() -> list[KBuffer]:
+    return [*(KBuffer(k=k, entries=entries) for k, entries in product(DRAWN, ENTRIES)), TABLE]
+
+
+def _name(buffer: KBuffer) -> str:
+    return f"k = {buffer.k}, {buffer.entries}" + ", table" * (buffer.integration == "table")
 
 
 def _camera(scene: Scene, direction: tuple[int, ...], points: NDArray[np.float64]) -> Camera:
@@ -194,7 +201,7 @@ def _draw(
     cpu, seconds = (
         float(np.mean(each)) for each in zip(*((one.cpu_seconds, one.seconds["render"]) for one in ranks), strict=True)
     )
-    found = Drawing(buffer.k if buffer else 0, buffer.entries if buffer else "", cpu, seconds)
+    found = Drawing(*((buffer.k, buffer.entries, buffer.integration) if buffer else (0, "", "exact")), cpu, seconds)
     if buffer is None:
         return found, pictures
     lists = [own.astype(np.int64) for one in rendered if one.drawn for own in one.drawn.fragments]
