@@ -304,7 +304,7 @@ def _grid_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     rows.append(("bounds", within))
     rows.append(("tetrahedra", f"{grid['tetrahedra']}, with {grid['boundary_faces']} faces at the boundary"))
     told = COUNTS | {
-        "overlapping": "faces of cells that overlap others there; both are drawn",
+        "overlapping": "faces of cells that overlap others there; a ray shows the one that it enters first",
         "ignored": "points, lines and surfaces of the file, which are not drawn",
     }
     rows += [(key, f"{grid[key]} {text}") for key, text in told.items() if grid.get(key)]

@@ -125,10 +125,11 @@ GRID_FORMATS = (
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_unstructured", "vtk.is_unstructured"),
     Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf.read_vtkhdf"),
     Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", b"\x89HDF"), "exodus.read_exodus"),
+    Format("cgns", (".cgns",), (b"\x89HDF",), "cgns.read_cgns"),
     Format(
         "meshlane",
         (
-            *(".xdmf", ".xmf", ".msh", ".bdf", ".fem", ".nas", ".cgns", ".inp", ".med", ".mesh", ".meshb", ".ele"),
+            *(".xdmf", ".xmf", ".msh", ".bdf", ".fem", ".nas", ".inp", ".med", ".mesh", ".meshb", ".ele"),
             *(".su2", ".ugrid", ".avs", ".foam"),
         ),
         (),
@@ -316,11 +317,11 @@ def read_grid(path: str | Path, time: float | None = None) -> UnstructuredGrid:
     """
     with guard(DataError, path):
         grids = [read_piece(file) for file in grid_files(Path(path), time)]
-        if len(grids) == 1:
-            return grids[0]
-        from clusterviz.data.unstructured import joined_grids
+        from clusterviz.data.unstructured import check_volume, joined_grids
 
-        return joined_grids(grids, str(path))
+        whole = grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
+        check_volume(whole)
+        return whole
 
 
 def read_piece(file: GridFile) -> UnstructuredGrid:

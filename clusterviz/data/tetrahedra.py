@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.geometry import Bounds, bounds_of, merge_equal
 from clusterviz.data.predicates import orientation
-from clusterviz.data.unstructured import CORNERS, FACES, UnstructuredGrid
+from clusterviz.data.unstructured import CORNERS, FACES, UnstructuredGrid, check_volume
 from clusterviz.errors import DataError
 
 MOST = 2**30 - 1
@@ -88,8 +88,9 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
     Raises
     ------
     DataError
-        No such array, or more points or tetrahedra than 2³⁰ − 1.
+        No such array, no cells with a volume, or more points or tetrahedra than 2³⁰ − 1.
     """
+    check_volume(grid)
     values, on_cells, name = grid.array(array)
     values = values.astype(np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64)
     place, placed = merge_equal(grid.points)[1], np.isfinite(grid.points).all(axis=1)

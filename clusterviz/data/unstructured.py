@@ -1,7 +1,8 @@
 """Unstructured grids in memory: points, cells of four kinds, and their arrays.
 
 Cells are tetrahedra, pyramids, wedges (prisms) and hexahedra with VTK's order of corners. Curved cells of second order
-are subdivided (`linearised`). What cannot be drawn stays in the arrays; `tetrahedra.py` leaves it out and counts it.
+are subdivided, and polyhedra cut into tetrahedra (`linearised`). What cannot be drawn stays in the arrays;
+`tetrahedra.py` leaves it out and counts it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.geometry import Attributes, Bounds, bounds_of, check_attributes, check_indices, check_positions
+from clusterviz.data.geometry import (
+    Attributes,
+    Bounds,
+    bounds_of,
+    check_attributes,
+    check_indices,
+    check_positions,
+    hashes,
+)
 from clusterviz.errors import DataError
 
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
@@ -156,14 +165,21 @@ def _joined(each: Sequence[Attributes]) -> Attributes:
     }
 
 
+def check_volume(grid: UnstructuredGrid) -> None:
+    """Refuse a grid whose cells are all without a volume; a piece of a grid may have such cells only."""
+    if grid.ignored and not grid.count:
+        found, allowed = f"{grid.ignored} others", ", ".join(FACES)
+        raise DataError("no cells with a volume", where=grid.name, found=found, allowed=allowed)
+
+
 def linearised(
     points: NDArray[Any],
-    blocks: Sequence[tuple[str, NDArray[np.integer[Any]]]],
+    blocks: Sequence[tuple[str, NDArray[np.integer[Any]] | Polyhedra]],
     of_points: Attributes,
     of_cells: Attributes,
     where: str,
 ) -> UnstructuredGrid:
-    """Return the grid of blocks of cells as files have them; curved cells are subdivided at their nodes.
+    """Return the grid of blocks of cells as files have them; curved cells are subdivided, polyhedra cut.
 
     A cell of second order becomes 8 cells (a pyramid 10) between its corners and the nodes on its edges and faces.
     Faces without a node get one from those of their edges, so neighbours fit. The difference from the curved cell falls
@@ -172,20 +188,25 @@ def linearised(
     Parameters
     ----------
     points : (n, 3)
-    blocks : kind and corners (m, c) of some cells, by meshio's names; kinds without a volume are dropped
+    blocks : kind and corners (m, c) of some cells, by meshio's names, or `Polyhedra`; kinds without a volume are
+        dropped
     of_points, of_cells : arrays by name, (n, …), and of all cells in the order of the blocks
 
     Raises
     ------
     DataError
-        A kind is unknown, no cell has a volume, or as of `UnstructuredGrid`.
+        A kind is unknown, or as of `UnstructuredGrid`.
     """
     ignored, begin, curved = 0, 0, dict[str, float]()
     cells: dict[str, list[NDArray[Any]]] = {kind: [] for kind in FACES}
     rows: dict[str, list[NDArray[np.int64]]] = {kind: [] for kind in FACES}
     for kind, corners in blocks:
         number, begin = np.arange(begin, begin + len(corners)), begin + len(corners)
-        if kind in SECOND_ORDER:
+        if isinstance(corners, Polyhedra):
+            points, of_points, parts, owners = corners.cut(points, of_points, where)
+            cells["tetra"].append(parts)
+            rows["tetra"].append(number[owners])
+        elif kind in SECOND_ORDER:
             order = SECOND_ORDER[kind]
             check_indices(corners, len(points), where)
             for name, value in order.differences(points, of_points, corners).items():
@@ -200,12 +221,10 @@ def linearised(
         elif kind.startswith(FLAT_KINDS):
             ignored += len(corners)
         else:
-            allowed = ", ".join([*FACES, *SECOND_ORDER, *FLAT_KINDS])
+            allowed = ", ".join([*FACES, *SECOND_ORDER, *FLAT_KINDS, "polyhedra of VTK"])
             raise DataError("cells of an unsupported kind", where=where, found=kind, allowed=allowed)
     order_of = np.concatenate([np.zeros(0, np.int64), *(each for kind in FACES for each in rows[kind])])
     check_attributes(of_cells, begin, "cells", where)
-    if not len(order_of) and ignored:
-        raise DataError("no cells with a volume", where=where, found=f"{ignored} others", allowed=", ".join(FACES))
     kept = {kind: np.concatenate(each) for kind, each in cells.items() if each}
     of_kept = {name: array[order_of] for name, array in of_cells.items()}
     return UnstructuredGrid(where, points, kept, of_points, of_kept, ignored, curved)
@@ -236,6 +255,91 @@ def _numbers(arrays: Attributes, count: int) -> Attributes:
 
 
 FLAT_KINDS = ("vertex", "line", "triangle", "quad", "polygon")
+
+
+@dataclass(frozen=True, eq=False)
+class Polyhedra:
+    """Cells between polygons.
+
+    Attributes
+    ----------
+    count : number of cells
+    owners : int64 (f,), cell of each face
+    begins, sizes : int64 (f,); face i has the corners values[begins[i]:begins[i] + sizes[i]]
+    values : int (n,), indices of points among others
+    """
+
+    count: int
+    owners: NDArray[np.int64]
+    begins: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    values: NDArray[np.int64]
+
+    @classmethod
+    def of_streams(cls, values: NDArray[np.int64], begins: NDArray[np.int64]) -> Polyhedra:
+        """Return the cells of VTK's streams, which begin at some places: number of faces, and each with its length."""
+        faces, at = values[begins], begins + 1
+        owners, starts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        for number in range(int(faces.max(initial=0))):
+            owners.append(np.flatnonzero(faces > number))
+            starts.append(at[owners[-1]] + 1)
+            at[owners[-1]] += values[starts[-1] - 1].clip(0) + 1
+        start = np.concatenate(starts)
+        return cls(len(begins), np.concatenate(owners), start, values[start - 1], values)
+
+    def __len__(self) -> int:
+        return self.count
+
+    def some(self, is_kept: NDArray[np.bool_]) -> Polyhedra:
+        """Return some of the cells."""
+        faces, number = is_kept[self.owners], np.cumsum(is_kept) - 1
+        kept = self.begins[faces], self.sizes[faces]
+        return Polyhedra(int(is_kept.sum()), number[self.owners[faces]], *kept, self.values)
+
+    def cut(
+        self, points: NDArray[Any], of_points: Attributes, where: str
+    ) -> tuple[NDArray[Any], Attributes, NDArray[np.int64], NDArray[np.int64]]:
+        """Return tetrahedra around the mean of each cell's corners, which is right for convex cells.
+
+        Faces are fans around the corner with the smallest hash, as in `make_tetrahedra`, so that neighbours fit.
+
+        Returns
+        -------
+        points, of_points : with the means behind the others
+        tetrahedra : (t, 4)
+        owners : int64 (t,), cell of each
+        """
+        ends = self.begins + self.sizes
+        if (self.sizes < 3).any() or self.begins.min(initial=0) < 0 or ends.max(initial=0) > len(self.values):
+            raise DataError("the faces of polyhedra are wrong", where=where, allowed="3 or more corners each")
+        face, first = np.repeat(np.arange(len(self.sizes)), self.sizes), np.cumsum(self.sizes) - self.sizes
+        within = np.arange(len(face)) - first[face]
+        corners = self.values[self.begins[face] + within]
+        check_indices(corners, len(points), where)
+        smallest = np.lexsort((hashes(points)[corners], face))[first]
+        ring = corners[first[face] + (within + (smallest - first)[face]) % self.sizes[face]]
+        second = np.flatnonzero((within > 0) & (within < self.sizes[face] - 1))
+        owner = self.owners[face[second]]
+        cell, row = np.divmod(np.unique(self.owners[face] * len(points) + corners), len(points))
+        used, begins = np.unique(cell, return_index=True)
+        place = np.empty(self.count, np.int64)
+        place[used] = np.arange(len(points), len(points) + len(used))
+        joined = {}
+        for name, array in {"": points, **of_points}.items():
+            mean = array[:0].astype(np.float64)
+            if len(used):
+                mean = np.add.reduceat(array[row], begins, axis=0, dtype=np.float64)
+            mean /= np.diff(begins, append=len(row)).reshape(-1, *(1,) * (array.ndim - 1))
+            joined[name] = np.concatenate([array, _as_type(mean, array.dtype)])
+        tetrahedra = np.stack([ring[first[face[second]]], ring[second], ring[second + 1], place[owner]], axis=1)
+        a, b, c, d = (joined[""][corner].astype(np.float64) for corner in tetrahedra.T)
+        inward = np.einsum("mx,mx->m", np.cross(b - a, c - a), d - a) < 0
+        tetrahedra[inward] = tetrahedra[inward][:, [1, 0, 2, 3]]
+        return joined.pop(""), joined, tetrahedra, owner
+
+
+def _as_type(values: NDArray[np.float64], dtype: np.dtype[Any]) -> NDArray[Any]:
+    return (values if dtype.kind == "f" else np.rint(values)).astype(dtype)
 
 
 class _SecondOrder:
@@ -294,9 +398,7 @@ class _SecondOrder:
                 made = weight * given[edges].astype(np.float64).sum(axis=1) - 0.25 * given[own].astype(np.float64).sum(
                     1
                 )
-                arrays.append(
-                    made.astype(given.dtype) if given.dtype.kind == "f" else np.rint(made).astype(given.dtype)
-                )
+                arrays.append(_as_type(made, given.dtype))
             begin = len(points) + sum(len(each) for each in more[""][1:-1])
             nodes.append(np.arange(begin, begin + len(corners))[:, None])
         joined = {name: np.concatenate(arrays) for name, arrays in more.items()}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.geometry import Attributes, check_attributes, named_arrays, positions_of
-from clusterviz.data.unstructured import UnstructuredGrid, grid_of_blocks, linearised
+from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, grid_of_blocks, linearised
 from clusterviz.errors import DataError
 
 KINDS = {
@@ -43,6 +43,7 @@ def grid_of_cells(
     of_points: Attributes,
     of_cells: Attributes,
     where: str,
+    polyhedra: Polyhedra | None = None,
 ) -> UnstructuredGrid:
     """Return the grid of VTK's arrays.
 
@@ -50,19 +51,24 @@ def grid_of_cells(
     ----------
     types : (m,)
     offsets : int64 (m + 1,); cell i has the points corners[offsets[i]:offsets[i + 1]]
+    polyhedra : cells of type 42, in their order
 
     Raises
     ------
     DataError
-        Offsets that do not rise, polyhedra or other unsupported types, or as of `linearised`.
+        Offsets that do not rise, unsupported types, or as of `linearised`.
     """
     counts = np.diff(offsets)
     if len(offsets) != len(types) + 1 or (counts < 0).any() or offsets[0] != 0 or offsets[-1] > len(corners):
         allowed = f"{len(types)} + 1 that rise from 0 to {len(corners)}"
         raise DataError("the cells' offsets are wrong", where=where, found=f"{len(offsets)} offsets", allowed=allowed)
     check_attributes(of_cells, len(types), "cells", where)
-    blocks, order = list[tuple[str, NDArray[np.int64]]](), [np.zeros(0, np.int64)]
+    blocks, order = list[tuple[str, NDArray[np.int64] | Polyhedra]](), [np.zeros(0, np.int64)]
     for kind in np.unique(types).tolist():
+        if kind == POLYHEDRON and polyhedra is not None:
+            blocks.append(("polyhedron", polyhedra))
+            order.append(np.flatnonzero(types == kind))
+            continue
         if kind not in KINDS:
             found = f"VTK's type {kind}" + (", a polyhedron" if kind == POLYHEDRON else "")
             allowed = ", ".join(dict.fromkeys(KINDS.values()))

@@ -484,6 +484,10 @@ class XmlPiece:
             raise DataError(f"{section} lack an array", where=str(self.path), allowed="connectivity and offsets")
         return self._load(found[0], tuples)
 
+    def has(self, section: str, name: str) -> bool:
+        """Return whether a section has an array."""
+        return bool(self._find(section, name))
+
     def arrays(self, section: str, tuples: int) -> dict[str, NDArray[Any]]:
         """Return the arrays of numbers of PointData or CellData."""
         numbers = [each for each in self._find(section) if each.attributes.get("type") in TYPES and each.components]

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
+from clusterviz.data.faces import find_neighbours
 from clusterviz.data.geometry import CHUNK, hashes, merge_equal
 from clusterviz.data.grid_files import GridFile
 from clusterviz.data.primitives import NO_RADII, BrickMembers, DistinctRows, DrawnPrimitives, transformed
@@ -213,6 +214,10 @@ class KnownCells:
                 keys = [each + begin for each, begin in zip(keys, begins, strict=False)]
                 kept = join_bricks(received, self._on_cells) if channel.size > 1 else own
             self._kept = key, kept, received_members(keys, grid, channel)
+            if not self._counts:
+                with agree(channel, 0, "plan"):
+                    crowded = find_neighbours(kept.corners, len(kept.rows)).crowded
+                self.info = replace(self.info, overlaps=channel.maximum(crowded) > 0)
         return self._kept[1:]
 
     def _received(self, layer: CellLayer, grid: BrickGrid, some: Sequence[Index]) -> dict[Index, CellBrick]:

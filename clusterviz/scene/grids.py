@@ -136,6 +136,7 @@ class GridInfo:
     scalars : minimum and maximum of the array in them; None if there are none
     cell_size : cube root of the mean volume of a cell that is drawn, world units; 0 if there are none
     counts : cells that are not drawn, or drawn otherwise, as `Tetrahedra.counts`
+    overlaps : whether two cells lie on the same side of a face; known after the first plan
     """
 
     box: NDArray[np.float64]
@@ -144,6 +145,7 @@ class GridInfo:
     scalars: tuple[float, float] | None = None
     cell_size: float = 0.0
     counts: Mapping[str, int] = field(default_factory=dict)
+    overlaps: bool = False
 
     @property
     def left_out(self) -> int:

@@ -90,6 +90,10 @@ def _entry_warnings(entries: Sequence[Entry], volumes: Sequence[VolumeInfo]) -> 
         if info.left_out:
             share = f"{info.left_out} of {info.left_out + info.drawn}"
             found[f"{key}: left out"] = f"{name}: {share} {LEFT_OUT[key.partition('[')[0]]}"
+        if isinstance(info, GridInfo) and info.overlaps:
+            found[f"{key}: overlap"] = (
+                f"{name}: cells overlap others: of these, a ray shows the one that it enters first"
+            )
         if not info.count:
             other = f": the file holds {', '.join(info.other)}" if isinstance(info, GeometryInfo) and info.other else ""
             found[key] = f"{name}: nothing is drawn{other}"

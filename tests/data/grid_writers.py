@@ -13,6 +13,8 @@ import numpy as np
 from data import writers
 from data.cells import mixed
 
+from clusterviz.data.unstructured import FACES
+
 GRID = mixed()
 TYPES = {"tetra": 10, "pyramid": 14, "wedge": 13, "hexahedron": 12}
 NUMBERS = np.array([TYPES[kind] for kind, corners in GRID.cells.items() for _ in corners], np.uint8)
@@ -42,6 +44,27 @@ def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], ghosts:
         each = "".join(pack(name, array, 3 if section == "Points" else 1) for name, array in members.items())
         tags += f"<{section}>{each}</{section}>"
     return f'<Piece NumberOfPoints="{len(HEAT)}" NumberOfCells="{len(rows)}">{tags}</Piece>'
+
+
+def streams(path: Path, form: str = "vtu") -> Path:
+    """The cells as polyhedra; forms are streams of .vtu and .vtk, and VTK's arrays from 9.4 on."""
+    faces = [[row[list(face)] for face in FACES[kind]] for kind, rows in GRID.cells.items() for row in rows]
+    each = [np.concatenate([[len(some)], *([len(face), *face] for face in some)]) for some in faces]
+    flat = [face for some in faces for face in some]
+    if form == "vtk":
+        return vtk(path, "ASCII", rows=each, types=np.full(4, 42))
+    arrays = {"faces": np.concatenate(each), "faceoffsets": np.cumsum([len(row) for row in each])}
+    if form == "new":
+        arrays = {"face_connectivity": np.concatenate(flat), "face_offsets": np.cumsum([len(face) for face in flat])}
+        arrays["polyhedron_to_faces"] = np.arange(len(flat))
+        arrays["polyhedron_offsets"] = np.cumsum([len(some) for some in faces])
+    tags = "".join(
+        f'<DataArray type="Int64" Name="{name}" format="ascii">{" ".join(map(str, array.tolist()))}</DataArray>'
+        for name, array in arrays.items()
+    )
+    text = vtu(path).read_text().replace("</Cells>", tags + "</Cells>").replace("10 14 13 12", "42 42 42 42")
+    path.write_text(text)
+    return path
 
 
 def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), ghosts: int = 0) -> Path:
@@ -95,15 +118,17 @@ def series(path: Path) -> Path:
     return path
 
 
-def vtk(path: Path, form: str = "BINARY", version: int = 5) -> Path:
+def vtk(path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS) -> Path:
+    rows = CORNERS if rows is None else rows
+    ends = np.cumsum([len(row) for row in rows])
     parts: list[Any] = [f"POINTS {len(HEAT)} float", GRID.points.astype("f4")]
     if version == 5:
-        parts += [f"CELLS {len(ENDS) + 1} {ENDS[-1]}", "OFFSETS vtktypeint64", np.append(0, ENDS)]
-        parts += ["CONNECTIVITY vtktypeint64", np.concatenate(CORNERS)]
+        parts += [f"CELLS {len(ends) + 1} {ends[-1]}", "OFFSETS vtktypeint64", np.append(0, ends)]
+        parts += ["CONNECTIVITY vtktypeint64", np.concatenate(rows)]
     else:
         whole = np.concatenate([[len(row), *row] for row in CORNERS]).astype("i4")
         parts += [f"CELLS {len(CORNERS)} {len(whole)}", whole]
-    parts += [f"CELL_TYPES {len(NUMBERS)}", NUMBERS.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
+    parts += [f"CELL_TYPES {len(types)}", types.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
     parts += ["SCALARS kind int 1", "LOOKUP_TABLE default", KIND]
     parts += [f"POINT_DATA {len(HEAT)}", "SCALARS f float 1", "LOOKUP_TABLE default", HEAT]
     head = "# vtk DataFile Version 5.1\na title\n{form}\nDATASET UNSTRUCTURED_GRID\n"
@@ -123,6 +148,49 @@ def vtkhdf(path: Path) -> Path:
         root["Connectivity"], root["Types"] = np.concatenate(CORNERS), NUMBERS
         root["Offsets"] = np.concatenate([np.append(0, np.cumsum(each)) for each in lengths])
         root["PointData/f"], root["CellData/kind"] = np.tile(HEAT, 2), KIND
+    return path
+
+
+def cgns(path: Path, mixed: bool = False) -> Path:
+    """One zone with a section for each kind, or one of mixed elements, and a surface."""
+    numbers = {"tetra": 10, "pyramid": 12, "wedge": 14, "hexahedron": 17}
+
+    def add(parent: Any, name: str, label: str, data: Any = None) -> Any:
+        node = parent.create_group(name)
+        node.attrs["label"], node.attrs["name"], node.attrs["type"] = np.bytes_(label), np.bytes_(name), np.bytes_("MT")
+        if data is not None:
+            array = np.frombuffer(data.encode(), "i1") if isinstance(data, str) else np.asarray(data)
+            node[" data"] = array
+            node.attrs["type"] = np.bytes_({"i1": "C1", "i4": "I4", "i8": "I8", "f8": "R8"}[array.dtype.str[1:]])
+        return node
+
+    with h5py.File(path, "w") as file:
+        file.attrs["label"] = np.bytes_("Root Node of HDF5 File")
+        add(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.float32(4.0).astype("f8"))
+        base = add(file, "Base", "CGNSBase_t", np.array([3, 3], "i4"))
+        zone = add(base, "Zone", "Zone_t", np.array([[len(HEAT)], [4], [0]], "i4"))
+        add(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        coordinates = add(zone, "GridCoordinates", "GridCoordinates_t")
+        for axis, row in zip("XYZ", GRID.points.T, strict=True):
+            add(coordinates, f"Coordinate{axis}", "DataArray_t", row)
+        sections = [(number, GRID.cells[kind] + 1) for kind, number in numbers.items()]
+        rows = [np.append(number, row) for number, each in sections for row in each]
+        if mixed:
+            sections = [(20, np.concatenate(rows)[None])]
+        first = 1
+        for number, corners in [*sections, (5, np.array([[1, 2, 3]]))]:
+            last = first + (4 if number == 20 else len(corners)) - 1
+            section = add(zone, f"Elements {first}", "Elements_t", np.array([number, 0], "i4"))
+            add(section, "ElementRange", "IndexRange_t", np.array([first, last], "i4"))
+            add(section, "ElementConnectivity", "DataArray_t", corners.ravel().astype("i4"))
+            if number == 20:
+                offsets = np.cumsum([0, *map(len, rows)]).astype("i4")
+                add(section, "ElementStartOffset", "DataArray_t", offsets)
+            first = last + 1
+        for place, name, array in (("Vertex", "f", HEAT.astype("f8")), ("CellCenter", "kind", KIND)):
+            solution = add(zone, f"Solution{place}", "FlowSolution_t")
+            add(solution, "GridLocation", "GridLocation_t", place)
+            add(solution, name, "DataArray_t", array)
     return path
 
 
@@ -153,10 +221,10 @@ def exodus(path: Path, form: str = "NETCDF3_CLASSIC") -> Path:
     return path
 
 
-def meshlane(path: Path, but: str = "", of_cells: bool = True, **options: Any) -> Path:
+def meshlane(path: Path, *but: str, of_cells: bool = True, **options: Any) -> Path:
     import meshlane as package
 
-    cells = [(kind, np.asarray(corners)) for kind, corners in GRID.cells.items() if kind != but]
+    cells = [(kind, np.asarray(corners)) for kind, corners in GRID.cells.items() if kind not in but]
     kind = {"kind": [KIND[n : n + 1] for n in range(4)]} if of_cells else {}
     mesh = package.Mesh(GRID.points, cells, point_data={"f": HEAT.astype("f8")}, cell_data=kind)
     package.write(path, mesh, **options)
@@ -168,6 +236,9 @@ FILES: dict[str, tuple[str, Write]] = {
     "vtu-ascii": ("a.vtu", vtu),
     "vtu-raw": ("a.vtu", lambda path: vtu(path, "")),
     "vtu-zlib": ("a.vtu", lambda path: vtu(path, "vtkZLibDataCompressor")),
+    "vtu-streams": ("a.vtu", streams),
+    "vtu-polyhedra": ("a.vtu", lambda path: streams(path, "new")),
+    "vtk-streams": ("a.vtk", lambda path: streams(path, "vtk")),
     "pvtu": ("a.pvtu", pvtu),
     "pattern": ("a_[0-9].vtu", pattern),
     "pvd": ("a.pvd", pvd),
@@ -176,6 +247,8 @@ FILES: dict[str, tuple[str, Write]] = {
     "vtk-ascii": ("a.vtk", lambda path: vtk(path, "ASCII")),
     "vtk-old": ("a.vtk", lambda path: vtk(path, "BINARY", 3)),
     "vtkhdf": ("a.vtkhdf", vtkhdf),
+    "cgns": ("a.cgns", cgns),
+    "cgns-mixed": ("a.cgns", lambda path: cgns(path, mixed=True)),
 }
 if find_spec("netCDF4"):
     FILES["exodus-3"] = ("a.ex2", exodus)
@@ -185,6 +258,7 @@ if find_spec("meshlane"):
     FILES["xdmf"] = ("a.xdmf", lambda path: meshlane(path, data_format="XML"))
     FILES["gmsh"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22", binary=False))
     FILES["gmsh-binary"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22"))
-    FILES["abaqus"] = ("a.inp", lambda path: meshlane(path, but="pyramid", of_cells=False, file_format="abaqus"))
+    FILES["abaqus"] = ("a.inp", lambda path: meshlane(path, "pyramid", of_cells=False, file_format="abaqus"))
     FILES["med"] = ("a.med", lambda path: meshlane(path, of_cells=False))
-    FILES |= {name: (f"a.{name}", meshlane) for name in ("nas", "mesh", "su2", "avs")}
+    FILES["tetgen"] = ("a.ele", lambda path: meshlane(path, "pyramid", "wedge", "hexahedron", of_cells=False))
+    FILES |= {name: (f"a.{name}", meshlane) for name in ("nas", "mesh", "meshb", "su2", "avs", "ugrid")}

@@ -46,10 +46,21 @@ def waves(points: np.ndarray) -> np.ndarray:
     return 0.5 + 0.2 * np.sin(1.3 * x + 0.4 * y) + 0.2 * np.cos(1.1 * z - 0.7 * y) + 0.1 * np.sin(2.1 * y)
 
 
+def slow_waves(points: np.ndarray) -> np.ndarray:
+    return waves(points / 2)
+
+
 def without(grid: UnstructuredGrid, share: float) -> UnstructuredGrid:
     """The grid with holes."""
     kept = np.random.default_rng(5).random(len(grid.cells["hexahedron"])) >= share
     return replace(grid, cells={"hexahedron": grid.cells["hexahedron"][kept]})
+
+
+def layered(grid: UnstructuredGrid) -> UnstructuredGrid:
+    """The grid with every second layer a million times thinner than wide."""
+    moved = grid.points.copy()
+    moved[:, 2] = moved[:, 2] // 2 + 1e-6 * (moved[:, 2] % 2)
+    return replace(grid, points=moved, point_arrays={"f": waves(moved)})
 
 
 def bent(grid: UnstructuredGrid, shift: tuple[float, float, float] = (0, 0, 0)) -> UnstructuredGrid:
@@ -60,11 +71,18 @@ def bent(grid: UnstructuredGrid, shift: tuple[float, float, float] = (0, 0, 0)) 
 
 LATTICE = lattice(6, 6, 6, field=waves)
 HOLES = bent(without(lattice(7, 6, 6, field=waves), 0.3))
+SLIVERS = layered(lattice(11, 5, 5, field=waves))
 BESIDE = bent(without(lattice(5, 5, 5, field=waves), 0.1), (2.6, 2.3, 1.4))
 CELLS = replace(mixed(), point_arrays={}, points=3 * mixed().points)
 LOOK: dict[str, Any] = {"path": "g", "clim": (0.0, 1.0), "opacity_unit_distance": 2.0}
 THIN = GridSection(**LOOK, cmap=((0.0, 1, 0, 0), (0.5, 0, 1, 0.2), (1.0, 0, 0.3, 1)), opacity=((0.1, 0), (0.9, 0.8)))
 PEAKS = GridSection(**LOOK, cmap="inferno", opacity=((0.3, 0), (0.35, 0.9), (0.4, 0), (0.6, 0), (0.7, 0.7), (0.8, 0)))
+DEEP = THIN.model_copy(update={"opacity_unit_distance": 0.1})
+NARROW = GridSection(
+    **LOOK,
+    cmap="inferno",
+    opacity=tuple((s + d, 0.9 * (d == 0)) for s in (0.3, 0.4, 0.5, 0.6, 0.7) for d in (-0.005, 0, 0.005)),
+)
 OF_CELLS = GridSection(path="g", array="kind", clim=(3.0, 9.0), opacity=((3, 0.2), (9, 0.6)), opacity_unit_distance=2.0)
 MIRRORED = THIN.model_copy(update={"transform": ((-1, 0.2, 0, 6), (0, 1, 0, 0), (0, 0, 1.1, 0), (0, 0, 0, 1))})
 NOISE = scenes.smooth((9, 8, 10))
@@ -124,6 +142,9 @@ CASES: dict[str, tuple[Any, ...]] = {
     "lattice": (((THIN, LATTICE),), (), (), {}, VIEWS, 1e-5),
     "holes": (((THIN, HOLES),), (), (), {}, VIEWS, 1e-5),
     "peaks": (((PEAKS, HOLES),), (), (), {}, ("outside",), 1e-5),
+    "narrow peaks": (((NARROW, HOLES),), (), (), {}, ("outside",), 1e-4),
+    "deep": (((DEEP, HOLES),), (), (), {}, ("outside",), 1e-4),
+    "slivers": (((THIN, SLIVERS),), (), (), {}, ("outside", "inside"), 1e-5),
     "arrays of cells": (((OF_CELLS, CELLS),), (), (), {}, ("outside", "inside"), 1e-5),
     "mirrored": (((MIRRORED, HOLES),), (), (), {}, ("outside",), 1e-5),
     "clipped": (((THIN, HOLES),), (), (), CUT, ("outside", "inside"), 1e-5),
@@ -197,6 +218,41 @@ def test_walks_in_circles_end_and_are_counted(
     found = scenes.draw(None if where == "cpu" else request.getfixturevalue("context"), given)
     assert found.cut_short > 100
     assert np.isfinite(found.partial.rgba).all()
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
+def test_units_do_not_change_the_picture(scale: float) -> None:
+    # Hexahedra are cut by the digits of their corners.
+    cells = make_tetrahedra(HOLES, None)
+    grid = UnstructuredGrid("g", cells.points, {"tetra": cells.corners.astype(np.int64)}, {"f": cells.values})
+    right = expected(scene_of(((THIN, grid),), "outside"), ((THIN, grid),), (), ())
+    section = THIN.model_copy(update={"opacity_unit_distance": 2 * scale})
+    grids = ((section, replace(grid, points=scale * grid.points)),)
+    camera = CAMERAS["outside"]
+    there = {key: tuple(scale * x for x in getattr(camera, key)) for key in ("position", "focal_point")}
+    scene = scene_of(grids, "outside").model_copy(update={"camera": camera.model_copy(update=there)})
+    assert np.abs(scenes.drawn(None, prepared(scene, grids, (), ()))[0] - right).max() <= 1e-5
+
+
+def test_tetrahedra_converge_to_the_volume_at_second_order() -> None:
+    """Of the same samples of a smooth field: both interpolate it with errors of the square of their distance."""
+    cells = np.array([5, 10, 20])
+    errors = []
+    for count in cells:
+        spacing = 6 / count
+        grid = lattice(count, count, count, field=slow_waves, spacing=spacing)
+        places = spacing * np.stack(np.indices((count + 1,) * 3)[::-1], axis=-1).reshape(-1, 3)
+        samples = slow_waves(places).reshape((count + 1,) * 3).astype(np.float32)
+        look = {**LOOK, "cmap": THIN.cmap, "opacity": THIN.opacity}
+        volume = Volume(**look), samples, Grid(samples.shape, (spacing,) * 3, (0, 0, 0))
+        pictures = []
+        for grids, volumes in ((((THIN, grid),), ()), ((), (volume,))):
+            scene = scene_of(grids, "outside", volumes, step=0.1)
+            scene = scene.model_copy(update={"quality": Quality(step=0.1, classification="pre-integrated")})
+            pictures.append(scenes.drawn(None, prepared(scene, grids, volumes, ()))[0])
+        errors.append(np.sqrt(np.mean((pictures[1] - pictures[0]) ** 2)))
+    order = -np.polyfit(np.log(cells), np.log(errors), 1)[0]
+    assert 1.8 <= order <= 2.3, errors
 
 
 @pytest.mark.parametrize("camera", ["outside", "inside"])

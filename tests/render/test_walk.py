@@ -118,3 +118,32 @@ def test_slivers_are_passed() -> None:
     rng = np.random.default_rng(4)
     found = walked(tetrahedra(thin), rng.uniform(-1.4, 1.4, (64, 2)).astype(np.float32).astype(float), 16)
     np.testing.assert_allclose(found[:, 0], 3e-6, atol=5e-7)  # three roundings of the depth, which is 1
+
+
+def test_rays_through_every_corner_and_edge_pass_what_the_reference_passes() -> None:
+    """In a frustum of layers at powers of two all slopes to corners, and between them, are exact in float32."""
+    box = lattice(3, 5, 5)
+    depth = 2.0 ** box.points[:, 2]
+    aside = box.points[:, :2] / 4 - 5 / 8
+    is_inner = ((box.points > 0) & (box.points < [5, 5, 3])).all(axis=1)
+    aside += is_inner[:, None] * np.random.default_rng(7).integers(-6, 7, aside.shape) / 128
+    cells = tetrahedra(
+        UnstructuredGrid(
+            "a", np.column_stack([aside * depth[:, None], depth]), box.cells, {"f": aside @ [3, 2] + depth}
+        )
+    )
+    ends = np.unique(
+        np.sort(cells.corners[:, [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]].reshape(-1, 2), axis=1), axis=0
+    )
+    slopes = cells.points[:, :2] / cells.points[:, 2:]
+    slopes = np.unique(np.concatenate([slopes, slopes[ends].mean(axis=1)]), axis=0)
+    slopes = slopes[(np.abs(slopes) < 5 / 8).all(axis=1)]
+    slopes = np.concatenate([slopes, np.zeros((-len(slopes) % 16, 2))])
+    np.testing.assert_array_equal(slopes, slopes.astype(np.float32))
+    found = walked(cells, slopes, 16)
+    passed = find_passages(Rays(np.zeros((len(slopes), 3)), np.column_stack([slopes, np.ones(len(slopes))])), cells)
+    way = (passed.end - passed.begin) / ((slopes**2).sum(axis=1) + 1)[passed.ray]
+    np.testing.assert_allclose(np.bincount(passed.ray, way), 7, rtol=1e-12)
+    np.testing.assert_allclose(found[:, 0], 7, atol=5e-6)
+    np.testing.assert_allclose(found[:, 1], np.bincount(passed.ray, way * (passed.front + passed.back) / 2), atol=5e-5)
+    assert found[:, 3].max() < 1e-5

@@ -1,12 +1,15 @@
 """Unstructured grids of finite-element programs, which the meshlane package reads (`pip install clusterviz[grids]`).
 
-XDMF, gmsh, NASTRAN, CGNS, Abaqus, MED, Medit, TetGen, SU2, UGRID, AVS-UCD and OpenFOAM. The reader of each format is
+XDMF, gmsh, NASTRAN, Abaqus, MED, Medit, TetGen, SU2, UGRID, AVS-UCD and OpenFOAM. The reader of each format is
 called, as `meshlane.read` ends the process on errors.
 """
 
 from __future__ import annotations
 
+import ctypes
 import io
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from importlib import import_module
@@ -19,6 +22,8 @@ from clusterviz.errors import DataError
 
 GROWTH, ROOM = 128, 1 << 27
 """Bytes of memory for a byte of a file, and for any file."""
+RATE, SECONDS = 50_000, 2.0
+"""Bytes of a file that are read in a second of CPU time, at least, and seconds for any file."""
 READERS = {
     ".xdmf": "xdmf",
     ".xmf": "xdmf",
@@ -26,7 +31,6 @@ READERS = {
     ".bdf": "nastran",
     ".fem": "nastran",
     ".nas": "nastran",
-    ".cgns": "cgns",
     ".inp": "abaqus",
     ".med": "med",
     ".mesh": "medit",
@@ -56,9 +60,40 @@ def read_meshlane(path: Path) -> UnstructuredGrid:
     except ImportError as error:
         raise DataError("needs the meshlane package", where=where, allowed="pip install 'clusterviz[grids]'") from error
     said = io.StringIO()
-    with limited_memory(path.stat().st_size), redirect_stdout(said), redirect_stderr(said):  # its warnings
+    size = path.stat().st_size
+    with limited_time(size, where), limited_memory(size), redirect_stdout(said), redirect_stderr(said):  # its warnings
         mesh = package._helpers.reader_map[name](where)
     return grid_of_blocks(mesh, where)
+
+
+@contextmanager
+def limited_time(size: int, where: str) -> Iterator[None]:
+    """Context in which this thread gets as much CPU time as a file of `size` bytes may need, on Linux.
+
+    Some of meshlane's readers wait for a line at the end of a file for ever, or count to what a damaged file states.
+    """
+    if not hasattr(time, "pthread_getcpuclockid"):
+        yield
+        return
+    thread, done = threading.get_ident(), threading.Event()
+    clock = time.pthread_getcpuclockid(thread)
+    end = time.clock_gettime(clock) + SECONDS + size / RATE
+
+    def watch() -> None:
+        while not done.wait(0.1):
+            if time.clock_gettime(clock) > end:
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(TimeoutError))
+                return
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    except TimeoutError as error:
+        raise DataError("damaged: reading does not end", where=where) from error
+    finally:
+        done.set()
+        watcher.join()
 
 
 @contextmanager

@@ -26,8 +26,8 @@ from clusterviz.data.header import check_dtype, check_packed, check_size
 from clusterviz.data.source import Grid
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
 from clusterviz.data.strided import StridedSource
-from clusterviz.data.unstructured import UnstructuredGrid
-from clusterviz.data.vtk_cells import grid_of_cells
+from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid
+from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
 from clusterviz.data.vtk_image import choose_array, image_grid
 from clusterviz.data.vtk_polydata import Cells, polydata
 from clusterviz.errors import DataError
@@ -327,7 +327,11 @@ def read_unstructured(path: Path) -> UnstructuredGrid:
     points, cells, of_points, of_cells = _parts(path, scan)
     if scan.types is None or "Cells" not in cells:
         raise DataError("no cells", where=where, allowed="CELLS and CELL_TYPES")
-    return grid_of_cells(points, _load(path, scan, scan.types), *cells["Cells"], of_points, of_cells, where)
+    types, (offsets, corners) = _load(path, scan, scan.types), cells["Cells"]
+    if len(offsets) != len(types) + 1:
+        raise DataError("the cells' offsets are wrong", where=where, found=len(offsets), allowed=len(types) + 1)
+    polyhedra = Polyhedra.of_streams(corners, offsets[:-1][types == POLYHEDRON])
+    return grid_of_cells(points, types, offsets, corners, of_points, of_cells, where, polyhedra)
 
 
 def _parts(path: Path, scan: _Scan) -> tuple[NDArray[Any], dict[str, Cells], Attributes, Attributes]:

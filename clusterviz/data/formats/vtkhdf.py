@@ -43,12 +43,7 @@ def read_vtkhdf(path: Path) -> UnstructuredGrid:
             raise DataError("has time steps", where=str(path), allowed="a grid without Steps")
 
         def load(name: str) -> NDArray[Any]:
-            data = root[name]
-            stored = data.id.get_storage_size()
-            if data.size * data.dtype.itemsize > min(MOST, 1100 * max(stored, 1)):  # deflate's most
-                found = f"{data.shape} in {stored} bytes"
-                raise DataError("truncated, or its header lies", where=f"{path}:{name}", found=found)
-            return np.asarray(data[()])
+            return load_dataset(root[name])
 
         counts = {name: load(f"NumberOf{name}").astype(np.int64) for name in ("Points", "Cells", "ConnectivityIds")}
         points, types, corners = load("Points"), load("Types"), load("Connectivity").astype(np.int64)
@@ -70,3 +65,12 @@ def read_vtkhdf(path: Path) -> UnstructuredGrid:
             for group in ("PointData", "CellData")
         )
     return grid_of_cells(points, types, np.concatenate(begins), corners, of_points, of_cells, str(path))
+
+
+def load_dataset(data: Any) -> NDArray[Any]:
+    """Return all of a dataset of HDF5, whose header may lie about its size."""
+    stored = data.id.get_storage_size()
+    if data.size * data.dtype.itemsize > min(MOST, 1100 * max(stored, 1)):  # deflate's most
+        where, found = f"{data.file.filename}:{data.name}", f"{data.shape} in {stored} bytes"
+        raise DataError("truncated, or its header lies", where=where, found=found)
+    return np.asarray(data[()])

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.files import require_file
 from clusterviz.data.geometry import check_indices
-from clusterviz.data.unstructured import UnstructuredGrid
-from clusterviz.data.vtk_cells import grid_of_cells
-from clusterviz.data.vtk_xml import XmlPiece, joined, scan_xml
+from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, joined_grids
+from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
+from clusterviz.data.vtk_xml import XmlPiece, scan_xml
 from clusterviz.errors import DataError
 
 GHOST, DUPLICATE = "vtkGhostType", 1
@@ -30,7 +30,8 @@ def read_vtu(path: Path) -> UnstructuredGrid:
     DataError
         Not such a file, damaged or truncated, counts that do not fit, or indices out of range.
     """
-    return _read(_pieces(path), str(path))
+    grids = [_grid(piece, str(path)) for piece in _pieces(path)]
+    return grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
 
 
 def _pieces(path: Path) -> list[XmlPiece]:
@@ -41,33 +42,40 @@ def _pieces(path: Path) -> list[XmlPiece]:
     return [XmlPiece(path, size, layout, number) for number in range(len(layout.pieces))]
 
 
-def _read(pieces: list[XmlPiece], where: str) -> UnstructuredGrid:
-    points, lengths, corners = list[NDArray[Any]](), [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    types, of_points, of_cells = (
-        [np.zeros(0, np.uint8)],
-        list[dict[str, NDArray[Any]]](),
-        list[dict[str, NDArray[Any]]](),
-    )
-    begin = 0
-    for piece in pieces:
-        points.append(piece.points())
-        count = piece.count("NumberOfCells")
-        ends, along = piece.cells("Cells", count)
-        own = np.diff(ends, prepend=0)
-        if (own < 0).any():
-            raise DataError("the cells' offsets are wrong", where=where, found="a cell of less than 0 points")
-        check_indices(along, len(points[-1]), where)
-        kinds = piece.array("Cells", "types", count).reshape(-1) if count else np.zeros(0, np.uint8)
-        arrays = piece.arrays("CellData", count)
-        ghost = arrays.pop(GHOST, np.zeros(count, np.uint8)).reshape(count, -1)[:, 0]
-        keep = np.flatnonzero(ghost & DUPLICATE == 0)
-        lengths.append(own[keep])
-        corners.append(along[np.repeat(ghost & DUPLICATE == 0, own)] + begin)
-        types.append(kinds[keep])
-        of_cells.append({name: array[keep] for name, array in arrays.items()})
-        of_points.append(piece.arrays("PointData", len(points[-1])))
-        of_points[-1].pop(GHOST, None)
-        begin += len(points[-1])
-    offsets = np.append(0, np.cumsum(np.concatenate(lengths)))
-    parts = np.concatenate(points), np.concatenate(types), offsets, np.concatenate(corners)
-    return grid_of_cells(*parts, joined(of_points), joined(of_cells), where)
+def _grid(piece: XmlPiece, where: str) -> UnstructuredGrid:
+    points, count = piece.points(), piece.count("NumberOfCells")
+    ends, corners = piece.cells("Cells", count)
+    lengths = np.diff(ends, prepend=0)
+    if (lengths < 0).any():
+        raise DataError("the cells' offsets are wrong", where=where, found="a cell of less than 0 points")
+    check_indices(corners, len(points), where)
+    types = piece.array("Cells", "types", count).reshape(-1) if count else np.zeros(0, np.uint8)
+    of_cells = piece.arrays("CellData", count)
+    of_points = piece.arrays("PointData", len(points))
+    of_points.pop(GHOST, None)
+    is_kept = of_cells.pop(GHOST, np.zeros(count, np.uint8)).reshape(count, -1)[:, 0] & DUPLICATE == 0
+    polyhedra = _polyhedra(piece, types).some(is_kept[types == POLYHEDRON])
+    offsets = np.append(0, np.cumsum(lengths[is_kept]))
+    of_kept = {name: array[is_kept] for name, array in of_cells.items()}
+    cells = types[is_kept], offsets, corners[np.repeat(is_kept, lengths)]
+    return grid_of_cells(points, *cells, of_points, of_kept, where, polyhedra)
+
+
+def _polyhedra(piece: XmlPiece, types: NDArray[Any]) -> Polyhedra:
+    """Return the polyhedra of a piece, in VTK's form from 9.4 on, or as streams."""
+    own = np.flatnonzero(types == POLYHEDRON)
+    if not len(own):
+        return Polyhedra.of_streams(np.zeros(0, np.int64), own)
+
+    def load(name: str, count: int) -> NDArray[np.int64]:
+        return piece.array("Cells", name, count).astype(np.int64).reshape(-1)
+
+    if piece.has("Cells", "faceoffsets"):
+        ends = load("faceoffsets", len(types))[own]
+        return Polyhedra.of_streams(load("faces", int(ends.max())), np.append(0, ends[:-1]))
+    ends = load("polyhedron_offsets", len(types))
+    faces = load("polyhedron_to_faces", int(ends[-1]))
+    face_ends = load("face_offsets", int(faces.max(initial=-1)) + 1)
+    owners = np.repeat(np.arange(len(own)), np.diff(ends, prepend=0)[own])
+    sizes = np.diff(face_ends, prepend=0)[faces]
+    return Polyhedra(len(own), owners, face_ends[faces] - sizes, sizes, load("face_connectivity", int(face_ends[-1])))

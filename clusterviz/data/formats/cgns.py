@@ -1,0 +1,128 @@
+"""CGNS (.cgns) in HDF5: unstructured zones, their element sections, and solutions at vertices and in cells.
+
+Zones are joined. Of several solutions at one place the last one counts, which is the last time step of most programs.
+
+References
+----------
+CGNS Standard Interface Data Structures, "Grid Coordinates, Elements, and Flow Solutions" and "Element Numbering";
+CGNS/HDF5 file mapping, https://cgns.github.io
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.files import require_file
+from clusterviz.data.formats.exodus import ORDERS
+from clusterviz.data.formats.vtkhdf import load_dataset
+from clusterviz.data.unstructured import UnstructuredGrid, joined_grids, linearised
+from clusterviz.errors import DataError
+
+KINDS = {2: ("vertex", 1), 3: ("line", 2), 4: ("line", 3), 5: ("triangle", 3), 6: ("triangle", 6), 7: ("quad", 4)}
+KINDS |= {8: ("quad", 8), 9: ("quad", 9), 10: ("tetra", 4), 11: ("tetra10", 10), 12: ("pyramid", 5)}
+KINDS |= {21: ("pyramid13", 13), 13: ("pyramid14", 14), 14: ("wedge", 6), 15: ("wedge15", 15), 16: ("wedge18", 18)}
+KINDS |= {17: ("hexahedron", 8), 18: ("hexahedron20", 20), 19: ("hexahedron27", 27)}
+MIXED, POLYGONS, POLYHEDRA = 20, 22, 23
+"""Numbers of ElementType_t; in sections of mixed elements each has its number in front."""
+NODES = {**ORDERS, "hexahedron27": [*range(12), *range(16, 20), *range(12, 16), 24, 22, 21, 23, 20, 25, 26]}
+"""Of kinds whose order is not VTK's, the places of VTK's nodes."""
+
+
+def read_cgns(path: Path) -> UnstructuredGrid:
+    """Read the zones of a file.
+
+    Raises
+    ------
+    DataError
+        Not CGNS in HDF5, structured zones only, polyhedra, or damaged.
+    """
+    import h5py
+
+    require_file(path, (b"\x89HDF\r\n\x1a\n",))
+    with h5py.File(path) as file:
+        zones = [zone for base in _children(file, "CGNSBase_t") for zone in _children(base, "Zone_t")]
+        grids = [_zone(zone, str(path)) for zone in zones if list(_children(zone, "Elements_t"))]
+    if not grids:
+        allowed = "CGNS in HDF5 with an unstructured zone"
+        raise DataError("no elements", where=str(path), found=f"{len(zones)} zones", allowed=allowed)
+    return grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
+
+
+def _children(node: Any, label: str) -> Iterator[Any]:
+    """Yield the children of a node with a label."""
+    for child in node.values():
+        found = child.attrs.get("label", b"")
+        if (found.decode() if isinstance(found, bytes) else str(found)) == label:
+            yield child
+
+
+def _name(node: Any) -> str:
+    return str(node.name.rpartition("/")[2])
+
+
+def _data(node: Any) -> NDArray[Any]:
+    return load_dataset(node[" data"]).reshape(-1)
+
+
+def _zone(zone: Any, where: str) -> UnstructuredGrid:
+    coordinates = {_name(one): one for one in _children(next(_children(zone, "GridCoordinates_t")), "DataArray_t")}
+    points = np.stack([_data(coordinates[f"Coordinate{axis}"]) for axis in "XYZ"], axis=1)
+    sections = sorted(_children(zone, "Elements_t"), key=lambda section: int(_data(section["ElementRange"])[0]))
+    blocks = [block for section in sections for block in _blocks(section, f"{where}:{_name(section)}")]
+    of: dict[str, dict[str, NDArray[Any]]] = {"Vertex": {}, "CellCenter": {}}
+    for solution in _children(zone, "FlowSolution_t"):
+        location = next(
+            (bytes(_data(one).astype(np.uint8)).decode() for one in _children(solution, "GridLocation_t")), ""
+        )
+        arrays = {_name(one): _data(one) for one in _children(solution, "DataArray_t")}
+        of.get(location or "Vertex", {}).update(
+            (name, each) for name, each in arrays.items() if each.dtype.kind in "iuf"
+        )
+    # Solutions in cells are those of elements with a volume, or of all.
+    flat = [np.full(len(corners), kind.startswith(("vertex", "line", "triangle", "quad"))) for kind, corners in blocks]
+    is_flat = np.concatenate([np.zeros(0, bool), *flat])
+    of_cells = dict[str, NDArray[Any]]()
+    for name, array in of["CellCenter"].items():
+        of_cells[name] = array
+        if len(array) == np.count_nonzero(~is_flat):
+            of_cells[name] = np.zeros(len(is_flat), array.dtype)
+            of_cells[name][~is_flat] = array
+    return linearised(points, blocks, of["Vertex"], of_cells, where)
+
+
+def _blocks(section: Any, where: str) -> Iterator[tuple[str, NDArray[np.int64]]]:
+    """Yield the elements of a section; each run of one kind in a section of mixed ones is a block."""
+    kind, (first, last) = int(_data(section)[0]), _data(section["ElementRange"])[:2].tolist()
+    corners, count = _data(section["ElementConnectivity"]).astype(np.int64), last - first + 1
+    if kind == MIXED:
+        if "ElementStartOffset" not in section:
+            raise DataError("mixed elements without ElementStartOffset", where=where, allowed="CGNS 4.0 or later")
+        begins = _data(section["ElementStartOffset"]).astype(np.int64)[:count]
+        kinds = corners[begins]
+        ends = np.append(np.flatnonzero(np.diff(kinds)) + 1, count)
+        for begin, end in zip(np.append(0, ends[:-1]).tolist(), ends.tolist(), strict=True):
+            name, nodes = _kind(int(kinds[begin]), where)
+            yield _ordered(name, corners[begins[begin:end, None] + 1 + np.arange(nodes)])
+        return
+    name, nodes = _kind(kind, where)
+    if len(corners) != count * nodes:
+        found, allowed = f"{len(corners)} indices", f"{count} x {nodes} of {name}"
+        raise DataError("the connectivity does not fit", where=where, found=found, allowed=allowed)
+    yield _ordered(name, corners.reshape(count, nodes))
+
+
+def _ordered(kind: str, corners: NDArray[np.int64]) -> tuple[str, NDArray[np.int64]]:
+    return kind, corners[:, NODES.get(kind, slice(None))] - 1
+
+
+def _kind(number: int, where: str) -> tuple[str, int]:
+    if number not in KINDS:
+        found = "polygons and polyhedra" if number in (POLYGONS, POLYHEDRA) else f"ElementType_t {number}"
+        allowed = ", ".join(dict.fromkeys(kind for kind, _ in KINDS.values()))
+        raise DataError("elements of an unsupported kind", where=where, found=found, allowed=allowed)
+    return KINDS[number]
