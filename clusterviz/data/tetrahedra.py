@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.geometry import Bounds, bounds_of, merge_equal
+from clusterviz.data.geometry import CHUNK, Bounds, bounds_of, merge_equal
 from clusterviz.data.predicates import orientation
 from clusterviz.data.unstructured import CORNERS, FACES, UnstructuredGrid, check_volume
 from clusterviz.errors import DataError
@@ -95,9 +95,12 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
     values = values.astype(np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64)
     place, placed = merge_equal(grid.points)[1], np.isfinite(grid.points).all(axis=1)
     known = np.isfinite(values)
-    counts, parts, owners, begin = dict.fromkeys(COUNTS, 0), list[NDArray[np.int64]](), list[NDArray[np.int64]](), 0
+    counts, parts, owners, begin = dict.fromkeys(COUNTS, 0), list[NDArray[np.uint32]](), list[NDArray[np.uint32]](), 0
+    if max(len(grid.points), grid.count) > MOST:
+        _refuse(grid, grid.count)
     used = np.zeros(len(grid.points), bool)
-    for kind, corners in grid.cells.items():
+    chunks = ((kind, each[n : n + STEP]) for kind, each in grid.cells.items() for n in range(0, len(each), STEP))
+    for kind, corners in chunks:
         used[corners.ravel()] = True
         numbers, begin = np.arange(begin, begin + len(corners)), begin + len(corners)
         here = placed[corners].all(axis=1)
@@ -114,13 +117,12 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
         if kind != "wedge":  # whose corners VTK and finite elements order differently
             counts["inverted"] += int((has_negative & ~has_positive).sum())
         pieces[signs < 0] = pieces[signs < 0][:, [1, 0, 2, 3]]
-        parts.append(pieces[signs != 0])
-        owners.append(np.repeat(numbers, (signs != 0).sum(axis=1)))
-    whole = np.concatenate([np.empty((0, 4), np.int64), *parts])
-    cells = np.concatenate([np.empty(0, np.int64), *owners])
-    if max(len(whole), len(grid.points), grid.count) > MOST:
-        found = f"{len(grid.points)} points, {len(whole)} tetrahedra"
-        raise DataError("too large", where=grid.name, found=found, allowed=f"at most {MOST} of each")
+        parts.append(pieces[signs != 0].astype(np.uint32))
+        owners.append(np.repeat(numbers, (signs != 0).sum(axis=1)).astype(np.uint32))
+    whole = np.concatenate([np.empty((0, 4), np.uint32), *parts])
+    cells = np.concatenate([np.empty(0, np.uint32), *owners])
+    if len(whole) > MOST:
+        _refuse(grid, len(whole))
     counts["unused"] = int((~used).sum())
     counts["duplicates"] = len(place) - int(place.max(initial=-1)) - 1
     rows, corners = _compact(grid.points, whole, place if on_cells else groups_with_values(place, values))
@@ -130,15 +132,22 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
         corners,
         values[cells] if on_cells else values[rows],
         on_cells,
-        cells.astype(np.uint32),
+        cells,
         name,
         rows.astype(np.uint32),
         counts,
     )
 
 
+def _refuse(grid: UnstructuredGrid, tetrahedra: int) -> None:
+    found = f"{len(grid.points)} points, {tetrahedra} tetrahedra"
+    raise DataError("too large", where=grid.name, found=found, allowed=f"at most {MOST} of each")
+
+
 def _pieces(kind: str, corners: NDArray[np.int64], place: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the tetrahedra (m, t, 4) of cells (m, c); `place` numbers the positions of the points."""
+    if kind == "tetra":
+        return corners[:, None].copy()
     keys = place[corners]
     smallest = keys.argmin(axis=1)
     found = np.empty((len(corners), PIECES[kind], 4), np.int64)
@@ -158,6 +167,8 @@ def _pieces(kind: str, corners: NDArray[np.int64], place: NDArray[np.int64]) -> 
     return found
 
 
+STEP = CHUNK // 8
+"""Cells that are cut at a time."""
 PIECES = {"tetra": 1, "pyramid": 2, "wedge": 3, "hexahedron": 6}
 
 
@@ -169,12 +180,13 @@ def groups_with_values(place: NDArray[np.int64], values: NDArray[Any]) -> NDArra
 
 
 def _compact(
-    points: NDArray[Any], corners: NDArray[np.int64], group: NDArray[np.int64]
+    points: NDArray[Any], corners: NDArray[np.uint32], group: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
     """Return the rows of the points that are used, the first of each group, ascending, and the corners among them."""
     first = np.empty(int(group.max(initial=-1)) + 1, np.int64)
     first[group[::-1]] = np.arange(len(points))[::-1]  # the last one written is the smallest
-    used = np.zeros(len(points), bool)
-    used[first[group[corners.ravel()]]] = True
+    row, used = first[group], np.zeros(len(points), bool)
+    used[corners.ravel()] = True
+    used[row[used]], used[row != np.arange(len(points))] = True, False
     number = np.cumsum(used, dtype=np.uint32) - np.uint32(1)
-    return np.flatnonzero(used), number[first[group[corners]]]
+    return np.flatnonzero(used), number[row][corners]

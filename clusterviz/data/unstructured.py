@@ -225,7 +225,7 @@ def linearised(
             raise DataError("cells of an unsupported kind", where=where, found=kind, allowed=allowed)
     order_of = np.concatenate([np.zeros(0, np.int64), *(each for kind in FACES for each in rows[kind])])
     check_attributes(of_cells, begin, "cells", where)
-    kept = {kind: np.concatenate(each) for kind, each in cells.items() if each}
+    kept = {kind: np.concatenate(each) if len(each) > 1 else each[0] for kind, each in cells.items() if each}
     of_kept = {name: array[order_of] for name, array in of_cells.items()}
     return UnstructuredGrid(where, points, kept, of_points, of_kept, ignored, curved)
 

@@ -79,7 +79,10 @@ def grid_of_cells(
         if wrong.any():
             found = f"a {KINDS[kind]} of {counts[rows][wrong][0]} points"
             raise DataError("a cell has an impossible length", where=where, found=found, allowed=nodes)
-        own = corners[offsets[rows][:, None] + np.arange(nodes)]
+        if rows[-1] - rows[0] == len(rows) - 1 and kind in NODES:
+            own = corners[offsets[rows[0]] : offsets[rows[-1] + 1]].reshape(-1, nodes)
+        else:
+            own = corners[offsets[rows][:, None] + np.arange(nodes)]
         blocks.append((KINDS[kind], own[:, [0, 1, 3, 2, 4, 5, 7, 6]] if kind == VOXEL else own))
         order.append(rows)
     numbers = np.concatenate(order)

@@ -22,7 +22,7 @@ from clusterviz.errors import DataError
 
 GROWTH, ROOM = 128, 1 << 27
 """Bytes of memory for a byte of a file, and for any file."""
-RATE, SECONDS = 50_000, 2.0
+RATE, SECONDS = 50_000, 1.0
 """Bytes of a file that are read in a second of CPU time, at least, and seconds for any file."""
 READERS = {
     ".xdmf": "xdmf",

@@ -54,7 +54,10 @@ def _grid(piece: XmlPiece, where: str) -> UnstructuredGrid:
     of_points = piece.arrays("PointData", len(points))
     of_points.pop(GHOST, None)
     is_kept = of_cells.pop(GHOST, np.zeros(count, np.uint8)).reshape(count, -1)[:, 0] & DUPLICATE == 0
-    polyhedra = _polyhedra(piece, types).some(is_kept[types == POLYHEDRON])
+    polyhedra = _polyhedra(piece, types)
+    if is_kept.all():
+        return grid_of_cells(points, types, np.append(0, ends), corners, of_points, of_cells, where, polyhedra)
+    polyhedra = polyhedra.some(is_kept[types == POLYHEDRON])
     offsets = np.append(0, np.cumsum(lengths[is_kept]))
     of_kept = {name: array[is_kept] for name, array in of_cells.items()}
     cells = types[is_kept], offsets, corners[np.repeat(is_kept, lengths)]
