@@ -22,6 +22,7 @@ from clusterviz.errors import DataError
 Attributes = Mapping[str, NDArray[Any]]
 Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
 CHUNK = 1 << 20  # triangles whose areas are computed at a time
+STEP = CHUNK >> 3  # primitives or cells that are worked on at a time, where each takes hundreds of bytes
 
 
 @dataclass(frozen=True)

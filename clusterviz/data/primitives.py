@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.geometry import CHUNK, Attributes, Lines, Mesh, Points
+from clusterviz.data.geometry import CHUNK, STEP, Attributes, Lines, Mesh, Points
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
 
@@ -312,8 +312,8 @@ def brick_keys(drawn: DrawnPrimitives, numbers: NDArray[np.int64], boxes: BrickB
     numbers : ascending, of the primitives
     """
     keys = [np.empty(0, np.uint64)]
-    for begin in range(0, len(numbers), CHUNK // 4):
-        some = numbers[begin : begin + CHUNK // 4]
+    for begin in range(0, len(numbers), STEP):
+        some = numbers[begin : begin + STEP]
         corners = drawn.corners[some, ENDS[drawn.kind]]
         placed = np.stack([transformed(drawn.positions[corner], boxes.matrix) for corner in corners.T])
         around = np.full(len(corners), boxes.reach + NEAR)
@@ -345,7 +345,7 @@ def _keys(
     low, size, placed, around = low[several], (high - low + 1)[several], placed[:, several], around[several]
     bricks = size.prod(axis=1)
     rows = np.cumsum(bricks)
-    for some in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows // CHUNK)) + 1):
+    for some in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows // STEP)) + 1):
         which = np.repeat(some, bricks[some])
         within = np.arange(len(which)) - np.repeat(np.cumsum(bricks[some]) - bricks[some], bricks[some])
         x, rest = within % size[which, 0], within // size[which, 0]

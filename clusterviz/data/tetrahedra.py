@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.geometry import CHUNK, Bounds, bounds_of, merge_equal
+from clusterviz.data.geometry import STEP, Bounds, bounds_of, merge_equal
 from clusterviz.data.predicates import orientation
 from clusterviz.data.unstructured import CORNERS, FACES, UnstructuredGrid, check_volume
 from clusterviz.errors import DataError
@@ -167,8 +167,6 @@ def _pieces(kind: str, corners: NDArray[np.int64], place: NDArray[np.int64]) -> 
     return found
 
 
-STEP = CHUNK // 8
-"""Cells that are cut at a time."""
 PIECES = {"tetra": 1, "pyramid": 2, "wedge": 3, "hexahedron": 6}
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
 from clusterviz.data.faces import find_neighbours
-from clusterviz.data.geometry import CHUNK, hashes, merge_equal
+from clusterviz.data.geometry import CHUNK, STEP, hashes, merge_equal
 from clusterviz.data.grid_files import GridFile
 from clusterviz.data.primitives import NO_RADII, BrickMembers, DistinctRows, DrawnPrimitives, transformed
 from clusterviz.data.source import Index
@@ -282,9 +282,9 @@ class KnownCells:
         owners = np.repeat(np.arange(bricks), np.diff(members.begins))
         numbers, places = np.unique(members.numbers, return_inverse=True)
         measured = _Measured.of(drawn, numbers, matrix)
-        for first in range(0, len(owners), CHUNK):
-            some = places[first : first + CHUNK]
-            owner, low, high = owners[first : first + CHUNK], measured.low[some], measured.high[some]
+        for first in range(0, len(owners), STEP):
+            some = places[first : first + STEP]
+            owner, low, high = owners[first : first + STEP], measured.low[some], measured.high[some]
             inside = np.minimum(high, begins[owner] + brick) - np.maximum(low, begins[owner])
             shares = (inside.clip(0) / (high - low).clip(TINY)).prod(axis=1).clip(LEAST_SHARE)
             # One after the other, so that sums are the same on any ranks.
@@ -306,8 +306,8 @@ class _Measured:
     @classmethod
     def of(cls, drawn: DrawnPrimitives, numbers: NDArray[np.uint32], matrix: Floats) -> _Measured:
         low, high, shadow = np.empty((len(numbers), 3)), np.empty((len(numbers), 3)), np.empty(len(numbers))
-        for begin in range(0, len(numbers), CHUNK // 4):
-            some = slice(begin, begin + CHUNK // 4)
+        for begin in range(0, len(numbers), STEP):
+            some = slice(begin, begin + STEP)
             placed = [transformed(drawn.positions[corner], matrix) for corner in drawn.corners[numbers[some]].T]
             low[some], high[some] = np.minimum.reduce(placed), np.maximum.reduce(placed)
             u, v, w = (corner - placed[0] for corner in placed[1:])
@@ -470,8 +470,8 @@ def _bounds(points: NDArray[Any], matrix: Floats) -> Floats:
 def _volume(points: NDArray[Any], corners: NDArray[np.uint32], matrix: Floats) -> float:
     """Return the volume of all tetrahedra, mapped by a matrix."""
     found = 0.0
-    for begin in range(0, len(corners), CHUNK // 4):
-        a, b, c, d = (points[corner].astype(np.float64) for corner in corners[begin : begin + CHUNK // 4].T)
+    for begin in range(0, len(corners), STEP):
+        a, b, c, d = (points[corner].astype(np.float64) for corner in corners[begin : begin + STEP].T)
         found += float(np.einsum("mx,mx->m", np.cross(b - a, c - a), d - a).sum())
     return abs(found * float(np.linalg.det(matrix[:3, :3]))) / 6
 
