@@ -315,6 +315,8 @@ class Variant:
         if self.surfaces:
             lines.append(glsl_rows("Surfaces", 4, {"surface": self._rows(2 * self.surfaces)}))
             lines.append(f"const bool IN_VOLUME = {str(self._traits.absorbs).lower()};")
+        alone = self.geometry is not None and self.geometry.grids > 0 and not self.volumes
+        lines.append(f"const bool SLABS_COUNT = {str(not alone).lower()}; // as samples")
         if self.is_mixed:
             # On CPUs the number of surfaces is no constant.
             each = MOST_IN_SLAB if self.cpu else MOST_MET

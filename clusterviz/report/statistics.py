@@ -71,7 +71,8 @@ class RankFrame:
     bricks_occluded : number of bricks not drawn since all rays ended in front of them
     voxels : voxels held in memory, including ghost voxels
     voxel_bytes : memory of the voxels on the device that draws, including reserved memory
-    samples : field samples of all rays
+    samples : field samples of all rays, and their segments in the tetrahedra of unstructured grids; a segment counts
+        once, on the rank that owns its begin
     samples_estimate : samples of these in a pre-pass
     cpu_seconds : CPU time of drawing, all threads
     bytes_raw, bytes_sent, messages_sent : bytes and messages of compositing without the final gather

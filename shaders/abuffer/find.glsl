@@ -6,8 +6,7 @@ bool find_entry(int row, out uvec2 found) {
     vec4 a = vertex[corner[row].x], b = vertex[corner[row].y], c = vertex[corner[row].z];
     vec2 p = sheared(a), q = sheared(b), r = sheared(c);
     vec3 weights = vec3(strict_side(q, r), strict_side(r, p), strict_side(p, q));
-    float depth = dot(weights, vec3(a.z, b.z, c.z)) / (weights.x + weights.y + weights.z);
-    found = uvec2(sorted_bits(depth), 2u * uint(row));
+    found = uvec2(sorted_bits(mean_of(weights, vec3(a.z, b.z, c.z))), 2u * uint(row));
     return all(greaterThan(weights, vec3(0.0)));
 }
 

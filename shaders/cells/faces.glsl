@@ -54,7 +54,7 @@ bool is_ended() {
     return (1.0 - in_front) * (1.0 - seen.a) <= frame.optics.y;
 }
 
-// Composite the segment from the nearest fragment to the second one.
+// Composite the segment from the nearest fragment to the second one, whole in the box that owns its begin.
 void take(Fragment nearest, Fragment second) {
     if (nearest.depth <= -NOWHERE) return;
     is_wrong = is_wrong || nearest.depth < leaves[0].x;
@@ -64,17 +64,14 @@ void take(Fragment nearest, Fragment second) {
     set_segment(0, clamp(tetrahedron - 1, 0, last), vec2(nearest.depth, nearest.scalar), vec2(second.depth, second.scalar));
     if (inside <= 0) return;
     float at = max(max(entered[0].x, unclipped.x), reached), end = min(leaves[0].x, unclipped.y);
-    while (at < end && !is_ended()) {
-        while (run_end <= at) find_run();
-        float next = min(end, run_end);
-        if (is_run_owned) {
-            vec4 part = seen_in(0, at, next);
-            seen += (1.0 - seen.a) * part;
-            ++parts;
-        }
-        at = next;
+    if (at >= end || is_ended()) return;
+    while (run_end <= at) find_run();
+    if (is_run_owned) {
+        vec4 part = seen_in(0, at, end);
+        seen += (1.0 - seen.a) * part;
+        ++parts;
     }
-    reached = max(reached, at);
+    reached = end;
 }
 
 // Where the ray meets a face, as a walk finds it.
@@ -82,7 +79,7 @@ bool meets_face(ivec4 of, out Fragment found) {
     vec4 a = vertex[of.x], b = vertex[of.y], c = vertex[of.z];
     vec2 p = sheared(a), q = sheared(b), r = sheared(c);
     vec3 weights = vec3(strict_side(q, r), strict_side(r, p), strict_side(p, q));
-    vec2 at = (weights.x * a.zw + weights.y * b.zw + weights.z * c.zw) / (weights.x + weights.y + weights.z);
+    vec2 at = vec2(mean_of(weights, vec3(a.z, b.z, c.z)), mean_of(weights, vec3(a.w, b.w, c.w)));
     bool enters = all(greaterThan(weights, vec3(0.0))), leaves = all(lessThan(weights, vec3(0.0)));
     int outside = of.w & 3, change = outside == 0 ? 0 : (outside == 1) == enters ? 1 : -1;
     found = Fragment(at.x, at.y, (of.w & ~3) + change + 1);
@@ -104,8 +101,9 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     in_front = sum.high.a;
     seen = vec4(0.0);
     next_slab = k;
-    reached = depth_at(k > 0 ? double(k) - 0.5LF : 0.5LF - double(ray.first_share));
-    run_end = -NOWHERE;
+    reached = depth_at(0.5LF - double(ray.first_share));
+    run_end = k > 0 ? depth_at(double(k) - 0.5LF) : -NOWHERE;
+    is_run_owned = false;
     leaves[0] = vec2(-NOWHERE, 0.0);
     inside = tetrahedron = 0;
     comparisons = fragments = parts = 0u;

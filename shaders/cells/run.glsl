@@ -12,10 +12,10 @@ void count_cut_short();
 Walk walks[GRIDS];                   // on the face by which the ray leaves the tetrahedron
 int passed[GRIDS];                   // half-face by which it has entered it, negative outside of the grid
 uvec2 entry[GRIDS];                  // key of the last one; outside, of the next one
+int counted[GRIDS];                  // half-face of the tetrahedron that was counted last
 int cells_list, cells_pixel;
 int steps[GRIDS];                    // of the walk, since it was nearest to the depth that it is to reach
 float resumed;                       // depth up to which dispatches before have composited
-float slab_depth;
 
 vec4 cell_vertex(int row) {
     return vec4(sheared(vertex[row]), vertex[row].zw);
@@ -138,19 +138,43 @@ void go_back_in_cells(int g, uvec4 left) {
 
 void face_cells(Ray ray) {
     begin_segments(ray);
-    slab_depth = float(1.0LF / ray_depth.y);
     if (!IN_SHARES) place_walks();
 }
 
-// Composite a part of a slab, or of a run without volumes, from `begin` to `end`, in which volumes absorb evenly. Where a grid is alone it is seen in
-// order; where several are, or volumes, the order is ignored in pieces of at most a slab.
+// Depth of the next end of a slab.
+float end_of_slab(float depth) {
+    double end = floor(position_of(depth) + 0.5LF) + 0.5LF;
+    float found = depth_at(end);
+    return found > depth ? found : depth_at(end + 1.0LF);
+}
+
+// Composite a part of a slab, or of a run without volumes, from `begin` to `end`, in which volumes absorb evenly.
+//
+// A grid alone is seen in order, and a tetrahedron whole, in the part where the ray comes into it, so that no part's end changes the picture. Where
+// there is geometry, or several grids, tetrahedra are cut at the ends of parts. Where several media overlap, their order is ignored in pieces that
+// end where slabs do. A segment counts once, in the part where it begins.
 void absorb_between(inout vec4 sum, vec4 depth, vec3 colour, int k, float middle, float begin, float end, float length) {
     float at = depth_at(double(k) + double(middle + begin)), last = depth_at(double(k) + double(middle + end));
     vec4 even = HAS_VOLUMES && depth.a > 1e-37 ? depth.a * float(ray_depth.y) / length * vec4(colour, 1.0) : vec4(0.0);
-    if (IN_SHARES) at = max(at, resumed);
-    while (!is_suspended && at < last && !is_opaque(sum.a)) {
-        bool is_kept = at >= unclipped.x && at < unclipped.y;
-        float next = min(last, is_kept ? unclipped.y : at < unclipped.x ? unclipped.x : NOWHERE);
+    if (!HAS_VOLUMES) {
+        at = max(at, unclipped.x);
+        last = min(last, unclipped.y);
+    }
+    bool goes_on = IN_SHARES && at < resumed;
+    if (goes_on) at = resumed;
+    if (is_suspended || at >= last) return;
+    bool begins = at <= max(depth_at(-0.5LF), unclipped.x);
+    for (int g = 0; g < GRIDS; ++g) {
+        walk_to(g, at);
+        if (has_to_stop()) continue;
+        bool was_taken_before = passed[g] >= 0 && !begins && entered[g].x < at;
+        counted[g] = was_taken_before ? passed[g] : -1;
+        if (WHOLE_CELLS && was_taken_before && !goes_on) at = leaves[g].x;
+    }
+    while (at < last && !is_opaque(sum.a)) {
+        bool is_kept = !HAS_VOLUMES || (at >= unclipped.x && at < unclipped.y);
+        float next = WHOLE_CELLS ? NOWHERE : last;
+        if (HAS_VOLUMES) next = min(last, is_kept ? unclipped.y : at < unclipped.x ? unclipped.x : NOWHERE);
         int inside = 0;
         for (int g = 0; g < GRIDS; ++g) {
             walk_to(g, at);
@@ -162,13 +186,15 @@ void absorb_between(inout vec4 sum, vec4 depth, vec3 colour, int k, float middle
             keep_walks(at);
             break;
         }
-        if (inside > 1) next = min(next, at + slab_depth);
+        if (inside > 1) next = min(next, end_of_slab(at));
         vec4 mixed = even * (next - at), only = vec4(0.0);
         int media = mixed.a > 0.0 ? 1 : 0;
         if (media > 0) only = absorbed(mixed.a) * vec4(colour, 1.0);
         for (int g = 0; g < GRIDS; ++g) {
             if (passed[g] < 0 || !is_kept) continue;
-            vec4 seen = seen_in(g, at, next);
+            segments += int(passed[g] != counted[g]);
+            counted[g] = passed[g];
+            vec4 seen = seen_in(g, at, min(next, unclipped.y));
             if (!(seen.a > 0.0)) continue;
             only = seen;
             ++media;

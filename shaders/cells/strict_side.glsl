@@ -10,3 +10,17 @@ float strict_side(vec2 a, vec2 b) {
     if (exact != 0.0LF) return float(sign(exact)) * 1e-37;
     return a.y != b.y ? sign(a.y - b.y) * 1e-38 : sign(b.x - a.x) * 1e-38;
 }
+
+// Sum of three numbers in any order, the same in each.
+float even_sum(vec3 of) {
+    float low = min(of.x, of.y), high = max(of.x, of.y);
+    precise float ends = min(low, of.z) + max(high, of.z);
+    precise float all_of = ends + max(low, min(high, of.z));
+    return all_of;
+}
+
+// Mean of the corners of a face by the sides of the opposite edges: the same on all ranks, however they have come to the face.
+float mean_of(vec3 sides, vec3 corners) {
+    precise vec3 parts = sides * corners;
+    return even_sum(parts) / even_sum(sides);
+}

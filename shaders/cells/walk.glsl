@@ -13,8 +13,8 @@ struct Walk {
 
 // Depth and scalar where the ray meets the face.
 vec2 met(Walk walk) {
-    float whole = walk.ab + walk.bc + walk.ca;
-    return (walk.bc * walk.a.zw + walk.ca * walk.b.zw + walk.ab * walk.c.zw) / whole;
+    vec3 sides = vec3(walk.bc, walk.ca, walk.ab);
+    return vec2(mean_of(sides, vec3(walk.a.z, walk.b.z, walk.c.z)), mean_of(sides, vec3(walk.a.w, walk.b.w, walk.c.w)));
 }
 
 // The ray is on a face at the boundary, which it has been found to meet.

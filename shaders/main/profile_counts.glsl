@@ -20,7 +20,7 @@ void count_gap(int from, int to) {
 void count_run(Ray ray, int k, int slabs) {
     counts[row + RUNS] += 1u;
     counts[row + COVERED] += uint(slabs);
-    counts[row + SAMPLES] += uint(max(slabs >> doublings, 1));
+    counts[row + SAMPLES] += uint((SLABS_COUNT ? max(slabs >> doublings, 1) : 0) + segments);
     ivec3 blocks = (last_cell >> block_shift) + 1;
     for (int n = k; n < max(k + slabs, k + 1); n += 1 << doublings) {
         ivec3 block = cell_of(midpoint(ray, n + (1 << doublings >> 1))) >> block_shift;

@@ -92,6 +92,7 @@ void count_gap(int from, int to);
 void count_run(Ray ray, int k, int slabs);
 
 int run_iterations; // iterations of loops that runs have counted in this dispatch
+int segments = 0; // in tetrahedra, that runs have composited and `taken` has not counted
 bool is_suspended = false; // grids: a run has stopped, with all that the dispatch may do; the next one takes it again
 
 // Frame coherence (starts.glsl) and layers (crossing.glsl): the number of the next slabs before a predicted start, by the opacities of the pixel and
@@ -121,6 +122,13 @@ void put_behind(inout Sum sum, vec4 batch) {
 // Whether a dispatch has done its share of a ray after so many iterations, when it has come to slab k.
 bool has_done_share(int iterations, int k);
 
+// Samples of slabs, and segments.
+uint taken(int slabs) {
+    uint found = uint((SLABS_COUNT ? slabs : 0) + segments);
+    segments = 0;
+    return found;
+}
+
 // March from slab `k` until the ray ends or this dispatch has done its share; k becomes the slab to continue with, or the number of slabs.
 void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
@@ -134,7 +142,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             note(0, vec2(0.5 - ray.first_share, 0.5), share.a, 0);
             put_behind(sum, share);
             count_run(ray, 0, 1);
-            ++samples;
+            samples += taken(1);
             if (is_suspended) return;
         } else if (place.brick == GAP) {
             count_gap(0, 1);
@@ -181,8 +189,8 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         run_iterations = iterations + 2;
         int origin = origin_of(first);
         take_run(batch, ray, origin, k - origin, k - origin + slabs, on_lattice(ray, origin, place), slab);
-        samples += uint(slabs >> doublings);
         count_run(ray, k, slabs);
+        samples += taken(slabs >> doublings);
         if (is_late()) return;
         if (is_suspended) break;
         k += slabs;
@@ -198,7 +206,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             note(k, vec2(begin, begin + ray.last_share), share.a, 0);
             put_behind(sum, share);
             count_run(ray, k, 1);
-            ++samples;
+            samples += taken(1);
             if (is_suspended) return;
         }
         if (!LAST_IN_RUN && place.brick == GAP && k == last && ray.end == ray.slabs)

@@ -184,7 +184,7 @@ def test_lines_are_executed_as_often_as_pixels_count(lit: tuple[Plan, PieceProfi
         return sum(lines[name].lanes for name in names if name in lines)
 
     maps = {name: int(values.sum()) for name, values in found.maps.items()}
-    assert lanes("++samples;") + lanes("samples += uint(slabs >> doublings);") == maps["runs"] > 0
+    assert lanes("samples += taken(1);") + lanes("samples += taken(slabs >> doublings);") == maps["runs"] > 0
     assert lanes("count_gap(k, next);") + lanes("count_gap(k, k + 1);") == maps["gaps"] > 0
     assert all(0 <= one.idle < 1 and one.lanes <= one.executions * code.lanes for one in code.lines)
 

@@ -74,6 +74,7 @@ class GeometryVariant:
     discards : what should be hidden is left out
     grids : number of unstructured grids
     kbuffer : brings the faces of the only grid in order; nothing else is drawn
+    whole_cells : there is nothing but one grid, whose tetrahedra are not cut where rays go on in another brick
     """
 
     lights: int
@@ -83,6 +84,7 @@ class GeometryVariant:
     discards: bool = False
     grids: int = 0
     kbuffer: KBuffer | None = None
+    whole_cells: bool = False
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -94,7 +96,8 @@ class GeometryVariant:
     @property
     def constants(self) -> str:
         """GLSL declarations, in front of all files."""
-        grids = f"const int GRIDS = {self.grids};\n"
+        whole = f"const bool WHOLE_CELLS = {_bool(self.whole_cells)};\n"
+        grids = f"const int GRIDS = {self.grids};\n{whole}"
         return f"#define STORED readonly\nconst int SIZE = {self.size};\n{grids}{kind_constants(self.kinds)}"
 
     def cells(self, on_cpu: bool, planes: int) -> tuple[str, ...]:
@@ -194,15 +197,9 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
     rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
     near = bool(shading and shading.has_places)
     size, discards = 0 if is_sorted(plan.content) else SMALLEST, plan.march.discard_margin is not None
-    return GeometryVariant(
-        min(1, rows) if on_cpu else rows,
-        near,
-        kinds_of(plan),
-        size,
-        discards,
-        len(plan.content.cells),
-        plan.content.kbuffer,
-    )
+    kinds, grids, kbuffer = kinds_of(plan), len(plan.content.cells), plan.content.kbuffer
+    whole = grids == 1 and not kinds and not plan.content.volume_layers
+    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds, size, discards, grids, kbuffer, whole)
 
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
