@@ -23,7 +23,7 @@ from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.run import Options, Run
 from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.files import dump_scene, load_scene
-from clusterviz.scene.grids import GridSection
+from clusterviz.scene.grids import GridSection, KBuffer
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.text import scene_summary
 from clusterviz.scene.values import Camera, ImageSettings, Scene
@@ -276,6 +276,24 @@ def test_a_piece_that_does_not_fit_is_named(
         piece.unlink()
     with pytest.raises(ClustervizError, match=message):
         run_loopback(ranks, lambda channel: open_volumes(Run(channel, Options()), scene))
+
+
+def test_k_buffers_draw_the_same_on_any_ranks_and_tell_of_wrong_pixels() -> None:
+    moved = BOX.points * [1, 1, 6] + np.random.default_rng(2).uniform(-0.1, 0.1, BOX.points.shape)
+    grid = UnstructuredGrid("g", moved, BOX.cells, BOX.point_arrays)
+    section = GridSection(path="g", opacity=0.4, visibility=KBuffer(k=16))
+    camera = Camera(position=(20.0, 16.0, 12.0), focal_point=(0.5, 0.7, 6.0), view_up=(0, 0, 1))
+    scene = Scene(grids=(section,), camera=camera, image=ImageSettings(size=(30, 24)))
+    alone = on_ranks(1, [scene], [grid], device="cpu")
+    assert pixels(alone[0])[..., 3].max() > 0.5
+    for ranks, keys in [WAYS[0], WAYS[1]]:
+        check_same(on_ranks(ranks, [with_settings(scene, keys)], [grid], device="cpu"), alone, 1e-5)
+    with pytest.warns(
+        UserWarning, match=r"grids\[0\].visibility: \d+ pixels with segments out of order; use a larger k"
+    ):
+        (small,) = on_ranks(1, [with_settings(scene, {"grids.0.visibility": {"k": 2}})], [grid], device="cpu")
+    assert small.statistics.as_json()["kbuffer"]["wrong_pixels"] > 1
+    assert alone[0].statistics.as_json()["kbuffer"]["wrong_pixels"] == 0
 
 
 def test_tetrahedra_migrate_and_are_read_when_they_become_visible() -> None:
