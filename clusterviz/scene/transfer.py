@@ -185,7 +185,7 @@ def interpolate(s: ArrayLike, values: Floats, results: Floats) -> Floats:
     """
     s = np.asarray(s, np.float64)
     right = np.searchsorted(values, s, side="right")
-    left = np.clip(right - 1, 0, len(values) - 1)
+    left = np.maximum(right - 1, 0)
     right = np.minimum(right, len(values) - 1)
     # Beyond the first and last value both ends are the same point, and the share has no effect.
     inside = (left != right) & ~np.isnan(s)
