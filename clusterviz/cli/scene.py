@@ -13,7 +13,6 @@ from clusterviz.data import open_scene
 from clusterviz.frame import Options, Run
 from clusterviz.frame.opening import open_volumes
 from clusterviz.image.files import read_text
-from clusterviz.scene import Scene
 from clusterviz.scene.automatic import classify_values
 from clusterviz.scene.complete import divided_infos
 from clusterviz.scene.text import commented_scene
@@ -35,10 +34,10 @@ def command(
     if channel.rank == 0:
         infos = divided_infos(opened.infos)[0] if opened and opened_scene.automatic else []
         kinds = [classify_values(info) for info in infos]
-        print(commented_scene(completed, _notes(scene, completed, kinds)), end="", flush=True)
+        print(commented_scene(completed, _notes(scene, kinds)), end="", flush=True)
 
 
-def _notes(name: str, completed: Scene, kinds: list[str]) -> list[str]:
+def _notes(name: str, kinds: list[str]) -> list[str]:
     """Return the lines of the file's leading comment."""
     notes = [f"{name}, completed by clusterviz. Keys that are left out have the defaults of `clusterviz schema`."]
     return [*notes, *(f"volumes[{number}] looks like: {kind}" for number, kind in enumerate(kinds))]

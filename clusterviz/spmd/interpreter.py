@@ -104,13 +104,11 @@ class Frame:
 
     Attributes
     ----------
-    called_at : position of the call in the assembled text
     entered, returned : lanes
     statement : that is being executed
     """
 
     function: Function
-    called_at: int
     entered: Mask
     returned: Mask
     variables: dict[Variable, Value] = field(default_factory=dict)
@@ -201,7 +199,7 @@ class Interpreter:
                 ]
             else:
                 yield from self._declare(declare, everything)
-        yield from self._call(self.program.functions["main"][0], [], everything, 0)
+        yield from self._call(self.program.functions["main"][0], [], everything)
         self.mask = np.zeros(self.lanes, bool)
 
     def _execute(self, statement: Statement, mask: Mask) -> Execution:
@@ -286,10 +284,8 @@ class Interpreter:
         else:
             frame.loops[-1].inside = frame.loops[-1].inside & ~mask
 
-    def _call(
-        self, function: Function, arguments: list[Value], mask: Mask, at: int
-    ) -> Generator[Statement, None, Frame]:
-        frame = Frame(function, at, mask, np.zeros(self.lanes, bool))
+    def _call(self, function: Function, arguments: list[Value], mask: Mask) -> Generator[Statement, None, Frame]:
+        frame = Frame(function, mask, np.zeros(self.lanes, bool))
         frame.variables = dict(zip(function.parameters, arguments, strict=True))
         self.frames.append(frame)
         assert function.body, "the parser has seen to that"
@@ -380,7 +376,7 @@ class Interpreter:
         for argument, parameter in zip(node.arguments, parameters, strict=True):
             given = parameter.kind != "out"
             arguments.append((yield from self._value(argument, mask)) if given else _zeros(parameter.type))
-        frame = yield from self._call(node.function, arguments, mask, node.at)
+        frame = yield from self._call(node.function, arguments, mask)
         for argument, parameter in zip(node.arguments, parameters, strict=True):
             if parameter.kind != "in":
                 yield from self._store(argument, frame.variables[parameter], mask)

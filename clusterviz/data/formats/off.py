@@ -21,7 +21,7 @@ from clusterviz.data.header import check_packed
 from clusterviz.data.storage import numbers_of_words
 from clusterviz.errors import DataError
 
-NORMALS, COLOURS = {"N": 3}, {3: "RGB", 4: "RGBA"}
+COLOURS = {3: "RGB", 4: "RGBA"}
 
 
 def read_off(path: Path) -> Geometry:

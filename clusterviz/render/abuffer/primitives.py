@@ -30,7 +30,6 @@ LAYER = np.dtype(
     ]
 )
 """As `Layer` in primitives.glsl."""
-SEGMENT_NUMBERS = 12
 
 
 @dataclass(frozen=True, eq=False)
