@@ -126,11 +126,12 @@ GRID_FORMATS = (
     Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf.read_vtkhdf"),
     Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", b"\x89HDF"), "exodus.read_exodus"),
     Format("cgns", (".cgns",), (b"\x89HDF",), "cgns.read_cgns"),
+    Format("openfoam", (".foam",), (), "openfoam.read_openfoam"),
     Format(
         "meshlane",
         (
             *(".xdmf", ".xmf", ".msh", ".bdf", ".fem", ".nas", ".inp", ".med", ".mesh", ".meshb", ".ele"),
-            *(".su2", ".ugrid", ".avs", ".foam"),
+            *(".su2", ".ugrid", ".avs"),
         ),
         (),
         "meshlane.read_meshlane",
@@ -330,12 +331,16 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
     with guard(DataError, path):
         if found is None or found.name == "list":
             require_file(path)
+            if path.suffix.lower() in (".case", ".encas"):
+                raise DataError(
+                    "EnSight is not read", where=str(path), allowed="what ParaView saves it as: .vtu, .pvtu"
+                )
             kind = f"{path.suffix or 'none'}, {kind_of(start_of(path))}"
             raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(GRID_EXTENSIONS))
         if found.magic:
             require_file(path, found.magic)
-        if time is not None and found.name != "exodus":
-            allowed = f"a file of Exodus II, {' or '.join(SERIES)}"
+        if time is not None and found.name not in ("exodus", "openfoam"):
+            allowed = f"a file of Exodus II, OpenFOAM, {' or '.join(SERIES)}"
             raise DataError("no time steps", where=str(path), found=time, allowed=allowed)
         grid: UnstructuredGrid = _function(found.opener)(path, *([time] if time is not None else []))
         return grid

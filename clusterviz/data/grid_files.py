@@ -1,7 +1,8 @@
 """Files that an unstructured grid is read from: pieces of a parallel grid, and time steps of a series.
 
-A .pvtu file names its pieces, a .pvd file pieces and time steps, a file-series of ParaView (.vtu.series) time steps. A
-pattern such as `part_*.vtu` or `disk.e.4.*` stands for the files that match it.
+A .pvtu file names its pieces, a decomposed case of OpenFOAM has a folder for each, a .pvd file names pieces and time
+steps, a file series of ParaView (.vtu.series) time steps. A pattern such as `part_*.vtu` or `disk.e.4.*` stands for the
+files that match it.
 """
 
 from __future__ import annotations
@@ -67,7 +68,10 @@ def grid_files(path: Path, time: float | None = None) -> list[GridFile]:
         times = np.array(sorted(steps))
         files = steps[times[choose_step(times, time, str(path))]]
         return [piece for each in files for piece in grid_files(path.parent / each)]
-    return [GridFile(each, time) for each in (_pieces(path) if kind == ".pvtu" else [path])]
+    pieces = _pieces(path) if kind == ".pvtu" else []
+    if kind == ".foam" and not (path.parent / "constant" / "polyMesh").exists():
+        pieces = [folder / path.name for folder in sorted(path.parent.glob("processor[0-9]*"), key=_by_numbers)]
+    return [GridFile(each, time) for each in pieces or [path]]
 
 
 def choose_step(times: NDArray[Any], time: float | None, where: str) -> int:

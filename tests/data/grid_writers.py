@@ -194,6 +194,55 @@ def cgns(path: Path, mixed: bool = False) -> Path:
     return path
 
 
+def openfoam(path: Path, binary: bool = False) -> Path:
+    """Two time steps of the cells' kinds; inner faces come first."""
+    of_faces = dict[frozenset[int], list[tuple[int, Any]]]()
+    rows = [(kind, row) for kind, each in GRID.cells.items() for row in each]
+    for cell, (kind, row) in enumerate(rows):
+        for face in FACES[kind]:
+            of_faces.setdefault(frozenset(row[list(face)].tolist()), []).append((cell, row[list(face)]))
+    found = sorted(of_faces.values(), key=lambda each: -len(each))
+    sizes = [len(each[0][1]) for each in found]
+    labels, form = np.concatenate([each[0][1] for each in found]), "binary" if binary else "ascii"
+
+    def packed(array: Any) -> bytes:
+        if binary:
+            return b"%d\n(" % len(array) + array.astype("<f8" if array.dtype.kind == "f" else "<i4").tobytes() + b")\n"
+        words = [f"({' '.join(map(str, row))})" if array.ndim > 1 else str(row) for row in array.tolist()]
+        return f"{len(array)}\n(\n{chr(10).join(words)}\n)\n".encode()
+
+    def write(name: str, kind: str, body: bytes) -> None:
+        file = path.parent / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        head = f'FoamFile\n{{\nversion 2.0;\nformat {form};\narch "LSB;label=32;scalar=64";\n'
+        file.write_bytes(f"{head}class {kind};\nobject {file.name};\n}}\n// * * //\n\n".encode() + body)
+
+    mesh = "constant/polyMesh/"
+    write(mesh + "points", "vectorField", packed(GRID.points.astype("f8")))
+    write(mesh + "owner", "labelList", packed(np.array([each[0][0] for each in found])))
+    write(mesh + "neighbour", "labelList", packed(np.array([each[1][0] for each in found if len(each) > 1])))
+    if binary:
+        write(mesh + "faces", "faceCompactList", packed(np.cumsum([0, *sizes])) + packed(labels))
+    else:
+        listed = "".join(f"{len(each[0][1])}({' '.join(map(str, each[0][1]))})\n" for each in found)
+        write(mesh + "faces", "faceList", f"{len(found)}\n(\n{listed})\n".encode())
+    patch = f"1\n(\nwall\n{{ type wall; nFaces {len(found) - 3}; startFace 3; }}\n)\n"
+    write(mesh + "boundary", "polyBoundaryMesh", patch.encode())
+    for time in ("0.5", "10"):
+        field = b"dimensions [0 0 0 0 0 0 0];\ninternalField nonuniform List<scalar>\n" + packed(KIND.astype("f8"))
+        write(f"{time}/kind", "volScalarField", field + b";\nboundaryField { wall { type zeroGradient; } }\n")
+    write("10/U", "volVectorField", b"dimensions [0 0 0 0 0 0 0];\ninternalField uniform (1 2 3);\nboundaryField {}\n")
+    path.touch()
+    return path
+
+
+def decomposed(path: Path) -> Path:
+    """A case of OpenFOAM in one piece, as its programs leave it on several ranks."""
+    openfoam(path.parent / "processor0" / path.name)
+    path.touch()
+    return path
+
+
 def exodus(path: Path, form: str = "NETCDF3_CLASSIC") -> Path:
     """A block for each kind, two time steps of f, and kind in all blocks but the first."""
     import netCDF4
@@ -247,6 +296,9 @@ FILES: dict[str, tuple[str, Write]] = {
     "vtk-ascii": ("a.vtk", lambda path: vtk(path, "ASCII")),
     "vtk-old": ("a.vtk", lambda path: vtk(path, "BINARY", 3)),
     "vtkhdf": ("a.vtkhdf", vtkhdf),
+    "openfoam": ("a.foam", openfoam),
+    "openfoam-binary": ("a.foam", lambda path: openfoam(path, binary=True)),
+    "openfoam-pieces": ("a.foam", decomposed),
     "cgns": ("a.cgns", cgns),
     "cgns-mixed": ("a.cgns", lambda path: cgns(path, mixed=True)),
 }

@@ -315,8 +315,11 @@ WITHOUT_KIND = (*WITHOUT_F, "avs", "gmsh", "gmsh-binary", "med")
 def check_grid(found: UnstructuredGrid, name: str) -> None:
     """Compare with the cells of `mixed`, in whatever order a file has the points."""
     expected = mixed()
-    if name.endswith(("streams", "polyhedra")):
-        cut = tetrahedra(found)
+    if name.endswith(("streams", "polyhedra")) or name.startswith("openfoam"):
+        cut = make_tetrahedra(found, "kind")
+        each = np.bincount(cut.values.astype(int), volumes(cut))
+        parts = make_tetrahedra(expected, "kind")
+        np.testing.assert_allclose(each, np.bincount(parts.values.astype(int), volumes(parts)), rtol=1e-6)
         assert volumes(cut).sum() == pytest.approx(volumes(tetrahedra(expected)).sum(), rel=1e-6)
         check_faces(cut)
         return
@@ -365,6 +368,13 @@ def test_time_steps_of_exodus(tmp_path: Path) -> None:
     for time in (2, -1, 1.0):
         refused(lambda time=time: read_grid(path, time), "no such time step; .*; allowed 0 to 1, or a time from 0.5")
     refused(lambda: read_grid(grid_writers.vtu(tmp_path / "a.vtu"), 1), "no time steps", "Exodus")
+
+
+def test_time_steps_of_openfoam(tmp_path: Path) -> None:
+    path = grid_writers.openfoam(tmp_path / "a.foam")
+    for time, arrays in ((None, {"kind", "U"}), (1, {"kind", "U"}), (0.5, {"kind"}), (10.0, {"kind", "U"})):
+        assert set(read_grid(path, time).cell_arrays) == arrays
+    refused(lambda: read_grid(path, 2), "no such time step; found 2; allowed 0 to 1, or a time from 0.5 to 10")
 
 
 @pytest.mark.parametrize("write", [grid_writers.pvd, grid_writers.series])
@@ -417,10 +427,29 @@ def test_a_damaged_file_is_refused(name: str, old: bytes, new: bytes, said: str,
     refused(lambda: read_grid(path), said)
 
 
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("constant/polyMesh/points", b"FoamFile", b"File", "polyMesh/points: not a file of OpenFOAM"),
+        ("constant/polyMesh/faces", b"4(", b"5(", "the faces of polyhedra are wrong"),
+        ("constant/polyMesh/faces", b"(0 ", b"(99 ", "out of range; found 99; allowed 0 to 11"),
+        ("constant/polyMesh/owner", b"17\n(", b"18\n(", "owner: truncated; found 17 numbers; allowed 18"),
+        ("10/kind", b"4\n(", b"5\n(", "10/kind: truncated; found 4 numbers; allowed 5"),
+    ],
+)
+def test_a_damaged_case_of_openfoam_is_refused(file: str, old: bytes, new: bytes, said: str, tmp_path: Path) -> None:
+    path = grid_writers.openfoam(tmp_path / "a.foam")
+    content = (tmp_path / file).read_bytes()
+    assert old in content
+    (tmp_path / file).write_bytes(content.replace(old, new, 1))
+    refused(lambda: read_grid(path), said)
+
+
 def test_names_and_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.case"
     path.write_text("FORMAT\ntype: ensight gold\n")
-    refused(lambda: read_grid(path), "unknown extension; found .case", r"\.vtu")
+    refused(lambda: read_grid(path), "EnSight is not read; allowed what ParaView saves it as: .vtu")
+    refused(lambda: read_grid(path.rename(tmp_path / "a.what")), "unknown extension; found .what", r"\.vtu")
     refused(lambda: read_grid(tmp_path / "b_*.vtu"), r"b_\*.vtu: no file matches")
     page = (Path(__file__).parents[2] / "docs/reference/data-formats.md").read_text()
     assert [word for word in GRID_EXTENSIONS if f"`{word}`" not in page] == []

@@ -21,7 +21,14 @@ from clusterviz.scene import load_scene
 from clusterviz.scene.animation import load_path
 from clusterviz.scene.transfer_2d import read_table
 
-PIECES = {"pattern": "a_1.vtu", "exodus-pieces": "a.e.1.0"}
+FOAM = "constant/polyMesh/faces"
+PIECES = {
+    "openfoam": FOAM,
+    "openfoam-binary": FOAM,
+    "openfoam-pieces": f"processor0/{FOAM}",
+    "pattern": "a_1.vtu",
+    "exodus-pieces": "a.e.1.0",
+}
 """File of several that is damaged."""
 SAMPLES = np.arange(4 * 5 * 6, dtype="<i2").reshape(4, 5, 6)
 MOST_BYTES = 1 << 26  # no file of these can hold more, however well it is packed

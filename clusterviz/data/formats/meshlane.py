@@ -1,6 +1,6 @@
 """Unstructured grids of finite-element programs, which the meshlane package reads (`pip install clusterviz[grids]`).
 
-XDMF, gmsh, NASTRAN, Abaqus, MED, Medit, TetGen, SU2, UGRID, AVS-UCD and OpenFOAM. The reader of each format is
+XDMF, gmsh, NASTRAN, Abaqus, MED, Medit, TetGen, SU2, UGRID and AVS-UCD. The reader of each format is
 called, as `meshlane.read` ends the process on errors.
 """
 
@@ -39,7 +39,6 @@ READERS = {
     ".su2": "su2",
     ".ugrid": "ugrid",
     ".avs": "avsucd",
-    ".foam": "openfoam",
 }
 """Names of meshlane's readers by extension."""
 
@@ -53,8 +52,7 @@ def read_meshlane(path: Path) -> UnstructuredGrid:
         meshlane is not installed, or the file is damaged, holds no cells with a volume, or unsupported ones.
     """
     where, name = str(path), READERS[path.suffix.lower()]
-    if path.suffix.lower() != ".foam":  # an empty file that stands for its folder
-        require_file(path)
+    require_file(path)
     try:
         package: Any = import_module("meshlane")
     except ImportError as error:
