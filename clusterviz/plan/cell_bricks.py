@@ -337,6 +337,7 @@ class _Part:
     box: Floats
     scalars: tuple[float, float]
     volume: float
+    sides: float  # of boxes around all tetrahedra, summed
     counts: Mapping[str, int]
 
     @classmethod
@@ -352,7 +353,7 @@ class _Part:
             int(np.count_nonzero(np.diff(found.cells))) + (count > 0),
             _bounds(found.points, matrix),
             (float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))),
-            _volume(found.points, found.corners, matrix),
+            *_volume_and_sides(found.points, found.corners, matrix),
             {name: n for name, n in found.counts.items() if name not in ("duplicates", "unused")},
         )
 
@@ -381,14 +382,22 @@ def _info(parts: Sequence[_Part]) -> GridInfo:
     if not some:
         return GridInfo(np.empty((0, 3)), 0, counts=counts)
     cells, boxes = sum(part.cells for part in some), np.stack([part.box for part in some])
+    tetrahedra = sum(part.tetrahedra for part in some)
     return GridInfo(
         np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)]),
-        sum(part.tetrahedra for part in some),
+        tetrahedra,
         cells,
         (min(part.scalars[0] for part in some), max(part.scalars[1] for part in some)),
         float(np.cbrt(math.fsum(part.volume for part in some) / cells)),
         counts,
+        side=_rounded(math.fsum(part.sides for part in some) / tetrahedra),
     )
+
+
+def _rounded(value: float) -> float:
+    """Return a number to 20 bits, so that it is the same however many ranks have summed it."""
+    share, exponent = math.frexp(value)
+    return math.ldexp(round(math.ldexp(share, 20)), exponent - 20)
 
 
 def _stacked(
@@ -467,13 +476,14 @@ def _bounds(points: NDArray[Any], matrix: Floats) -> Floats:
     return np.stack([np.min([np.full(3, np.inf), *low], axis=0), np.max([np.full(3, -np.inf), *high], axis=0)])
 
 
-def _volume(points: NDArray[Any], corners: NDArray[np.uint32], matrix: Floats) -> float:
-    """Return the volume of all tetrahedra, mapped by a matrix."""
-    found = 0.0
+def _volume_and_sides(points: NDArray[Any], corners: NDArray[np.uint32], matrix: Floats) -> tuple[float, float]:
+    """Return the volume of all tetrahedra, and the mean sides of their boxes, summed; mapped by a matrix."""
+    volume, sides, scale = 0.0, 0.0, abs(float(np.linalg.det(matrix[:3, :3])))
     for begin in range(0, len(corners), STEP):
         a, b, c, d = (points[corner].astype(np.float64) for corner in corners[begin : begin + STEP].T)
-        found += float(np.einsum("mx,mx->m", np.cross(b - a, c - a), d - a).sum())
-    return abs(found * float(np.linalg.det(matrix[:3, :3]))) / 6
+        volume += float(np.einsum("mx,mx->m", np.cross(b - a, c - a), d - a).sum())
+        sides += float((np.maximum.reduce([a, b, c, d]) - np.minimum.reduce([a, b, c, d])).sum()) / 3
+    return abs(volume) * scale / 6, sides * float(np.cbrt(scale))
 
 
 def _cropped(members: NDArray[np.uint32], own: CellBrick, rows_of: DistinctRows, on_cells: bool) -> CellBrick:

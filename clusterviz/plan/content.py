@@ -162,8 +162,11 @@ class Content:
 
 PRIMITIVE_COST = 8.0
 """Cost of a primitive in a brick, in cells of a volume: a triangle of a third of a pixel takes 90 ns, a cell 11 ns."""
-SEGMENT_COST = 1.6
-"""Cost of the integral over a ray's segment in a tetrahedron, in cells of a volume: it takes 17 ns."""
+SEGMENT_COST = 2.0
+"""Cost of a ray's segment in a tetrahedron, in cells of a volume: 40 ns beside 20 ns in alternated frames of both.
+
+Nearly all of it is the walk: a segment without opacity costs 0.93 times as much.
+"""
 
 
 def make_content(
@@ -189,7 +192,9 @@ def make_content(
         tetrahedron; 0 where all is hidden
     """
     domain = domain_of(scene, volumes, geometry, grids)
-    layout = domain_layout(domain, scene.cluster.brick, bool(geometry or grids))
+    # Bricks of volumes are as large as is asked for, since voxels are what takes memory.
+    side = 0.0 if volumes else min((known.info.side for known in grids), default=0.0)
+    layout = domain_layout(domain, scene.cluster.brick, bool(geometry or grids), side)
     cost = np.zeros(layout.counts_zyx)
     volume_layers = []
     for volume, known in zip(scene.volumes, volumes, strict=True):

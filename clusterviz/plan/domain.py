@@ -30,6 +30,13 @@ CELLS_OF_GEOMETRY = 512
 GROWTH = 2.0**-10
 """Cells by which the domain is larger than geometry that lies beyond all volumes, or where it would be flat."""
 EMPTY = np.zeros((0, 3))
+SIDES_A_BRICK = 7.0
+"""Sides of tetrahedra along that of a brick where bricks are many: those that are in several bricks are few then."""
+LEAST_SIDES = 2.0
+"""The same where bricks are few."""
+ENOUGH_BRICKS = 8
+"""Bricks along the longest side of a domain that are enough to balance ranks."""
+USUAL_BRICK = 64
 ROUNDING = 1e-9
 """Part of a cell by which an extent may exceed a whole number of cells."""
 LARGEST_BRICK = 1 << 20
@@ -81,13 +88,15 @@ def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()
     return Domain((float(low[0]), float(low[1]), float(low[2])), spacing, (x, y, z))
 
 
-def domain_layout(domain: Domain, brick: int, has_geometry: bool = False) -> BrickLayout:
+def domain_layout(domain: Domain, brick: int, has_geometry: bool = False, side: float = 0.0) -> BrickLayout:
     """Return the brick layout of a domain.
 
     Parameters
     ----------
     brick : cells along the side of one
     has_geometry : bricks may be larger, by a power of two
+    side : mean side of the box around a tetrahedron, world units; bricks of `USUAL_BRICK` cells are made so much larger
+        that they hold most tetrahedra alone, and others in proportion
 
     Raises
     ------
@@ -98,6 +107,11 @@ def domain_layout(domain: Domain, brick: int, has_geometry: bool = False) -> Bri
     def count() -> float:
         return math.prod(max(1.0, length / brick) for length in domain.extent)
 
+    if side > 0:
+        longest = max(domain.extent)
+        wanted = min(SIDES_A_BRICK * side / domain.spacing, longest / ENOUGH_BRICKS)
+        wanted = min(max(wanted, LEAST_SIDES * side / domain.spacing), longest / 2)
+        brick = math.ceil(brick * max(1.0, wanted / USUAL_BRICK))
     while has_geometry and count() > MOST_WITH_GEOMETRY and brick < LARGEST_BRICK:
         brick *= 2
     if count() > MOST_BRICKS:

@@ -137,6 +137,7 @@ class GridInfo:
     cell_size : cube root of the mean volume of a cell that is drawn, world units; 0 if there are none
     counts : cells that are not drawn, or drawn otherwise, as `Tetrahedra.counts`
     overlaps : whether two cells lie on the same side of a face; known after the first plan
+    side : mean side of the box around a tetrahedron, world units
     """
 
     box: NDArray[np.float64]
@@ -146,6 +147,7 @@ class GridInfo:
     cell_size: float = 0.0
     counts: Mapping[str, int] = field(default_factory=dict)
     overlaps: bool = False
+    side: float = 0.0
 
     @property
     def left_out(self) -> int:

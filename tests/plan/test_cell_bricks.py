@@ -97,14 +97,28 @@ def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
     assert plan.cost.sum() == pytest.approx(expected, rel=1e-9)
     _, opened, plan = planned(scene_of(GridSection(path="a", opacity=0.5)), [grid])
     assert plan.cost.sum() == pytest.approx(expected, rel=0.05)  # shares are those of boxes
+    _, opened, plan = planned(scene_of(GridSection(path="a", opacity=0.5), brick=16), [grid])
     everything = plan.cost > 0
-    _, opened, plan = planned(scene_of(GridSection(path="a", opacity=[[9, 0], [10, 1]])), [grid])
+    _, opened, plan = planned(scene_of(GridSection(path="a", opacity=[[9, 0], [10, 1]]), brick=16), [grid])
     assert plan.content
     hidden = everything & (plan.cost == 0)
     assert hidden.any()
     assert (plan.cost > 0).any()
     for index, brick in opened.read(plan, {tuple(each) for each in np.argwhere(everything).tolist()}):
         assert hidden[index] == (brick.cells[0].values[brick.cells[0].corners].max() <= 9)
+
+
+@pytest.mark.parametrize(("sides", "bricks", "times"), [((2, 3, 4), 3, 5.0), ((15, 20, 20), 8, 2.6)])
+def test_bricks_are_as_large_as_a_few_cells(sides: tuple[int, ...], bricks: int, times: float) -> None:
+    """But for few cells small enough to share; beside volumes they are as large as is asked for."""
+    grid, section = lattice(*sides), GridSection(path="a", opacity=0.5)
+    _, _, plan = planned(scene_of(section), [grid])
+    assert plan.content
+    (layer,) = plan.content.cells
+    assert layer.in_bricks[0].sum() <= times * layer.count
+    assert max(plan.layout.counts_zyx) == bricks
+    source = ArraySource(np.ones((9, 10, 11), np.float32), Grid((9, 10, 11), (0.1,) * 3, (0, 0, 0)))
+    assert planned(scene_of(section, volumes=1), [source, grid])[2].layout.brick == 64
 
 
 @pytest.mark.parametrize("given", [GRIDS, [one_cell("tetra")], [NOTHING]], ids=["two", "one cell", "nothing"])
