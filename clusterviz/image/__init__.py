@@ -1,7 +1,6 @@
 """Pictures and partial images: pixels, rectangles, merge operators and files.
 
-region.py   rectangles of pixels
-partial.py  partial image of one rank
+partial.py  partial image of one rank, and rectangles of pixels
 merge.py    merge operators of partial images
 finish.py   conversion to bytes over the background
 picture.py  rendered picture as an array that can show and save itself

@@ -3,7 +3,6 @@
 - tree.py     BSP trees with one leaf per rank, and trees as text
 - bsp.py      BSP tree by recursive bisection of a cost per brick
 - search.py   best-balanced BSP tree by bounded search, and planes that move
-- order.py    visibility order of the leaves of a tree
 - edges.py    units of bricks that move together
 - fronts.py   partition at fronts, which divide a layer of bricks
 - owners.py   the rank of each brick

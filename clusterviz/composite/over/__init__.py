@@ -5,7 +5,7 @@ The operators of projections (maximum, minimum, sum, run) use the same kernels.
 - blend.py, layers.py, depth.py   two images, many layers, nearest depths; each with a plain NumPy reference
 - job.py      jobs of the kernels: arrays as addresses in a table of numbers
 - pair_kernels.py, layer_kernels.py, depth_kernels.py   the kernels
-- intrinsics.py, vector_code.py, geometry.py, sums.py   parts of the kernels
-- merge_code.py, merging_pixels.py                      the operators of projections
+- intrinsics.py, vector_code.py, geometry.py   parts of the kernels
+- merging_pixels.py                            the operators of projections
 - native.py   object files of the kernels, compiled once and loaded without a compiler
 """

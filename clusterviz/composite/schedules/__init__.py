@@ -3,5 +3,4 @@
 - schedule.py    schedules as data, counted and checked
 - algorithms.py  registry
 - rectangles.py  arrays of patches
-- load.py        messages and pixels of each rank
 """

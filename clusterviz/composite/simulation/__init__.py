@@ -2,7 +2,6 @@
 
 - simulate.py      simulation of one frame
 - closed_forms.py  loads of algorithms with n² transfers
-- cubes.py         footprints of bricks
 - sparse.py        loads of schedules for sparse images
 - drawing.py       drawing of a schedule
 """

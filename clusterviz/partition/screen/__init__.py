@@ -8,7 +8,6 @@
 - estimated.py    cuts by the cost of a coarse pre-pass
 - cuts.py         tree of cuts, even in cost
 - cost_map.py     cost of parts of the screen
-- visible.py      bricks that are visible in parts of the screen
 
 Rectangles count pixels, row 0 at the top. One group is sort-last; as many groups as ranks are sort-first.
 """
