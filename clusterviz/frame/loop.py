@@ -80,11 +80,10 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
 def _refuse_undrawn(scene: Scene) -> None:
     """Refuse settings of unstructured grids that no renderer draws."""
     for number, grid in enumerate(scene.grids):
-        if grid.shade:
-            raise SceneError("grids cannot be lit yet", where=f"grids[{number}].shade", found="true", allowed="false")
         beside = [f"volumes[{n}]" for n in range(len(scene.volumes))] + list(scene.geometry_keys)
         beside += [f"grids[{n}]" for n in range(len(scene.grids)) if n != number]
         beside += ["image.layers"] if scene.image.layers else []
+        beside += [f"grids[{number}].shade"] if grid.shade else []
         if isinstance(grid.visibility, KBuffer) and beside:
             text, where = "a k-buffer draws one unstructured grid, and nothing else", f"grids[{number}].visibility"
             raise SceneError(text, where=where, found=f"{{k: {grid.visibility.k}}} and {beside[0]}", allowed="exact")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.summary import VolumeSummary
+from clusterviz.errors import SceneError
 from clusterviz.plan.blend_mode import (
     BlendMode,
     is_graded,
@@ -214,8 +215,11 @@ def make_content(
         cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0 or layer.edges is not None)
         layers.append(layer)
     cells: list[CellLayer] = []
-    for grid, known_grid in zip(scene.grids, grids, strict=True):
+    for number, (grid, known_grid) in enumerate(zip(scene.grids, grids, strict=True)):
         cell_layer, segments = known_grid.layer(grid, scene.lights, BrickGrid(domain, layout, reach))
+        if grid.shade and cell_layer.on_cells:
+            text, where = "values of cells have no gradient to light", f"grids[{number}].shade"
+            raise SceneError(text, where=where, found="true, and values of cells", allowed="false, or values of points")
         cost += SEGMENT_COST * segments
         cells.append(cell_layer)
     asked = scene.quality.abuffer

@@ -321,7 +321,9 @@ def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Ch
     if scene.geometry or scene.grids:
         found += _in_a_box(scene)
     margin, ends = scene.quality.early_discarding, scene.quality.early_termination > 0
-    if margin is not None and not any(ends or one.may_be_opaque for one in scene.geometry):
+    if margin is not None and scene.grids:
+        found.append(Change("quality.early_discarding", margin, "null", "rays through grids need all entries"))
+    elif margin is not None and not any(ends or one.may_be_opaque for one in scene.geometry):
         found.append(Change("quality.early_discarding", margin, "null", "nothing ends rays in front of geometry"))
     if scene.has_content:
         found += _of_cluster(scene, ranks)

@@ -17,9 +17,10 @@ N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, sectio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise
 from typing import Protocol
 
@@ -27,15 +28,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.predicates import determinant_sign
+from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
 from clusterviz.data.unstructured import FACES, UnstructuredGrid
 from clusterviz.reference.fragments import Fragments
 from clusterviz.reference.intersections import near_pairs
+from clusterviz.reference.lighting import Material, lit
 from clusterviz.reference.rays import Floats, Rays
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer import TransferFunction
-from clusterviz.scene.values import Clip
+from clusterviz.scene.values import Clip, Scene
 
 Indices = NDArray[np.int64]
 TOLERANCE = 1e-14
@@ -52,10 +55,27 @@ TO_NODES = (NODES[:, None] ** (POWERS + 1) / (POWERS + 1)) @ np.linalg.inv(NODES
 
 @dataclass(frozen=True)
 class PlacedCells:
-    """One grid of a scene: its tetrahedra in the world, and its transfer function."""
+    """One grid of a scene: its tetrahedra in the world, its transfer function, and what it reflects, if it is lit."""
 
     tetrahedra: Tetrahedra
     transfer: TransferFunction
+    material: Material | None = None
+
+    def lit(self, rays: Rays, scene: Scene, passages: Passages, own: Indices, t: Floats, colour: Floats) -> Floats:
+        """Return straight colours (k, n, 3) at lengths t (k, n) of some passages under the lights of a scene."""
+        assert self.material, "it is lit"
+        ray, cell = passages.ray[own], passages.tetrahedron[own]
+        corners = self.tetrahedra.corners[cell].astype(np.int64)
+        points, values = (each[corners].astype(np.float64) for each in (self.tetrahedra.points, self.tetrahedra.values))
+        edges, rises = points[:, 1:] - points[:, :1], values[:, 1:] - values[:, :1]
+        gradient = np.linalg.solve(edges, rises[..., None])[..., 0]
+        point = rays.start[ray, None] + t[..., None] * rays.direction[ray, None]
+        several = (np.repeat(each, t.shape[1], axis=0) for each in (gradient, rays.direction[ray]))
+        slope, way = several
+        world = Grid((2, 2, 2))
+        return lit(colour.reshape(-1, 3), slope, point.reshape(-1, 3), way, self.material, scene, world).reshape(
+            colour.shape
+        )
 
 
 def place_cells(section: GridSection, grid: UnstructuredGrid) -> PlacedCells:
@@ -66,7 +86,7 @@ def place_cells(section: GridSection, grid: UnstructuredGrid) -> PlacedCells:
         corners = found.corners if np.linalg.det(matrix[:3, :3]) > 0 else found.corners[:, [1, 0, 2, 3]]
         points = found.points @ matrix[:3, :3].T + matrix[:3, 3]
         found = replace(found, points=points, corners=corners)
-    return PlacedCells(found, transfer_function(section))
+    return PlacedCells(found, transfer_function(section), section if section.shade else None)
 
 
 @dataclass(frozen=True)
@@ -274,6 +294,7 @@ def march_cells(
     clip: Clip | None = None,
     fragments: Fragments | None = None,
     slabs: UniformSlabs | None = None,
+    scene: Scene | None = None,
 ) -> Floats:
     """Return the colours of rays in the world, float64 (n, 4), premultiplied.
 
@@ -285,6 +306,7 @@ def march_cells(
     clip : cuts rays where they cross its planes
     fragments : of meshes, lines and points, not clipped; what is in front of them is absorbed first
     slabs : of volumes, not clipped, which mix with the grids
+    scene : whose lights the grids reflect; None: they are not lit
     """
     count = len(rays.direction)
     near, far = clip_range(rays, clip or Clip())
@@ -292,7 +314,10 @@ def march_cells(
     media: list[Medium] = [placed.transfer for placed in grids]
     if slabs is not None:
         every, media = [*every, slabs.passages], [*media, slabs]
-    course = _Course(every, media, fragments, count)
+    lights = {}
+    if scene is not None:
+        lights = {n: partial(one.lit, rays, scene) for n, one in enumerate(grids) if one.material}
+    course = _Course(every, media, fragments, count, lights)
     rgba, transmittance = np.zeros((count, 4)), np.ones(count)
     ray, emission, depth = course.parts()
     place = np.arange(len(ray)) - np.searchsorted(ray, ray)
@@ -306,14 +331,19 @@ def march_cells(
     return rgba
 
 
+Lights = Mapping[int, Callable[[Passages, Indices, Floats, Floats], Floats]]
+
+
 class _Course:
     """Rays cut at the ends of all passages, at control points and at fragments.
 
     An interval lies between two cuts of a ray. A member is a passage in an interval.
     """
 
-    def __init__(self, every: list[Passages], media: list[Medium], fragments: Fragments | None, rays: int) -> None:
-        self.media = media
+    def __init__(
+        self, every: list[Passages], media: list[Medium], fragments: Fragments | None, rays: int, lights: Lights
+    ) -> None:
+        self.media, self.lights = media, lights
         self.grid = np.repeat(np.arange(len(every)), [len(each.ray) for each in every])
         self.passages = Passages(
             *(
@@ -417,7 +447,10 @@ class _Course:
             scalar = whole.front[own, None] + share * (whole.back - whole.front)[own, None]
             extinction = medium.extinction(scalar)
             np.add.at(kappa, of, extinction)
-            np.add.at(glow, of, extinction[..., None] * medium.colour(scalar))
+            colour = medium.colour(scalar)
+            if number in self.lights:
+                colour = self.lights[number](whole, own, t[of], colour)
+            np.add.at(glow, of, extinction[..., None] * colour)
         way = end - begin
         before = way[:, None] * (kappa @ TO_NODES.T)
         emission = way[:, None] * np.einsum("kn,knc->kc", WEIGHTS * np.exp(-before), glow)

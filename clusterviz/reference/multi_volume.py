@@ -308,7 +308,7 @@ def march_mixture(
     fragments = FragmentQueue(find_fragments(rays, geometry, scene), firsts[-1], met)
     if not volumes:
         if cells:
-            return march_cells(rays, cells, scene.clip, fragments.fragments)
+            return march_cells(rays, cells, scene.clip, fragments.fragments, scene=scene)
         return fragments.composite_all()
     spacing = min(min(placed.grid.spacing) for placed in volumes)
     # The box is a little larger than geometry beyond the volumes, so that nothing lies on its faces by rounding.
@@ -344,7 +344,7 @@ def march_mixture(
         _pass(rgba, transmittance, slab, depth, colour, [*isosurfaces, *fragments.take(slab)], passed)
     if cells:
         every = joined_fragments([*crossed, fragments.fragments])
-        return march_cells(rays, cells, scene.clip, every, UniformSlabs.joined(mixed))
+        return march_cells(rays, cells, scene.clip, every, UniformSlabs.joined(mixed), scene)
     fragments.composite_rest(rgba, transmittance)
     return rgba
 

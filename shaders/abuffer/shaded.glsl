@@ -40,9 +40,13 @@ float to_edge(ivec4 of, Hit hit) {
     return min(away.x, min(away.y, away.z));
 }
 
+vec3 from_camera(vec3 vector) {
+    return mat3(vec3(geometry.right.xyz), vec3(geometry.up.xyz), vec3(geometry.forward.xyz)) * vector;
+}
+
 vec3 normal_of(ivec4 of, int row, Hit hit, Layer own) {
     if (own.words.x != NONE) return attribute_of(of, row, hit.weights, own.words.x, 3, true).xyz;
-    return mat3(vec3(geometry.right.xyz), vec3(geometry.up.xyz), vec3(geometry.forward.xyz)) * hit.normal;
+    return from_camera(hit.normal);
 }
 
 vec4 light_of(uint number, double position) {

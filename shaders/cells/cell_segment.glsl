@@ -30,7 +30,10 @@ void set_segment(int g, int tetrahedron, vec2 begin, vec2 end) {
     leaves[g] = end;
 }
 
-// Colour and opacity of a part of the tetrahedron in which the ray is.
+// A colour under the lights, with the gradient in the tetrahedron in which the ray is (cells_lit.glsl).
+vec4 lit_in(int g, vec4 colour, float depth);
+
+// Colour and opacity of a part of this tetrahedron.
 vec4 seen_in(int g, float begin, float end) {
     if (GRIDS > 1) own_grid = g;
     float s = scalar_in(g, begin);
@@ -40,5 +43,6 @@ vec4 seen_in(int g, float begin, float end) {
     known[g] = back;
     run_iterations += 2 * min(grid[GRIDS > 1 ? g : 0].further_starts, 9);
     if (front.segment == back.segment && front.kappa == vec3(0.0)) return vec4(0.0);
-    return integrated(front, back, grid[GRIDS > 1 ? g : 0].optics.x * cell_length * (end - begin));
+    vec4 seen = integrated(front, back, grid[GRIDS > 1 ? g : 0].optics.x * cell_length * (end - begin));
+    return lit_in(g, seen, 0.5 * (begin + end));
 }

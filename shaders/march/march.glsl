@@ -183,6 +183,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             Place after = place_of(ray, k + slabs, slab);
             if (after.brick < 0) break;
             slabs = min(slabs + after.slabs, last - k);
+            ++iterations;
         }
         slabs = up_to_start(k, slabs, sum.high.a, batch.a);
         in_front = sum.high.a;

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from data.grid_writers import vtu
 
+from clusterviz.data import open_scene
 from clusterviz.debugger.draws import Frame, by_interpreter, look
 from clusterviz.debugger.session import Session, State
 from clusterviz.errors import InputError
@@ -101,6 +105,20 @@ def test_watches_are_pictures_histograms_and_differences(session: Session) -> No
     assert np.array_equal(batch.picture()[batch.reached], batch.values[batch.reached].astype(np.float32))
     with pytest.raises(InputError, match=r"neither a number nor a colour; found Place; allowed place\.brick"):
         session.watch("place").picture()
+
+
+def test_probes_look_into_the_shaders_of_grids(tmp_path: Path) -> None:
+    scene = open_scene(vtu(tmp_path / "a.vtu"), ["image.size=[12,10]", "array=f"])
+
+    def probes(shader: Shader) -> list[object]:
+        return [shader.probe(line_of("cell_segment.glsl", "known[g] = back"), ("front.s", "back.s"))]
+
+    (front, back), *_ = look(Frame.of(scene, 1).draws(0), probes, by_interpreter)  # type: ignore[arg-type]
+    assert front.reached.sum() > 10
+    some = back.values[back.reached]
+    assert (some >= 0).all()
+    assert (some <= 1).all()
+    assert np.ptp(some) > 0.1
 
 
 def test_ranks_that_share_a_pixel_differ(frame: Frame) -> None:

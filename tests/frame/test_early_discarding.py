@@ -174,7 +174,8 @@ def test_rays_end_at_fragments(device: Device) -> None:
 
 
 def test_a_scene_without_what_ends_rays_tells_so() -> None:
-    for sections, keys in (({}, {}), (MESH, {"early_termination": 0.0})):
+    grids = MESH | {"grids": [{"path": "g"}]}
+    for sections, keys in (({}, {}), (MESH, {"early_termination": 0.0}), (grids, {})):
         changes = changed_settings(scene_of(sections | ({} if sections else VOLUME), **keys), 1)
         assert [change.key for change in changes if "discarding" in change.key] == ["quality.early_discarding"]
     for keys in ({}, {"early_termination": 0.0, "meshes.0.opacity": 1.0}):

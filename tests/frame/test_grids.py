@@ -144,7 +144,11 @@ def test_frames_may_differ_in_colours_and_opacity_only() -> None:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"shade": True}, r"\.shade: grids cannot be lit yet; found true; allowed false"),
+        (
+            {"array": "kind", "shade": True},
+            r"\.shade: values of cells have no gradient to light; found true, and values of cells; allowed false, or "
+            "values of points",
+        ),
         (
             {"visibility": {"k": 6}},
             r"\.visibility: a k-buffer draws one unstructured grid, and nothing else; found {k: 6} and grids\[1\]; "

@@ -21,16 +21,15 @@ from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.reference import render_reference
-from clusterviz.reference.cells import PlacedCells, find_passages
+from clusterviz.reference.cells import find_passages, place_cells
 from clusterviz.reference.rays import camera_rays
 from clusterviz.render import raycast
 from clusterviz.render.abuffer import primitives
 from clusterviz.render.cells.table import LocalGrid, make_local_grid
 from clusterviz.report.kbuffer.analysis import analyse, comparisons
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.geometry import MeshSection
 from clusterviz.scene.grids import GridSection, KBuffer
-from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Quality, Scene, Volume
+from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
 CAMERAS = {
     "outside": Camera(position=(22, 17, 14), focal_point=(3, 3, 3), view_up=(0, 0, 1)),
@@ -85,7 +84,11 @@ NARROW = GridSection(
     opacity=tuple((s + d, 0.9 * (d == 0)) for s in (0.3, 0.4, 0.5, 0.6, 0.7) for d in (-0.005, 0, 0.005)),
 )
 OF_CELLS = GridSection(path="g", array="kind", clim=(3.0, 9.0), opacity=((3, 0.2), (9, 0.6)), opacity_unit_distance=2.0)
-MIRRORED = THIN.model_copy(update={"transform": ((-1, 0.2, 0, 6), (0, 1, 0, 0), (0, 0, 1.1, 0), (0, 0, 0, 1))})
+MIRROR = {"transform": ((-1, 0.2, 0, 6), (0, 1, 0, 0), (0, 0, 1.1, 0), (0, 0, 0, 1))}
+MIRRORED = THIN.model_copy(update=MIRROR)
+LIT = THIN.model_copy(update={"shade": True, "ambient": 0.2, "diffuse": 0.7, "specular": 0.1, "specular_power": 12.0})
+LIGHTS = Light(position=(3, 1, 2), color=(1, 0.5, 0.2)), Light(type="headlight", color=(0.1, 0.3, 0.5))
+LAMP = Light(position=(30, 20, 25), focal_point=(3, 3, 3), positional=True, cone_angle=90, color=(0.3, 0.3, 0.3))
 NOISE = scenes.smooth((9, 8, 10))
 VOLUME = (
     Volume(path="v", clim=(0.0, 1.0), opacity=((0.2, 0), (1.0, 0.5)), cmap="gray", opacity_unit_distance=2.0),
@@ -125,15 +128,7 @@ def scene_of(
 
 
 def expected(scene: Scene, grids: tuple[Entry, ...], volumes: tuple[Any, ...], meshes: tuple[Any, ...]) -> np.ndarray:
-    cells = []
-    for section, grid in grids:
-        found = make_tetrahedra(grid, section.array)
-        if section.transform is not None:
-            matrix = np.array(section.transform)
-            found = replace(found, points=found.points @ matrix[:3, :3].T + matrix[:3, 3])
-            if np.linalg.det(matrix) < 0:
-                found = replace(found, corners=found.corners[:, [1, 0, 2, 3]])
-        cells.append(PlacedCells(found, transfer_function(section)))
+    cells = [place_cells(*pair) for pair in grids]
     parts = [one[2] for one in volumes], [one[1] for one in volumes]
     return render_reference(scene, *parts, geometry=meshes, cells=cells)
 
@@ -152,7 +147,9 @@ CASES: dict[str, tuple[Any, ...]] = {
     "geometry": (((THIN, HOLES),), (), (MESH,), {}, ("outside", "inside"), 1e-5),
     "volume": (((THIN, HOLES),), (VOLUME,), (), {"step": 0.1}, ("outside", "inside"), 1e-4),
     "volume and geometry": (((THIN, HOLES),), (VOLUME,), (MESH,), {"step": 0.1}, ("outside",), 1e-4),
-    "two": (((THIN, HOLES), (PEAKS, BESIDE)), (), (), {}, ("outside", "inside"), 1e-5),
+    "two, one lit": (((LIT, HOLES), (PEAKS, BESIDE)), (), (), {"lights": LIGHTS}, ("outside", "inside"), 1e-5),
+    "mirrored, lit": (((LIT.model_copy(update=MIRROR), HOLES),), (), (), {"lights": LIGHTS}, ("outside",), 1e-5),
+    "a lamp": (((LIT, HOLES),), (), (), {"lights": (*LIGHTS, LAMP)}, ("outside",), 2e-3),
 }
 
 
@@ -166,7 +163,7 @@ def test_pictures_are_the_reference(name: str, camera: str) -> None:
     assert np.abs(found - right).max() <= bound
 
 
-ON_OPENGL = [("holes", "outside"), ("holes", "inside"), ("arrays of cells", "outside"), ("two", "outside")]
+ON_OPENGL = [("holes", "outside"), ("holes", "inside"), ("arrays of cells", "outside"), ("two, one lit", "outside")]
 
 
 @pytest.mark.gl

@@ -75,6 +75,7 @@ class GeometryVariant:
     grids : number of unstructured grids
     kbuffer : brings the faces of the only grid in order; nothing else is drawn
     whole_cells : there is nothing but one grid, whose tetrahedra are not cut where rays go on in another brick
+    lit_cells : a grid is lit
     """
 
     lights: int
@@ -85,6 +86,7 @@ class GeometryVariant:
     grids: int = 0
     kbuffer: KBuffer | None = None
     whole_cells: bool = False
+    lit_cells: bool = False
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -131,8 +133,9 @@ class GeometryVariant:
             walk = "walk.glsl", "run.glsl", "walks_whole.glsl"
         if self.kbuffer:
             walk = ("no_cells.glsl",)
+        unlit = () if self.lit_cells else ("cells_unlit.glsl",)
         classes = {name: macros[name] for name in ("Class", "class_at", "integrated")}
-        segment = (define(classes), "cell_segment.glsl", *walk, undefine(classes))
+        segment = (define(classes), "cell_segment.glsl", *walk, *unlit, undefine(classes))
         return (*ramp, "strict_side.glsl", *segment)
 
     @property
@@ -166,7 +169,8 @@ class GeometryVariant:
             begin += "vec4 material;\n"
             files = ("unlit.glsl",)
         end = undefine([*macros, *(name for name in chain if "_before" in name)])
-        return (begin, *files, "shaded.glsl", end)
+        cells = ("cells_lit.glsl",) if self.lit_cells else ()
+        return (begin, *files, "shaded.glsl", *cells, end)
 
 
 def kinds_of(plan: Plan) -> tuple[Kind, ...]:
@@ -185,7 +189,7 @@ def _bool(flag: bool) -> str:
 
 def lit_layer(plan: Plan) -> Shading | None:
     """Return the shading of the first layer that is lit; the lights of all are the same."""
-    layers = plan.content.geometry if plan.content else ()
+    layers = plan.content.layers if plan.content else ()
     return next((layer.shading for layer in layers if layer.shading), None)
 
 
@@ -199,7 +203,8 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
     size, discards = 0 if is_sorted(plan.content) else SMALLEST, plan.march.discard_margin is not None
     kinds, grids, kbuffer = kinds_of(plan), len(plan.content.cells), plan.content.kbuffer
     whole = grids == 1 and not kinds and not plan.content.volume_layers
-    return GeometryVariant(min(1, rows) if on_cpu else rows, near, kinds, size, discards, grids, kbuffer, whole)
+    rows, lit = min(1, rows) if on_cpu else rows, any(layer.shading for layer in plan.content.cells)
+    return GeometryVariant(rows, near, kinds, size, discards, grids, kbuffer, whole, lit)
 
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:

@@ -19,12 +19,12 @@ OUTWARD = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 GRID = np.dtype(
     [
         ("buckets", "f4", 4),  # as in the frame's block
-        ("optics", "f4", 4),  # a cell's side of the domain in opacity unit distances; tetrahedra of all grids
+        ("optics", "f4", 4),  # a cell's side of the domain in opacity unit distances; tetrahedra of all grids; 1 if lit
         ("last_segment", "i4"),
         ("first_bucket", "i4"),
         ("further_starts", "i4"),
         ("first_value", "i4"),  # word of the value of tetrahedron 0, in the table; `NO_VALUES`: points have them
-        ("unused", "f4", 4),
+        ("reflects", "f4", 4),  # material, as in `Shading`
     ]
 )
 GRIDS_BINDING, CELLS_BINDING = 4, 19
@@ -149,7 +149,8 @@ def grids_block(content: Content, table: CellTable) -> NDArray[np.void]:
     for number, (block, layer) in enumerate(zip(blocks, content.cells, strict=True), len(content.volume_layers)):
         segments = layer.segments
         block["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
-        block["optics"][:2] = layer.units, table.tetrahedra
+        block["optics"][:3] = layer.units, table.tetrahedra, layer.shading is not None
+        block["reflects"] = layer.shading.material if layer.shading else 0
         first += len(segments.records)
         block["last_segment"], block["first_bucket"] = first - 1, BUCKETS * number
         block["further_starts"] = segments.further_starts

@@ -164,8 +164,8 @@ def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[D
     grids = [one.grid for one in sources]
     voxels = [one.read((0, 0, 0), grid.shape_zyx) for one, grid in zip(sources, grids, strict=True)]
     parts = [part_of(section, read_geometry(section.path)) for section in scene.geometry]
-    if any(section.shade or section.visibility != "exact" for section in scene.grids):
-        return None, "the reference does not light grids"
+    if any(section.visibility != "exact" for section in scene.grids):
+        return None, "visibility of the reference's grids is exact"
     grids_read = [read_grid(section.path, section.time) for section in scene.grids]
 
     def reference(of: Scene, step: float) -> Floats:
