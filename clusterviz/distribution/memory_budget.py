@@ -1,8 +1,9 @@
 """Memory that each rank may use for bricks, and the check that its bricks fit.
 
 The size of a brick is that of its storage in the renderer: OpenGL keeps packed words or texels, the CPU ray caster one
-word a voxel. Primitives and tetrahedra are counted as ranks hold them, in main memory. If ranks use different
-renderers, the larger size counts. All ranks decide before bricks are loaded.
+word a voxel. Primitives and tetrahedra are counted as ranks hold them, in main memory, and tetrahedra
+also as they are drawn. If ranks use different renderers, the larger size counts. All ranks decide before bricks are
+loaded.
 """
 
 from __future__ import annotations
@@ -109,6 +110,8 @@ class MemoryBudget:
             sizes = np.maximum(sizes, slot_of(plan).counted(plan.layout.counts_zyx, lambda slot: slot.bytes))
         for layer in plan.content.layers if plan.content else ():
             sizes = sizes + layer.nbytes
+        for grid in plan.content.cells if plan.content else ():
+            sizes = sizes + grid.table_bytes
         return np.where(plan.cost > 0, sizes, 0)
 
 

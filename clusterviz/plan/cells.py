@@ -104,6 +104,16 @@ class CellLayer:
         found: NDArray[np.int64] = self.in_bricks[0] * each[0] + self.in_bricks[1] * each[1]
         return found
 
+    @property
+    def table_bytes(self) -> NDArray[np.int64]:
+        """Bytes that each brick adds to what is drawn, at most, int64 (bz, by, bx).
+
+        These are corners and neighbours of tetrahedra, and points as in the file, with scalars, and in two more forms.
+        """
+        each = 32 + (4 if self.on_cells else 0), 3 * self.point_type.itemsize + 4 + 2 * 16
+        found: NDArray[np.int64] = self.in_bricks[0] * each[0] + self.in_bricks[1] * each[1]
+        return found
+
     def forms(self, tetrahedra: int, points: int) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
         """Return shape and type of each array of `CellBrick`, by name, for given numbers of both."""
         whole = np.dtype(np.uint32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,13 @@ from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.frame.opening import OpenedContent, open_volumes
 from clusterviz.frame.run import Options, Run
 from clusterviz.plan.content import SEGMENT_COST
 from clusterviz.plan.plan import Plan
 from clusterviz.reference.rays import camera_rays
+from clusterviz.render.abuffer.primitives import make_table
 from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
@@ -106,6 +109,20 @@ def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
     assert (plan.cost > 0).any()
     for index, brick in opened.read(plan, {tuple(each) for each in np.argwhere(everything).tolist()}):
         assert hidden[index] == (brick.cells[0].values[brick.cells[0].corners].max() <= 9)
+
+
+@pytest.mark.parametrize("array", ["f", "kind"])
+def test_memory_of_a_brick_is_that_of_its_arrays(array: str) -> None:
+    _, opened, plan = planned(scene_of(GridSection(path="a", array=array, opacity=0.5), brick=1024), [mixed()])
+    assert plan.content
+    ((index, brick),) = opened.read(plan, set(visible(plan)))
+    table = make_table(plan.content.layers, [()], [brick.cells])
+    assert table.cells
+    held = brick.cells[0].nbytes + table.cells.words.nbytes + 32 * table.vertices
+    held += sum(array.nbytes for array in (*table.positions, *table.radii))
+    budget = MemoryBudget(1, on_cpu=True, by_opengl=False)
+    empty = budget.brick_bytes(replace(plan, content=replace(plan.content, cells=())))
+    assert budget.brick_bytes(plan)[index] - empty[index] == held
 
 
 @pytest.mark.parametrize(("sides", "bricks", "times"), [((2, 3, 4), 3, 5.0), ((15, 20, 20), 8, 2.6)])
