@@ -20,6 +20,8 @@ E. Lum, B. Wilson, K.-L. Ma: High-quality lighting and efficient pre-integration
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,7 +53,13 @@ def make_preintegrated(transfer: TransferFunction) -> Segments:
     records = _refined(outlined)
     slabs = _parabolas(records)
     opaque = (records["unit_opacity"] > 0) | (records["unit_slope"] > 0)
-    return indexed(slabs, starts, opaque, SLAB_RECORD, segment_sums(slabs))
+    found = indexed(slabs, starts, opaque, SLAB_RECORD, segment_sums(slabs))
+    if opaque.any() and records["unit_opacity"][np.argmax(opaque)] == 0:
+        # Where opacity rises from 0, as often at the value of a background, that value is transparent, too.
+        found = replace(
+            found, transparent_below=float(np.nextafter(np.float32(found.transparent_below), np.float32(FAR)))
+        )
+    return found
 
 
 def segment_sums(slabs: NDArray[np.void]) -> Floats:
