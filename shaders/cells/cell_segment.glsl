@@ -36,13 +36,13 @@ vec4 lit_in(int g, vec4 colour, float depth);
 // Colour and opacity of a part of this tetrahedron.
 vec4 seen_in(int g, float begin, float end) {
     if (GRIDS > 1) own_grid = g;
+    run_iterations += 2 * min(grid[GRIDS > 1 ? g : 0].further_starts, 9);
     float s = scalar_in(g, begin), t = scalar_in(g, end);
     if (max(s, t) < grid[GRIDS > 1 ? g : 0].buckets.w) return vec4(0.0);
     Class front = known[g];
     if (front.s != s) front = class_at(s);
     Class back = class_at(t);
     known[g] = back;
-    run_iterations += 2 * min(grid[GRIDS > 1 ? g : 0].further_starts, 9);
     if (front.segment == back.segment && front.kappa == vec3(0.0)) return vec4(0.0);
     vec4 seen = integrated(front, back, grid[GRIDS > 1 ? g : 0].optics.x * cell_length * (end - begin));
     return lit_in(g, seen, 0.5 * (begin + end));
