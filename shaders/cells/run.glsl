@@ -164,13 +164,7 @@ void absorb_between(inout vec4 sum, vec4 depth, vec3 colour, int k, float middle
     if (goes_on) at = resumed;
     if (is_suspended || at >= last) return;
     bool begins = at <= max(depth_at(-0.5LF), unclipped.x);
-    for (int g = 0; g < GRIDS; ++g) {
-        walk_to(g, at);
-        if (has_to_stop()) continue;
-        bool was_taken_before = passed[g] >= 0 && !begins && entered[g].x < at;
-        counted[g] = was_taken_before ? passed[g] : -1;
-        if (WHOLE_CELLS && was_taken_before && !goes_on) at = leaves[g].x;
-    }
+    bool is_first = true; // one call of walk_to is compiled into the loop, several are not
     while (at < last && !is_opaque(sum.a)) {
         bool is_kept = !HAS_VOLUMES || (at >= unclipped.x && at < unclipped.y);
         float next = WHOLE_CELLS ? NOWHERE : last;
@@ -185,6 +179,19 @@ void absorb_between(inout vec4 sum, vec4 depth, vec3 colour, int k, float middle
             is_suspended = true;
             keep_walks(at);
             break;
+        }
+        if (is_first) {
+            is_first = false;
+            float from = at;
+            for (int g = 0; g < GRIDS; ++g) {
+                bool was_taken_before = passed[g] >= 0 && !begins && entered[g].x < at;
+                counted[g] = was_taken_before ? passed[g] : -1;
+                if (WHOLE_CELLS && was_taken_before && !goes_on) from = leaves[g].x;
+            }
+            if (from > at) {
+                at = from;
+                continue;
+            }
         }
         if (inside > 1) next = min(next, end_of_slab(at));
         vec4 mixed = even * (next - at), only = vec4(0.0);
