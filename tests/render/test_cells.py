@@ -348,7 +348,7 @@ def placed(entry: Entry, scale: float, offset: float) -> Entry:
         ("holes", "outside", 1e-9, 0.0, 5e-7),
         ("holes", "outside", 1.0, 1e9, 5e-7),
         ("geometry", "outside", 1.0, 0.0, 4e-6),
-        ("two", "inside", 1.0, 0.0, 4e-6),
+        ("two, one lit", "inside", 1.0, 0.0, 4e-6),
         ("volume", "outside", 1.0, 0.0, 4e-6),
     ],
 )
