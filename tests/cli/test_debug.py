@@ -52,7 +52,7 @@ def test_numbers_pictures_and_json_agree(cli: Callable[..., Any], tmp_path: Path
 @pytest.mark.parametrize(
     ("file", "text", "watches"),
     [
-        ("find.glsl", "found = uvec2(sorted_bits", "hit.depth"),
+        ("find.glsl", "found = uvec2(sorted_bits(hit.depth)", "hit.depth"),
         ("layers_fragments.glsl", "next_fragment();", "position,k"),
     ],
 )

@@ -12,7 +12,6 @@ import pytest
 from render.scenes import LIT, Prepared, camera_at, draw, drawn, prepare, scene_of
 
 from clusterviz.data.source import Grid
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.plan.plan import Plan, brick_cost
 from clusterviz.reference import render_reference
 from clusterviz.render import brick_atlas, raycast
@@ -125,14 +124,7 @@ def test_dispatches_end_where_nothing_is_cut(
     voxels = blobs("uint8")
     prepared = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), opacity=SPARSE), voxels, brick=64)
     at_once, samples = drawn(context, prepared)
-    right = raycast.compile_compute
-
-    def compiled(context: moderngl.Context, source: ShaderSource) -> moderngl.ComputeShader:
-        text = source.text.replace("ITERATIONS = 3600", f"ITERATIONS = {iterations}")
-        assert text != source.text
-        return right(context, replace(source, text=text))
-
-    monkeypatch.setattr(raycast, "compile_compute", compiled)
+    monkeypatch.setattr(raycast, "ITERATIONS", (iterations, iterations))
     in_shares, taken = drawn(context, prepared)
     assert np.array_equal(in_shares, at_once)
     assert taken == samples
