@@ -59,8 +59,8 @@ from clusterviz.report.kbuffer_counts import KBufferCounts
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXEL_BYTES = 16
 ITERATIONS = (1 << 16, 3600)
-"""Of the loops of a ray in a dispatch; llvmpipe silently leaves all loops after 65535 in total, and sixteen lanes that
-diverge may take sixteen times the iterations that each of them counts."""
+"""Of the loops of a ray in a dispatch, on GPUs and on llvmpipe, which silently leaves all loops after 65535 in total:
+sixteen lanes that diverge may take sixteen times the iterations that each of them counts."""
 MOST_PIXELS_AT_ONCE, FIRST_BAND_PIXELS = 1 << 18, 1 << 15
 """Larger pictures are drawn in bands, with progress reports; the first band measures the speed."""
 Index = tuple[int, int, int]
