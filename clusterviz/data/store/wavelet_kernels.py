@@ -1,9 +1,9 @@
 """Lifting of linear spline wavelets on a brick, in a closed loop, compiled by numba.
 
 Every second sample along each axis makes the next coarser level. The other samples of a level are predicted from their
-neighbours along the axes of their odd indices, by linear interpolation: the mean of two, four or six neighbours. A level
-is processed plane by plane. In a row of a plane, samples with even x come first, then the last of these again, then
-those with odd x, so that vectors of neighbours are contiguous.
+neighbours along the axes of their odd indices, by linear interpolation: the mean of two, four or six neighbours.
+A level is processed plane by plane. In a row of a plane, samples with even x come first, then the last of these again,
+then those with odd x, so that vectors of neighbours are contiguous.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numba
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 
@@ -54,8 +53,8 @@ def transform(encoding, residuals, z, y, x, step, samples, restored, space):  # 
 
 
 @jit
-def _level(encoding, residuals, at, nz, ny, nx, step, fine, below, samples, apart, y, x, rows):  # type: ignore[no-untyped-def]
-    """Code a level from the next coarser one, `below`; its sample (i, j, k) is that of the brick at `apart` times it."""
+def _level(encoding, residuals, done, nz, ny, nx, step, fine, below, samples, apart, y, x, rows):  # type: ignore[no-untyped-def]
+    """Code a level, whose samples are `apart` in the brick, from the next coarser one, `below`."""
     ey, ex, wide = (ny + 1) // 2, (nx + 1) // 2, nx + 1
     back, front, between = 0, ny * wide, 2 * ny * wide
     for turn in range(nz + 1):
@@ -75,17 +74,21 @@ def _level(encoding, residuals, at, nz, ny, nx, step, fine, below, samples, apar
                 row[ex] = row[ex - 1]
         near = back if z + 1 < nz else front
         line = samples[z * apart * y * x :]
+        # Residuals of samples with the same parities follow each other.
+        at = done if odd == 0 else done + (nz + 1) // 2 * (ny * nx - ey * ex)
         for kind in range(1 - odd, 4):
-            at = _plane(
-                encoding, odd, kind & 1, kind >> 1, near, plane, front, ny, nx, step, rows, residuals, at, line, apart, x
-            )
+            py, px = kind & 1, kind >> 1
+            size = ((ny + 1 - py) // 2) * ((nx + 1 - px) // 2)
+            here = at + z // 2 * size
+            _plane(encoding, odd, py, px, near, plane, front, ny, nx, step, rows, residuals, here, line, apart, x)
+            at += (nz + 1 - odd) // 2 * size
         for j in range(ny):
             _join(rows, plane + j * wide, nx, fine, (z * ny + j) * nx)
 
 
 @jit
 def _plane(encoding, pz, py, px, back, plane, front, ny, nx, step, rows, residuals, at, samples, apart, x):  # type: ignore[no-untyped-def]
-    """Code the samples of a plane with given parities of (z, y, x); return where the next residuals begin."""
+    """Code the samples of a plane with given parities of (z, y, x)."""
     ex, wide, last = (nx + 1) // 2, nx + 1, (ny - 1) // 2 * 2
     count, begin = (nx // 2, ex + 1) if px == 1 else (ex, 0)
     for y in range(py, ny, 2):
@@ -111,7 +114,6 @@ def _plane(encoding, pz, py, px, back, plane, front, ny, nx, step, rows, residua
         at += count
         if px == 0:
             rows[plane + here + ex] = rows[plane + here + ex - 1]
-    return at
 
 
 def _coder(pairs: int) -> Any:
@@ -139,7 +141,11 @@ def _coder(pairs: int) -> Any:
                 mean = lanes_of.prediction([load(index) for index in args[4 : 4 + 2 * pairs]])
                 target, folded = place(kind, row, args[2], k, lanes), place(folded_kind, residual, args[11], k, lanes)
                 value = builder.load(target if encodes else folded, align=1)
-                coded, decoded = lanes_of.exact(mean, value, encodes) if exact else lanes_of.quantized(mean, value, encodes, args[12])
+                coded, decoded = (
+                    lanes_of.exact(mean, value, encodes)
+                    if exact
+                    else lanes_of.quantized(mean, value, encodes, args[12])
+                )
                 if encodes:
                     builder.store(coded, folded, align=1)
                 builder.store(decoded, target, align=1)
@@ -182,8 +188,8 @@ class _Lanes:
     def prediction(self, numbers: list[Any]) -> Any:
         """Return the mean of pairs: rounded up for each, then down."""
         if len(numbers) == 2:
-            return self.mean(*numbers, up=False)
-        pairs = [self.mean(*numbers[n : n + 2], up=True) for n in range(0, len(numbers), 2)]
+            return self.mean(numbers[0], numbers[1], up=False)
+        pairs = [self.mean(numbers[n], numbers[n + 1], up=True) for n in range(0, len(numbers), 2)]
         while len(pairs) > 1:
             pairs.append(self.mean(pairs.pop(), pairs.pop(), up=False))
         return pairs[0]
@@ -240,7 +246,8 @@ class _Lanes:
 
 def _for_vectors(builder: Any, count: Any, bits: int, block: Callable[[Any, int], None]) -> None:
     """Generate blocks for `count` numbers: of as many as a vector has, of a fourth of them, and single ones."""
-    done = cgutils.alloca_once_value(builder, LONG(0))
+    alloca: Callable[..., Any] = cgutils.alloca_once_value
+    done = alloca(builder, LONG(0))
     most = VECTOR_BITS // bits
     for lanes in (most, most // 4, 1):
         test, body, end = (builder.append_basic_block() for _ in range(3))
@@ -266,7 +273,9 @@ def _join(typing_context, rows, source, count, target, at):  # type: ignore[no-u
         odds = builder.add(builder.add(args[1], evens), LONG(1))
 
         def place(n: int, index: Any, lanes: int) -> Any:
-            return builder.bitcast(address(context, builder, signature.args[n], args[n], index), vector(bits, lanes).as_pointer())
+            return builder.bitcast(
+                address(context, builder, signature.args[n], args[n], index), vector(bits, lanes).as_pointer()
+            )
 
         def block(k: Any, lanes: int) -> None:
             even, odd = (builder.load(place(0, builder.add(begin, k), lanes), align=1) for begin in (args[1], odds))

@@ -1,0 +1,298 @@
+"""Codec of bricks: linear spline wavelets by lifting, byte planes, and zstd.
+
+What: samples become unsigned numbers in the same order. Every second one along each axis is kept, the others are
+replaced by what linear interpolation between their neighbours lacks; this is repeated until one sample is left. zstd
+packs the residuals, or the numbers themselves where these get shorter, as labels do.
+When: measured or simulated fields, exact or with a stated error. When not: random numbers, which nothing makes shorter.
+Cost: 2 to 6 GB/s to transform one way or the other, so zstd decides.
+
+Maximum error. Both sides predict from *decoded* samples, in integers, so they predict the same. The encoder rounds the
+distance from the prediction to the nearest multiple of the odd step 2e + 1, which leaves at most e. Clamping to the
+range of the type, in which the sample lies, brings the result no farther from it. So every sample is at most e away,
+whatever happened to its neighbours: errors do not add up. The transposed lifting step (the update of the low-pass) is
+left out, since it would add the errors of several residuals. For integers e is the whole part of the error asked for.
+Floats are first rounded to multiples of h, which leaves h/2; with e = 127 of these multiples the sum is 127.5 h, the
+error asked for. Rounding of the conversion itself is not bounded this way; so the encoder decodes what it wrote, and
+keeps a brick exactly if a sample of it is too far away or not finite.
+
+References
+----------
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.5.
+W. Sweldens: The lifting scheme, SIAM J. Math. Anal. 29(2), 1998.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import local
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.codec import intrinsics, kernels
+from clusterviz.data.source import Index
+from clusterviz.errors import DataError
+from clusterviz.kernels.compiled import CompiledKernel
+
+FINEST_LEVEL, LEVEL = 22, 1
+"""zstd's levels: the largest, and the default; residuals get hardly smaller by levels up to 12, which are slower."""
+LARGEST_ERROR = 1 << 30
+"""Of whole numbers; more are kept closer."""
+SAMPLED = 4096
+"""Samples of a brick among which few different values mean that it may have few."""
+_HEADER = struct.Struct("<4sBB2xIQddII")
+_MAGIC = b"cvw1"
+_PLAIN, _LIFTED = 0, 1
+_MULTIPLES = 127
+"""Largest error of a brick of floats, in the multiples to which they are rounded first."""
+_SOURCES = [Path(__file__).with_name("wavelet_kernels.py"), Path(str(intrinsics.__file__))]
+
+
+def _kernel(dtype: str) -> CompiledKernel:
+    array = f"{dtype}[::1]"
+    arguments = f"int64; {array}; int64; int64; int64; int64; {array}; {array}; {array}"
+    return CompiledKernel("clusterviz.data.store.wavelet_kernels", f"transform-{dtype}", arguments, _SOURCES)
+
+
+TRANSFORMS = {size: _kernel(f"uint{8 * size}") for size in (1, 2, 4, 8)}
+"""Compiled lifting by the bytes of a number."""
+_scratch = local()
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """What the unsigned numbers of a brick stand for.
+
+    Attributes
+    ----------
+    step : of residuals; odd
+    offset : added to numbers, which gives keys
+    low, spacing : samples are low + spacing · number, if `spacing` is not 0
+    table : keys by number, ascending; empty: numbers are keys less the offset
+    """
+
+    step: int = 1
+    offset: int = 0
+    low: float = 0.0
+    spacing: float = 0.0
+    table: NDArray[Any] = field(default_factory=lambda: np.empty(0, np.uint8))
+
+
+def encode_brick(samples: NDArray[Any], error: float = 0.0, level: int = LEVEL) -> bytes:
+    """Return a brick as bytes.
+
+    Parameters
+    ----------
+    samples : any integer or float type of up to 64 bits, three axes, each at least 1
+    error : largest difference between a sample and the decoded one; 0: bit for bit
+    level : of zstd, 1 to 22
+    """
+    samples = np.ascontiguousarray(samples)
+    if error > 0 and samples.dtype.kind == "f":
+        data = _encode_rounded(samples, error, level)
+        if data is not None:
+            return data
+        error = 0.0
+    keys = _keys(samples.ravel())
+    low, high = int(keys.min()), int(keys.max())
+    width = _width(high - low)
+    offset = low if width < keys.itemsize else 0
+    step = 2 * int(min(error, LARGEST_ERROR)) + 1 if width < 8 else 1
+    numbers = (keys - keys.dtype.type(offset)).astype(f"u{width}", copy=False) if offset else keys
+    data = _pack(numbers.astype(f"u{width}", copy=False), samples.shape, _Numbers(step, offset), level)
+    table = _few_values(keys) if error < 1 else None
+    if table is None:
+        return data
+    numbers = np.searchsorted(table, keys).astype(f"u{_width(len(table) - 1)}")
+    return min(data, _pack(numbers, samples.shape, _Numbers(table=table), level), key=len)
+
+
+def _width(largest: float) -> int:
+    return next(size for size in (1, 2, 4, 8) if largest < 1 << (8 * size))
+
+
+def _few_values(keys: NDArray[Any]) -> NDArray[Any] | None:
+    """Return the different keys if these are few for their range; None if not, or if they need all bits anyway."""
+    some = keys[:: max(1, keys.size // SAMPLED)]
+    found = np.unique(some)
+    if keys.itemsize == 1 or 2 * len(found) > min(len(some), int(found[-1]) - int(found[0])):
+        return None
+    table = np.unique(keys)
+    return table if len(table) <= 1 << 16 and 2 * len(table) <= int(table[-1]) - int(table[0]) else None
+
+
+def _encode_rounded(samples: NDArray[Any], error: float, level: int) -> bytes | None:
+    """Return a brick of floats within an error; None if that is not possible."""
+    spacing, values = error / (_MULTIPLES + 0.5), samples.ravel().astype(np.float64)
+    low, high = float(values.min()), float(values.max())
+    if not (math.isfinite(high - low) and spacing > 0 and high - low < spacing * ((1 << 32) - 1)):
+        return None
+    numbers = np.rint((values - low) / spacing)
+    meaning = _Numbers(2 * _MULTIPLES + 1, low=low, spacing=spacing)
+    data = _pack(numbers.astype(f"u{_width(numbers.max())}"), samples.shape, meaning, level)
+    decoded = decode_brick(data, samples.shape, samples.dtype).ravel()
+    return data if np.abs(decoded.astype(np.float64) - values).max() <= error else None
+
+
+def _pack(numbers: NDArray[Any], shape: Index, meaning: _Numbers, level: int) -> bytes:
+    """Return header, table and numbers, lifted or as they are, whichever is shorter."""
+    from numcodecs import zstd
+
+    count, width, step = numbers.size, numbers.itemsize, meaning.step
+    as_they_are, residuals = np.zeros((2, _padded(count, width)), numbers.dtype)
+    restored = np.empty(count, numbers.dtype)
+    TRANSFORMS[width](1, residuals[:count], *shape, step, numbers, restored, _space(shape, numbers.dtype))
+    as_they_are[:count] = restored
+    planes = _split(as_they_are), _split(residuals)
+    packed = [zstd.compress(each, LEVEL) for each in planes]
+    method = _LIFTED if len(packed[_LIFTED]) <= len(packed[_PLAIN]) else _PLAIN
+    best = packed[method] if level == LEVEL else zstd.compress(planes[method], level)
+    table = meaning.table
+    packed_table = zstd.compress(np.diff(table, prepend=table[:1] * 0), LEVEL) if len(table) else b""
+    return b"".join(
+        (
+            _HEADER.pack(
+                *(_MAGIC, method, width, step, meaning.offset, meaning.low, meaning.spacing),
+                *(len(table), len(packed_table)),
+            ),
+            packed_table,
+            best,
+        )
+    )
+
+
+def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], where: str = "") -> NDArray[Any]:
+    """Return the samples of a brick, of the given type and shape.
+
+    Raises
+    ------
+    DataError
+        The bytes are not those of a brick of this shape and type.
+    """
+    view, count = memoryview(data), math.prod(shape)
+    if len(view) < _HEADER.size:
+        raise DataError("a brick ends early", where=where, found=f"{len(view)} bytes")
+    magic, method, width, step, offset, low, spacing, entries, table_bytes = _HEADER.unpack(view[: _HEADER.size])
+    largest = 4 if spacing > 0 else 2 if entries else dtype.itemsize
+    if magic != _MAGIC or method not in (_PLAIN, _LIFTED) or width not in (1, 2, 4, 8) or width > largest:
+        raise DataError("not a brick of wavelets", where=where, found=bytes(view[:6]).hex(" "))
+    if step % 2 == 0 or (step > 1 and width == 8) or entries > 1 << 16:
+        raise DataError("a damaged brick", where=where, found=f"step {step}, {entries} values")
+    kind, begin = np.dtype(f"u{width}"), _HEADER.size + table_bytes
+    packed = _reused("planes", _padded(count, width), kind)
+    _unpack(view[begin:], packed, where)
+    residuals = _joined(packed)[:count]
+    numbers = residuals.copy() if method == _PLAIN else np.empty(count, kind)
+    if method == _LIFTED:
+        TRANSFORMS[width](0, residuals, *shape, step, numbers, numbers, _space(shape, kind))
+    if spacing > 0:
+        with np.errstate(over="ignore"):
+            values: NDArray[Any] = (numbers * np.float64(spacing) + low).astype(dtype)
+        return values.reshape(shape)
+    if entries:
+        table = np.empty(entries, f"u{dtype.itemsize}")
+        _unpack(view[_HEADER.size : begin], table, where)
+        keys = np.cumsum(table, dtype=table.dtype).take(numbers, mode="clip")
+    else:
+        keys = numbers.astype(f"u{dtype.itemsize}", copy=False)
+        if offset:
+            keys += keys.dtype.type(offset)
+    return _samples(keys, dtype).reshape(shape)
+
+
+def _unpack(frame: memoryview, target: NDArray[Any], where: str) -> None:
+    """Decompress a frame that holds exactly the bytes of an array."""
+    from numcodecs import zstd
+
+    if _content_bytes(frame) != target.nbytes:
+        raise DataError("a damaged brick", where=where, found=f"{_content_bytes(frame)} bytes", allowed=target.nbytes)
+    try:
+        zstd.decompress(frame, target)
+    except (RuntimeError, ValueError) as error:
+        raise DataError(f"a damaged brick: {error}", where=where) from error
+
+
+def _keys(samples: NDArray[Any]) -> NDArray[Any]:
+    """Return unsigned numbers, as wide as the samples and in the same order."""
+    bits = 8 * samples.itemsize
+    keys = samples.view(f"u{samples.itemsize}")
+    if samples.dtype.kind in "ub":
+        return keys
+    sign = keys.dtype.type(1 << (bits - 1))
+    if samples.dtype.kind == "f":
+        return np.asarray(keys ^ ((samples.view(f"i{samples.itemsize}") >> (bits - 1)).view(keys.dtype) | sign))
+    return np.asarray(keys ^ sign)
+
+
+def _samples(keys: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Invert `_keys`, in place."""
+    if dtype.kind not in "ub":
+        bits = 8 * dtype.itemsize
+        sign = keys.dtype.type(1 << (bits - 1))
+        if dtype.kind == "f":
+            negative = (keys.view(f"i{dtype.itemsize}") >> (bits - 1)).view(keys.dtype)
+            keys ^= ~negative | sign
+        else:
+            keys ^= sign
+    return keys.view(dtype)
+
+
+def _padded(count: int, width: int) -> int:
+    """Return the numbers that are packed: pairs of 16 bits, since byte planes are of pixels of four bytes or more."""
+    return count + (count & 1 if width == 2 else 0)
+
+
+def _split(numbers: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return the byte planes of numbers."""
+    if numbers.itemsize == 1:
+        return numbers.view(np.uint8)
+    size, planes = max(4, numbers.itemsize), np.empty(numbers.nbytes, np.uint8)
+    kernels.split_planes(numbers.view(np.uint8), size, planes, _reused("tile", size * kernels.TILE, np.uint8))
+    return planes
+
+
+def _joined(planes: NDArray[Any]) -> NDArray[Any]:
+    """Return the numbers of byte planes, which is memory that is used again."""
+    if planes.itemsize == 1:
+        return planes
+    size, numbers = max(4, planes.itemsize), _reused("numbers", len(planes), planes.dtype)
+    tile = _reused("tile", size * kernels.TILE, np.uint8)
+    kernels.join_planes(planes.view(np.uint8), size, numbers.view(np.uint8), tile)
+    return numbers
+
+
+def _space(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return the space that a transform needs."""
+    _, y, x = shape
+    coarse = sum(math.prod(-(-side // apart) for side in shape) for apart in (2, 4))
+    return _reused("space", coarse + 3 * y * (x + 1), dtype)
+
+
+def _reused(name: str, count: int, dtype: Any) -> NDArray[Any]:
+    """Return memory of this thread: the system takes longer to find new pages than a brick to be decoded."""
+    wanted = count * np.dtype(dtype).itemsize
+    memory = getattr(_scratch, name, None)
+    if memory is None or memory.nbytes < wanted:
+        memory = np.empty(wanted, np.uint8)
+        setattr(_scratch, name, memory)
+    part: NDArray[Any] = memory[:wanted].view(dtype)
+    return part
+
+
+def _content_bytes(frame: memoryview) -> int:
+    """Return the bytes that a frame of zstd says to hold; −1 if it says nothing.
+
+    References
+    ----------
+    RFC 8878, section 3.1.1.1.
+    """
+    if len(frame) < 6 or bytes(frame[:4]) != b"\x28\xb5\x2f\xfd":
+        return -1
+    flags = frame[4]
+    size, single = (flags >> 5 & 1, 2, 4, 8)[flags >> 6], flags >> 5 & 1
+    begin = 5 + (1 - single) + (0, 1, 2, 4)[flags & 3]
+    return int.from_bytes(frame[begin : begin + size], "little") + (256 if size == 2 else 0) if size else -1
