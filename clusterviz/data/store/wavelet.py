@@ -184,7 +184,7 @@ def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], w
         raise DataError("a damaged brick", where=where, found=f"step {step}, {entries} values")
     kind, begin = np.dtype(f"u{width}"), _HEADER.size + table_bytes
     packed = _reused("planes", _padded(count, width), kind)
-    _unpack(view[begin:], packed, where)
+    unpack_frame(view[begin:], packed, where)
     residuals = _joined(packed)[:count]
     numbers = residuals.copy() if method == _PLAIN else np.empty(count, kind)
     if method == _LIFTED:
@@ -195,7 +195,7 @@ def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], w
         return values.reshape(shape)
     if entries:
         table = np.empty(entries, f"u{dtype.itemsize}")
-        _unpack(view[_HEADER.size : begin], table, where)
+        unpack_frame(view[_HEADER.size : begin], table, where)
         keys = np.cumsum(table, dtype=table.dtype).take(numbers, mode="clip")
     else:
         keys = numbers.astype(f"u{dtype.itemsize}", copy=False)
@@ -204,7 +204,7 @@ def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], w
     return _samples(keys, dtype).reshape(shape)
 
 
-def _unpack(frame: memoryview, target: NDArray[Any], where: str) -> None:
+def unpack_frame(frame: memoryview, target: NDArray[Any], where: str) -> None:
     """Decompress a frame that holds exactly the bytes of an array."""
     from numcodecs import zstd
 

@@ -1,0 +1,350 @@
+"""Arrays of bricks as Zarr 3 stores them: files (shards) of many bricks, with an index and checksums.
+
+A shard holds a cube of bricks, one after another, each with its CRC-32C, then for each the offset and the length, and
+the CRC-32C of these. A brick that does not fit into the array is padded. zarr-python takes about a millisecond for each
+brick, so the arrays that clusterviz writes are read here.
+
+References
+----------
+Zarr core specification 3.1; codecs sharding_indexed, crc32c, bytes; zarr-specs.readthedocs.io.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.bricks import Box
+from clusterviz.data.files import readable
+from clusterviz.data.header import check_box
+from clusterviz.data.source import Index
+from clusterviz.data.store.wavelet import LEVEL, decode_brick, encode_brick, unpack_frame
+from clusterviz.errors import DataError
+from clusterviz.image.replace import replacing
+
+SHARD_BYTES = 32 << 20
+"""Samples of a shard, at most, unless a brick is larger."""
+CACHE_BYTES = 256 << 20
+"""Decoded bricks that an array keeps."""
+CODECS = ("wavelet", "zstd")
+_LITTLE = {"name": "bytes", "configuration": {"endian": "little"}}
+_CRC = {"name": "crc32c"}
+_CRC_BYTES = 4
+_ABSENT = (1 << 64) - 1
+
+
+@dataclass(frozen=True)
+class BrickCodec:
+    """How a brick becomes bytes.
+
+    Attributes
+    ----------
+    name : one of `CODECS`
+    error : largest difference of a sample; 0 without wavelets
+    level : of zstd
+    """
+
+    name: str = "wavelet"
+    error: float = 0.0
+    level: int = LEVEL
+
+    def encode(self, samples: NDArray[Any]) -> bytes:
+        """Return a brick as bytes."""
+        if self.name == "wavelet":
+            return encode_brick(samples, self.error, self.level)
+        from numcodecs import zstd
+
+        data: bytes = zstd.compress(np.ascontiguousarray(samples), self.level)
+        return data
+
+    def decode(self, data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
+        """Return the samples of a brick."""
+        if self.name == "wavelet":
+            return decode_brick(data, shape, dtype, where)
+        samples = np.empty(shape, dtype)
+        unpack_frame(memoryview(data), samples, where)
+        return samples
+
+    @property
+    def metadata(self) -> list[dict[str, Any]]:
+        """Zarr's list of codecs."""
+        if self.name == "wavelet":
+            configuration = {"error": self.error, "level": self.level}
+            return [{"name": "clusterviz.wavelet", "configuration": configuration}, _CRC]
+        return [_LITTLE, {"name": "zstd", "configuration": {"level": self.level, "checksum": False}}, _CRC]
+
+
+@dataclass(frozen=True)
+class ShardedArray:
+    """Array of bricks in a folder.
+
+    Attributes
+    ----------
+    path : of the folder
+    shape_zyx : samples
+    brick_zyx : samples of a brick
+    shard_zyx : bricks of a shard
+    dtype : native
+    codec : of bricks
+    """
+
+    path: Path
+    shape_zyx: Index
+    brick_zyx: Index
+    shard_zyx: Index
+    dtype: np.dtype[Any]
+    codec: BrickCodec
+    _indices: dict[Index, NDArray[np.uint64]] = field(default_factory=dict, compare=False, repr=False)
+    _bricks: OrderedDict[Index, NDArray[Any]] = field(default_factory=OrderedDict, compare=False, repr=False)
+
+    @property
+    def counts_zyx(self) -> Index:
+        """Bricks along each axis."""
+        return _quotients(self.shape_zyx, self.brick_zyx)
+
+    @property
+    def shards_zyx(self) -> Index:
+        """Shards along each axis."""
+        return _quotients(self.counts_zyx, self.shard_zyx)
+
+    @property
+    def shards(self) -> list[Index]:
+        """Indices of all shards, in order."""
+        return _indices(self.shards_zyx)
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """Content of the array's `zarr.json`."""
+        sharding = {
+            "chunk_shape": list(self.brick_zyx),
+            "codecs": self.codec.metadata,
+            "index_codecs": [_LITTLE, _CRC],
+            "index_location": "end",
+        }
+        sides = [brick * shard for brick, shard in zip(self.brick_zyx, self.shard_zyx, strict=True)]
+        return array_metadata(
+            self.shape_zyx, sides, self.dtype, [{"name": "sharding_indexed", "configuration": sharding}], "zyx"
+        )
+
+    def shard_path(self, shard: Index) -> Path:
+        """Return the path of a shard."""
+        return self.path.joinpath("c", *map(str, shard))
+
+    def bricks_of(self, shard: Index) -> list[Index]:
+        """Return the bricks of a shard that lie in the array, in order."""
+        ranges = [
+            range(s * n, min((s + 1) * n, count))
+            for s, n, count in zip(shard, self.shard_zyx, self.counts_zyx, strict=True)
+        ]
+        return [(z, y, x) for z, y, x in product(*ranges)]
+
+    def box_of(self, brick: Index) -> Box:
+        """Return the samples of a brick that lie in the array, half-open."""
+        z, y, x = (i * side for i, side in zip(brick, self.brick_zyx, strict=True))
+        end = (min(n, i + side) for n, i, side in zip(self.shape_zyx, (z, y, x), self.brick_zyx, strict=True))
+        z_end, y_end, x_end = end
+        return (z, y, x), (z_end, y_end, x_end)
+
+    def encode(self, samples: NDArray[Any]) -> bytes:
+        """Return the samples of a brick as bytes; the last ones along an axis are repeated to its full size."""
+        missing = [(0, side - n) for side, n in zip(self.brick_zyx, samples.shape, strict=True)]
+        return self.codec.encode(np.pad(samples, missing, mode="edge") if any(n for _, n in missing) else samples)
+
+    def write_shard(self, shard: Index, bricks: Iterable[tuple[Index, bytes]]) -> None:
+        """Write the encoded bricks of a shard; the file appears when it is complete.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written.
+        """
+        path = self.shard_path(shard)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        index, at = np.full((math.prod(self.shard_zyx), 2), _ABSENT, "<u8"), 0
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            for brick, data in bricks:
+                index[self._slot(brick)] = at, len(data) + _CRC_BYTES
+                file.write(data + _checksum(data))
+                at += len(data) + _CRC_BYTES
+            file.write(index.tobytes() + _checksum(index.tobytes()))
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """Read the samples of a box; see `Source.read`."""
+        samples = np.empty(check_box(begin_zyx, end_zyx, self.shape_zyx), self.dtype)
+        if not samples.size:
+            return samples
+        ranges = [
+            range(b // side, -(-e // side)) for b, e, side in zip(begin_zyx, end_zyx, self.brick_zyx, strict=True)
+        ]
+        for z, y, x in product(*ranges):
+            begin, end = self.box_of((z, y, x))
+            low, high = np.maximum(begin, begin_zyx), np.minimum(end, end_zyx)
+            target, source = _slices(low - begin_zyx, high - begin_zyx), _slices(low - begin, high - begin)
+            samples[target] = self.brick((z, y, x))[source]
+        return samples
+
+    def brick(self, brick: Index) -> NDArray[Any]:
+        """Return a decoded brick, of the full size, not to be written.
+
+        Raises
+        ------
+        DataError
+            It is missing, damaged, or ends early.
+        """
+        samples = self._bricks.pop(brick, None)
+        if samples is None:
+            samples = self._decoded(brick)
+        self._bricks[brick] = samples
+        while len(self._bricks) * samples.nbytes > CACHE_BYTES and len(self._bricks) > 1:
+            self._bricks.popitem(last=False)
+        return samples
+
+    def _decoded(self, brick: Index) -> NDArray[Any]:
+        z, y, x = (i // n for i, n in zip(brick, self.shard_zyx, strict=True))
+        path, where = self.shard_path((z, y, x)), f"{self.path}: brick {brick}"
+        with readable(path), path.open("rb") as file:
+            if (z, y, x) not in self._indices:
+                self._indices[z, y, x] = self._read_index(file, where)
+            offset, count = (int(n) for n in self._indices[z, y, x][self._slot(brick)])
+            if (offset, count) == (_ABSENT, _ABSENT):
+                raise DataError("a brick is missing", where=where)
+            file.seek(offset)
+            data = file.read(count)
+        if len(data) < max(count, _CRC_BYTES):
+            raise DataError("a brick ends early", where=where, found=f"{len(data)} bytes", allowed=count)
+        data, check = data[:-_CRC_BYTES], data[-_CRC_BYTES:]
+        if _checksum(data) != check:
+            raise DataError("a brick has a wrong checksum: damaged, or written meanwhile", where=where)
+        return self.codec.decode(data, self.brick_zyx, self.dtype, where)
+
+    def _read_index(self, file: Any, where: str) -> NDArray[np.uint64]:
+        size, wanted = file.seek(0, 2), 16 * math.prod(self.shard_zyx) + _CRC_BYTES
+        file.seek(max(0, size - wanted))
+        data = file.read()
+        if len(data) < wanted or _checksum(data[:-_CRC_BYTES]) != data[-_CRC_BYTES:]:
+            raise DataError("the shard is damaged or truncated", where=where, found=f"{size} bytes")
+        index = np.frombuffer(data[:-_CRC_BYTES], "<u8").reshape(-1, 2)
+        present = index[index[:, 0] != _ABSENT].astype(np.float64)
+        if (present.sum(axis=1) > size).any():
+            raise DataError("the shard is truncated, or its index damaged", where=where, found=f"{size} bytes")
+        return index
+
+    def _slot(self, brick: Index) -> int:
+        """Return the number of a brick in its shard."""
+        _, ny, nx = self.shard_zyx
+        z, y, x = (i % n for i, n in zip(brick, self.shard_zyx, strict=True))
+        return (z * ny + y) * nx + x
+
+
+def make_array(path: Path, shape_zyx: Index, brick: int, dtype: np.dtype[Any], codec: BrickCodec) -> ShardedArray:
+    """Return the array of a level, with shards of up to `SHARD_BYTES`; nothing is written."""
+    z, y, x = (min(brick, side) for side in shape_zyx)
+    along = 1
+    while 8 * along**3 * z * y * x * dtype.itemsize <= SHARD_BYTES:
+        along *= 2
+    nz, ny, nx = (min(along, count) for count in _quotients(shape_zyx, (z, y, x)))
+    return ShardedArray(path, shape_zyx, (z, y, x), (nz, ny, nx), dtype, codec)
+
+
+def open_array(path: Path) -> ShardedArray | None:
+    """Return the array in a folder; None if its layout is not one that is read here.
+
+    Raises
+    ------
+    DataError
+        Its metadata are missing or damaged.
+    """
+    found = read_json(path / "zarr.json")
+    try:
+        sharding = found["codecs"][0]["configuration"]
+        first, *_ = codecs = sharding["codecs"]
+        z, y, x = found["shape"]
+        bz, by, bx = sharding["chunk_shape"]
+        nz, ny, nx = _quotients(found["chunk_grid"]["configuration"]["chunk_shape"], (bz, by, bx))
+        if first["name"] == "clusterviz.wavelet":
+            codec = BrickCodec("wavelet", **first["configuration"])
+        else:
+            codec = BrickCodec("zstd", 0.0, codecs[1]["configuration"]["level"])
+        array = ShardedArray(path, (z, y, x), (bz, by, bx), (nz, ny, nx), np.dtype(found["data_type"]), codec)
+        return array if array.metadata == found else None
+    except (KeyError, IndexError, TypeError, ValueError):
+        return None
+
+
+def array_metadata(
+    shape: Iterable[int], chunk: Iterable[int], dtype: np.dtype[Any], codecs: list[dict[str, Any]], axes: str
+) -> dict[str, Any]:
+    """Return the content of an array's `zarr.json`."""
+    return {
+        "zarr_format": 3,
+        "node_type": "array",
+        "shape": list(shape),
+        "data_type": dtype.name,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(chunk)}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "fill_value": 0.0 if dtype.kind == "f" else 0,
+        "codecs": codecs,
+        "dimension_names": list(axes),
+        "attributes": {},
+    }
+
+
+def write_values(path: Path, values: NDArray[Any]) -> None:
+    """Write an array of numbers as one chunk without compression."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_bytes(values.astype(values.dtype.newbyteorder("<")).tobytes())
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return what a JSON file holds.
+
+    Raises
+    ------
+    DataError
+        Missing, or not an object of JSON.
+    """
+    with readable(path):
+        text = path.read_bytes()
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise DataError(f"damaged: {error}", where=str(path)) from error
+    if not isinstance(found, dict):
+        raise DataError("damaged", where=str(path), found=type(found).__name__, allowed="an object of JSON")
+    return found
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a JSON file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2))
+
+
+def _checksum(data: bytes) -> bytes:
+    import google_crc32c
+
+    return int(google_crc32c.value(data)).to_bytes(_CRC_BYTES, "little")
+
+
+def _quotients(sides: Iterable[int], parts: Index) -> Index:
+    z, y, x = (-(-side // part) for side, part in zip(sides, parts, strict=True))
+    return z, y, x
+
+
+def _indices(counts: Index) -> list[Index]:
+    return [(z, y, x) for z, y, x in product(*map(range, counts))]
+
+
+def _slices(begin: Any, end: Any) -> tuple[slice, ...]:
+    return tuple(slice(int(b), int(e)) for b, e in zip(begin, end, strict=True))
