@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Index
 
 Read = Callable[[Index, Index], NDArray[Any]]
-WEIGHTS = (-0.125, 0.25, 0.75, 0.25, -0.125)
+WEIGHTS = (-0.125, 0.25, 0.75)
 
 
 def coarser(shape_zyx: Index) -> Index:
@@ -50,18 +50,16 @@ def low_pass(read: Read, shape_zyx: Index, begin_zyx: Index, end_zyx: Index) -> 
     lows, highs = zip(*((max(0, 2 * b - 2), min(n, 2 * e + 1)) for b, e, n in sides), strict=True)
     samples = read(lows, highs)
     exact = samples.dtype.kind in "iu" and samples.itemsize == 1
-    found = samples.astype(np.float32 if exact else np.float64)
+    found: NDArray[Any] = samples.astype(np.float32 if exact else np.float64)
     for axis, (begin, end, _) in enumerate(sides):
         wide = 2 * (end - begin) + 3
         before = lows[axis] - (2 * begin - 2)
         padding = [(0, 0)] * 3
         padding[axis] = before, wide - before - found.shape[axis]
         found = np.pad(found, padding, mode="reflect") if found.shape[axis] > 1 else np.repeat(found, wide, axis)
-        parts = [np.moveaxis(found, axis, 0)[n : wide - 4 + n : 2] for n in range(5)]
+        parts: list[Any] = [np.moveaxis(found, axis, 0)[n : wide - 4 + n : 2] for n in range(5)]
         with np.errstate(invalid="ignore", over="ignore"):
-            total = (parts[0] + parts[4]) * found.dtype.type(-0.125)
-            total += (parts[1] + parts[3]) * found.dtype.type(0.25)
-            total += parts[2] * found.dtype.type(0.75)
+            total = WEIGHTS[0] * (parts[0] + parts[4]) + WEIGHTS[1] * (parts[1] + parts[3]) + WEIGHTS[2] * parts[2]
         found = np.moveaxis(total, 0, axis)
     return np.ascontiguousarray(_rounded(found, samples.dtype))
 
@@ -73,7 +71,8 @@ def _rounded(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
         low, high = (float(limit) for limit in (np.iinfo(dtype).min, np.iinfo(dtype).max))
         if dtype.itemsize == 8:
             high = float(np.nextafter(high, 0))
-        return np.clip(np.rint(values), low, high).astype(dtype)
+        rounded: NDArray[Any] = np.clip(np.rint(values), low, high).astype(dtype)
+    return rounded
 
 
 def difference(fine: NDArray[Any], coarse: NDArray[Any]) -> float:
@@ -98,8 +97,13 @@ def difference(fine: NDArray[Any], coarse: NDArray[Any]) -> float:
         with np.errstate(invalid="ignore", over="ignore"):
             finer[1::2] = 0.5 * lines[: count // 2] + 0.5 * following
         found = np.moveaxis(finer, 0, axis)
+    return largest_difference(fine, found)
+
+
+def largest_difference(a: NDArray[Any], b: NDArray[Any]) -> float:
+    """Return the largest difference between finite samples; inf where only one of both is finite."""
     with np.errstate(invalid="ignore", over="ignore"):
-        away = np.abs(fine.astype(np.float64) - found)
-    both = np.isfinite(fine) == np.isfinite(found)
-    finite = away[np.isfinite(away)]
-    return float(finite.max(initial=0.0)) if both.all() else float("inf")
+        away = np.abs(a.astype(np.float64) - b.astype(np.float64))
+    if not np.array_equal(np.isfinite(a), np.isfinite(b)):
+        return float("inf")
+    return float(away[np.isfinite(away)].max(initial=0.0))

@@ -27,8 +27,8 @@ from clusterviz.data.bricks import Box
 from clusterviz.data.files import readable
 from clusterviz.data.header import check_box
 from clusterviz.data.source import Index
-from clusterviz.data.store.wavelet import LEVEL, decode_brick, encode_brick, unpack_frame
-from clusterviz.errors import DataError
+from clusterviz.data.store.wavelet import FINEST_LEVEL, LEVEL, decode_brick, encode_brick, unpack_frame
+from clusterviz.errors import DataError, InputError
 from clusterviz.image.replace import replacing
 
 SHARD_BYTES = 32 << 20
@@ -56,6 +56,14 @@ class BrickCodec:
     name: str = "wavelet"
     error: float = 0.0
     level: int = LEVEL
+
+    def __post_init__(self) -> None:
+        if self.name not in CODECS:
+            raise InputError("no such codec", where="codec", found=self.name, allowed=", ".join(CODECS))
+        if not (0 <= self.error < math.inf) or (self.error > 0 and self.name != "wavelet"):
+            raise InputError("impossible error", where="error", found=self.error, allowed="0; more with wavelets")
+        if not 1 <= self.level <= FINEST_LEVEL:
+            raise InputError("no such level of zstd", where="level", found=self.level, allowed=f"1 to {FINEST_LEVEL}")
 
     def encode(self, samples: NDArray[Any]) -> bytes:
         """Return a brick as bytes."""
@@ -276,7 +284,7 @@ def open_array(path: Path) -> ShardedArray | None:
             codec = BrickCodec("zstd", 0.0, codecs[1]["configuration"]["level"])
         array = ShardedArray(path, (z, y, x), (bz, by, bx), (nz, ny, nx), np.dtype(found["data_type"]), codec)
         return array if array.metadata == found else None
-    except (KeyError, IndexError, TypeError, ValueError):
+    except (KeyError, IndexError, TypeError, ValueError, InputError):
         return None
 
 

@@ -34,8 +34,9 @@ class WaveletCodec(ArrayBytesCodec):
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Self:
-        _, configuration = parse_named_configuration(data, NAME, require_configuration=False)
-        return cls(**(configuration or {}))
+        _, found = parse_named_configuration(data, NAME, require_configuration=False)
+        configuration: Any = found or {}
+        return cls(**configuration)
 
     def to_dict(self) -> dict[str, Any]:
         return {"name": NAME, "configuration": {"error": self.error, "level": self.level}}
@@ -43,7 +44,7 @@ class WaveletCodec(ArrayBytesCodec):
     async def _decode_single(self, chunk_bytes: Buffer, chunk_spec: ArraySpec) -> NDBuffer:
         data = chunk_bytes.as_numpy_array().data
         dtype: np.dtype[Any] = chunk_spec.dtype.to_native_dtype().newbyteorder("=")
-        samples = await asyncio.to_thread(decode_brick, data, _three_axes(chunk_spec.shape), dtype, NAME)
+        samples: Any = await asyncio.to_thread(decode_brick, data, _three_axes(chunk_spec.shape), dtype, NAME)
         return chunk_spec.prototype.nd_buffer.from_ndarray_like(samples.reshape(chunk_spec.shape))
 
     async def _encode_single(self, chunk_array: NDBuffer, chunk_spec: ArraySpec) -> Buffer:

@@ -1,0 +1,345 @@
+"""Writing of a store: OME-Zarr 0.5 with levels, from any volume, in bounded memory, by any number of processes.
+
+    OUT.ome.zarr/zarr.json        OME's metadata, and `clusterviz`: what the store was made of, and whether it is whole
+    OUT.ome.zarr/0, 1, …          levels, the finest first; bricks in shards
+    OUT.ome.zarr/bricks/0, 1, …   float64 (3, z, y, x bricks): minimum, maximum, and largest error of each brick
+
+Each process writes whole files, which appear when they are complete, so a run that was stopped is continued by the same
+command. Level by level, all shards are written, then read again to measure them, which verifies them. What the store
+holds does not depend on the number of processes. Minimum and maximum are of the samples of a brick that can be read,
++inf and −inf if none is finite. The error is a bound of the difference between the source and the samples of a brick,
+and those interpolated between it and the next bricks.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.bricks import Box
+from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.store.levels import Read, coarser, difference, largest_difference, low_pass
+from clusterviz.data.store.shards import (
+    BrickCodec,
+    ShardedArray,
+    array_metadata,
+    make_array,
+    read_json,
+    write_json,
+    write_values,
+)
+from clusterviz.errors import DataError, OutputError
+from clusterviz.image.replace import folder_error
+
+VERSION = 1
+Report = Callable[[float], None]
+"""Called with the share of a step that is done."""
+
+
+@dataclass(frozen=True)
+class StoreWriter:
+    """A store and the volume from which it is made; methods are called on every process in the order given here.
+
+    Attributes
+    ----------
+    source : the volume
+    path : of the store
+    codec : of bricks
+    brick : samples along the side of a brick
+    rank, size : of this process, and their number; files are shared evenly
+    """
+
+    source: Source
+    path: Path
+    codec: BrickCodec
+    brick: int = 64
+    rank: int = 0
+    size: int = 1
+
+    @cached_property
+    def arrays(self) -> tuple[ShardedArray, ...]:
+        """The levels, the finest first; the last one is one brick."""
+        shape, found = self.source.grid.shape_zyx, list[ShardedArray]()
+        while not found or max(found[-1].counts_zyx) > 1:
+            found.append(make_array(self.path / str(len(found)), shape, self.brick, self.source.dtype, self.codec))
+            shape = coarser(shape)
+        return tuple(found)
+
+    def begin(self) -> int:
+        """Lock the store and write the metadata, or check those of one that is continued; return the lock's handle.
+
+        Raises
+        ------
+        OutputError
+            Something else is there, another process writes it, or it cannot be written.
+        """
+        try:
+            self.path.mkdir(exist_ok=True)
+            handle = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
+        except FileExistsError as error:
+            raise OutputError("a file is in the way", where=str(self.path), allowed="a new name") from error
+        except OSError as error:
+            raise folder_error(self.path, error) from error
+        try:
+            with suppress(OSError):  # a file system without locks
+                try:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError as error:
+                    raise OutputError("another process writes this store", where=str(self.path)) from error
+            if any(self.path.iterdir()):
+                self._check_same()
+            group = {"zarr_format": 3, "node_type": "group", "attributes": {}}
+            write_json(self.path / "zarr.json", group | {"attributes": self._attributes(False)})
+            write_json(self.path / "bricks" / "zarr.json", group)
+            for array in self.arrays:
+                write_json(array.path / "zarr.json", array.metadata)
+                write_json(self.path / "bricks" / array.path.name / "zarr.json", _statistics_metadata(array))
+        except BaseException:
+            os.close(handle)
+            raise
+        return handle
+
+    def write(self, level: int, report: Report = lambda done: None) -> None:
+        """Write this process's shards of a level; the finer ones must be complete."""
+        array, read = self.arrays[level], self.source.read if level == 0 else self._read_finer(level)
+        mine = array.shards[self.rank :: self.size]
+        for n, shard in enumerate(mine):
+            if not (array.shard_path(shard).exists() and (level or statistics_path(self.path, array, shard).exists())):
+                array.write_shard(shard, self._encoded(array, shard, read, level))
+            report((n + 1) / len(mine))
+
+    def measure(self, level: int, report: Report = lambda done: None) -> None:
+        """Write the statistics of this process's shards of a coarser level, which must be complete."""
+        array = self.arrays[level]
+        mine = array.shards[self.rank :: self.size] if level else []
+        errors = read_bricks_statistics(self.arrays[level - 1], self.path)[2] if mine else np.empty(0)
+        for n, shard in enumerate(mine):
+            if not statistics_path(self.path, array, shard).exists():
+                found = {brick: self._measured(level, brick, errors) for brick in array.bricks_of(shard)}
+                self._write_statistics(array, shard, found)
+            report((n + 1) / len(mine))
+
+    def finish(self) -> None:
+        """Mark the store as complete; on one process, after all have written."""
+        content = read_json(self.path / "zarr.json")
+        write_json(self.path / "zarr.json", content | {"attributes": self._attributes(True)})
+
+    def _encoded(self, array: ShardedArray, shard: Index, read: Read, level: int) -> Iterator[tuple[Index, bytes]]:
+        """Yield the bricks of a shard, read in layers along z; of the finest level, then write its statistics."""
+        bricks, found = array.bricks_of(shard), dict[Index, tuple[float, float, float]]()
+        for z in sorted({brick[0] for brick in bricks}):
+            layer = [brick for brick in bricks if brick[0] == z]
+            begin, end = array.box_of(layer[0])[0], array.box_of(layer[-1])[1]
+            samples = read(begin, end)
+            for brick in layer:
+                own = samples[_within(array.box_of(brick), begin)]
+                data = array.encode(own)
+                yield brick, data
+                if level == 0:
+                    found[brick] = *extremes(own), self._error(array, data, own)
+        if level == 0:
+            self._write_statistics(array, shard, found)
+
+    def _error(self, array: ShardedArray, data: bytes, samples: NDArray[Any]) -> float:
+        """Return the largest error of a brick that was encoded."""
+        if self.codec.error == 0:
+            return 0.0
+        decoded = self.codec.decode(data, array.brick_zyx, array.dtype, str(array.path))
+        z, y, x = samples.shape
+        return largest_difference(samples, decoded[:z, :y, :x])
+
+    def _read_finer(self, level: int) -> Read:
+        finer = self.arrays[level - 1]
+        return lambda begin, end: low_pass(finer.read, finer.shape_zyx, begin, end)
+
+    def _measured(self, level: int, brick: Index, errors: NDArray[np.float64]) -> tuple[float, float, float]:
+        """Return minimum, maximum and error of a brick of a coarser level, by those of the bricks below."""
+        finer, array = self.arrays[level - 1], self.arrays[level]
+        begin, end = array.box_of(brick)
+        coarse = array.read(begin, _clipped([e + 1 for e in end], array.shape_zyx))
+        low = _clipped([2 * b for b in begin], finer.shape_zyx)
+        high = _clipped(
+            [n if e == a else 2 * e + 1 for e, a, n in zip(end, array.shape_zyx, finer.shape_zyx, strict=True)],
+            finer.shape_zyx,
+        )
+        away = difference(finer.read(low, high), coarse)
+        below = errors[
+            tuple(slice(b // side, -(-e // side)) for b, e, side in zip(low, high, finer.brick_zyx, strict=True))
+        ]
+        z, y, x = np.subtract(end, begin)
+        return *extremes(coarse[:z, :y, :x]), float(below.max()) + away
+
+    def _write_statistics(
+        self, array: ShardedArray, shard: Index, found: dict[Index, tuple[float, float, float]]
+    ) -> None:
+        values = np.zeros((3, *array.shard_zyx))
+        for brick, each in found.items():
+            z, y, x = (i % n for i, n in zip(brick, array.shard_zyx, strict=True))
+            values[:, z, y, x] = each
+        write_values(statistics_path(self.path, array, shard), values)
+
+    def _check_same(self) -> None:
+        """Check that a store which is there was begun by the same command."""
+        try:
+            found = read_json(self.path / "zarr.json")["attributes"]["clusterviz"]
+        except (DataError, KeyError, TypeError):
+            found = {}
+        wanted = self._attributes(False)["clusterviz"]
+        other = [key for key, value in wanted.items() if key != "complete" and found.get(key) != value]
+        if other:
+            differs = ", ".join(other) if found else "no store of clusterviz"
+            raise OutputError("something else is there", where=str(self.path), found=differs, allowed="a new name")
+
+    def _attributes(self, complete: bool) -> dict[str, Any]:
+        grid = self.source.grid
+        own = {
+            "version": VERSION,
+            "complete": complete,
+            "source": _identity(self.source.name),
+            "codec": {"name": self.codec.name, "error": self.codec.error, "level": self.codec.level},
+            "brick": self.brick,
+            "shape": list(grid.shape_zyx),
+            "dtype": self.source.dtype.name,
+            "direction": [list(row) for row in grid.direction],
+            "orientation": grid.orientation,
+        }
+        return {"ome": ome_metadata(grid, len(self.arrays), Path(self.path).name.split(".")[0]), "clusterviz": own}
+
+
+def write_store(
+    source: Source,
+    path: Path,
+    codec: BrickCodec,
+    brick: int = 64,
+    rank: int = 0,
+    size: int = 1,
+    together: Callable[[str], AbstractContextManager[None]] = lambda stage: nullcontext(),
+    report: Callable[[str, float], None] = lambda step, done: None,
+) -> StoreWriter:
+    """Write a volume as a store, or continue with one; collective.
+
+    Parameters
+    ----------
+    source, path, codec, brick, rank, size : as of `StoreWriter`
+    together : context in which all processes do a stage, and at whose end they wait for each other
+    report : called with the name of a step and the share of it that is done
+
+    Raises
+    ------
+    DataError
+        The source cannot be read.
+    OutputError
+        The store cannot be written, or is another one.
+    """
+    writer, handle = StoreWriter(source, path, codec, brick, rank, size), -1
+    try:
+        with together("metadata"):
+            if rank == 0:
+                handle = writer.begin()
+        for level in range(len(writer.arrays)):
+            with together(f"level {level}"):
+                writer.write(level, partial(report, f"level {level}"))
+            with together(f"error {level}"):
+                writer.measure(level, partial(report, f"level {level}"))
+        with together("metadata"):
+            if rank == 0:
+                writer.finish()
+    finally:
+        if handle >= 0:
+            os.close(handle)
+    return writer
+
+
+def _statistics_metadata(array: ShardedArray) -> dict[str, Any]:
+    little = {"name": "bytes", "configuration": {"endian": "little"}}
+    shape, chunk = (3, *array.counts_zyx), (3, *array.shard_zyx)
+    names = ["minimum, maximum, error", "z", "y", "x"]
+    return array_metadata(shape, chunk, np.dtype(np.float64), [little], "") | {"dimension_names": names}
+
+
+def ome_metadata(grid: Grid, levels: int, name: str) -> dict[str, Any]:
+    """Return OME-Zarr's description of a volume and its levels; rotations are not part of it."""
+
+    def dataset(level: int) -> dict[str, Any]:
+        scale = [step * 2.0**level for step in reversed(grid.spacing)]
+        transforms = [
+            {"type": "scale", "scale": scale},
+            {"type": "translation", "translation": [*reversed(grid.origin)]},
+        ]
+        return {"path": str(level), "coordinateTransformations": transforms}
+
+    axes = [{"name": axis, "type": "space"} for axis in "zyx"]
+    scales = {
+        "name": name,
+        "axes": axes,
+        "datasets": [dataset(level) for level in range(levels)],
+        "type": "linear spline",
+    }
+    return {"version": "0.5", "multiscales": [scales]}
+
+
+def statistics_path(store: Path, array: ShardedArray, shard: Index) -> Path:
+    """Return the file of the statistics of a shard's bricks."""
+    return store.joinpath("bricks", array.path.name, "c", "0", *map(str, shard))
+
+
+def read_bricks_statistics(array: ShardedArray, store: Path) -> NDArray[np.float64]:
+    """Return minimum, maximum and error of the bricks of a level, float64 (3, z, y, x bricks).
+
+    Raises
+    ------
+    DataError
+        They are missing, or not of the level's size.
+    """
+    values = np.empty((3, *(s * n for s, n in zip(array.shards_zyx, array.shard_zyx, strict=True))))
+    for shard in array.shards:
+        path, shape = statistics_path(store, array, shard), (3, *array.shard_zyx)
+        try:
+            found = np.fromfile(path, "<f8")
+        except OSError as error:
+            raise DataError("the statistics of bricks are missing", where=str(path)) from error
+        if found.size != math.prod(shape):
+            raise DataError("damaged statistics of bricks", where=str(path), found=f"{found.nbytes} bytes")
+        begin = [s * n for s, n in zip(shard, array.shard_zyx, strict=True)]
+        values[(slice(None), *(slice(b, b + n) for b, n in zip(begin, array.shard_zyx, strict=True)))] = found.reshape(
+            shape
+        )
+    z, y, x = array.counts_zyx
+    return values[:, :z, :y, :x]
+
+
+def extremes(samples: NDArray[Any]) -> tuple[float, float]:
+    """Return the smallest and the largest finite sample; +inf and −inf without one."""
+    low, high = samples.min(), samples.max()
+    if not (np.isfinite(low) and np.isfinite(high)):
+        finite = samples[np.isfinite(samples)]
+        return (float(finite.min()), float(finite.max())) if finite.size else (math.inf, -math.inf)
+    return float(low), float(high)
+
+
+def _within(box: Box, begin: Index) -> tuple[slice, ...]:
+    return tuple(slice(b - at, e - at) for b, e, at in zip(*box, begin, strict=True))
+
+
+def _clipped(position: list[int], shape: Index) -> Index:
+    z, y, x = (min(p, n) for p, n in zip(position, shape, strict=True))
+    return z, y, x
+
+
+def _identity(name: str) -> list[Any]:
+    """Return what tells a source from another one: its name, and size and time of its file, if it is one."""
+    try:
+        status = os.stat(name)
+    except OSError:
+        return [name]
+    return [name, status.st_size, status.st_mtime_ns]
