@@ -98,6 +98,11 @@ COMMANDS: dict[str, Command] = {
         "Look at the variables of the shader that draws a scene, for all pixels at once.",
         "clusterviz debug scene.yaml --break march.glsl:146 --watch k",
     ),
+    "store": Command(
+        "clusterviz.cli.store",
+        "Write a volume as OME-Zarr with levels and compressed bricks.",
+        "mpirun -n 4 clusterviz store head.nii.gz head.ome.zarr --error 1",
+    ),
     "info": Command("clusterviz.cli.info", "Show what a data file holds.", "clusterviz info head.nii.gz"),
     "schema": Command(
         "clusterviz.cli.schema", "Print the JSON Schema of scene files.", "clusterviz schema > scene.schema.json"

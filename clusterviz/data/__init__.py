@@ -90,6 +90,7 @@ FORMATS = (
     Format("mrc", (".mrc.gz", ".map.gz"), GZIP, "mrc.open_mrc"),
     Format("hdf5", (".h5", ".hdf5", ".he5"), (), "hdf5.open_hdf5"),
     Format("netcdf", (".nc", ".nc4"), (), "hdf5.open_hdf5"),
+    Format("ome-zarr", (".ome.zarr", ".zarr"), (), "ome_zarr.open_ome_zarr"),
     Format("picture", PICTURES, (), "folder.open_picture"),
 )
 MESH_FORMATS = (
@@ -227,11 +228,11 @@ def _open(text: str, part: Subset) -> Source:
             raise DataError("two arrays are named", where=text, found=part.array, allowed="one of them")
         text, part = dataset[1], replace(part, array=dataset[2])
     file = Path(text)
+    found = format_of(file)
     if file.is_dir():
         from clusterviz.data.formats.folder import open_folder
 
-        return open_folder(file, part)
-    found = format_of(file)
+        return found.open(file, part) if found and found.name == "ome-zarr" else open_folder(file, part)
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)

@@ -1,0 +1,165 @@
+"""OME-Zarr 0.4 and 0.5, and single Zarr arrays: the finest level of a volume, brick by brick.
+
+Stores that `clusterviz store` wrote are read without zarr-python, whose reading of a brick takes longer than decoding.
+A store of others is read by it. There a chunk that is absent is not an error: it holds the fill value.
+
+References
+----------
+OME-Zarr 0.5, ngff.openmicroscopy.org: multiscales, axes, coordinateTransformations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
+from clusterviz.data.files import readable
+from clusterviz.data.header import check_box, check_dtype, make_grid, triple
+from clusterviz.data.source import Grid, Index
+from clusterviz.data.store.shards import ShardedArray, open_array, read_json
+from clusterviz.errors import DataError
+
+METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
+"""Files, one of which each folder of Zarr holds."""
+
+
+@dataclass(frozen=True)
+class LevelSource:
+    """Level of a store that clusterviz wrote."""
+
+    name: str
+    grid: Grid
+    array: ShardedArray
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.array.dtype
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """Read the samples of a box; see `Source.read`."""
+        return self.array.read(begin_zyx, end_zyx)
+
+
+@dataclass(frozen=True)
+class ZarrSource:
+    """Volume in an array of zarr-python."""
+
+    name: str
+    grid: Grid
+    dtype: np.dtype[Any]
+    array: Any
+    slab: Hyperslab
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """Read the samples of a box; see `Source.read`."""
+        shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
+        kept = self.slab.index.count(None)
+        spans = iter([slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True)][3 - kept :])
+        box = tuple(next(spans) if i is None else slice(i, i + 1) for i in self.slab.index)
+        return np.array(self.array[box], self.dtype, order="C").reshape(shape)
+
+
+def open_ome_zarr(path: Path, subset: Subset) -> LevelSource | ZarrSource:
+    """Open the finest level of a store, or the array that `subset` names.
+
+    Raises
+    ------
+    DataError
+        Not a store of Zarr, half written, no such array, or not a scalar volume.
+    """
+    where = str(path)
+    with readable(path):
+        known = [name for name in METADATA if (path / name).is_file()]
+    if not known:
+        raise DataError("not a store of Zarr", where=where, allowed=f"a folder with {' or '.join(METADATA)}")
+    found = read_json(path / known[0])
+    attributes = found.get("attributes", {}) if known[0] == "zarr.json" else found
+    own = attributes.get("clusterviz")
+    if own and not own.get("complete"):
+        raise DataError("half written", where=where, allowed="the same `clusterviz store` again, which continues it")
+    scales = (attributes.get("ome", attributes).get("multiscales") or [{}])[0]
+    datasets = scales.get("datasets") or [{"path": ""}]
+    wanted = subset.array or datasets[0]["path"]
+    described: Mapping[str, Any] = next((each for each in datasets if each["path"] == wanted), {})
+    place = path / wanted
+    if own:
+        array = open_array(place)
+        if array is None:
+            raise DataError("the levels disagree with their metadata", where=str(place))
+        axes: Sequence[Any] = scales["axes"]
+        slab = select(array.shape_zyx, "ZYX", subset, where)
+        return LevelSource(_name(path, wanted, datasets, slab), _grid(slab, axes, scales, described, own, where), array)
+    opened = _open_by_zarr(path, wanted)
+    axes = scales.get("axes") or []
+    dtype = check_dtype(np.dtype(opened.dtype), where)
+    slab = select(opened.shape, _letters(axes, opened, subset), subset, where, _channels(attributes))
+    grid = _grid(slab, axes, scales, described, {}, where)
+    return ZarrSource(_name(path, wanted, datasets, slab), grid, dtype, opened, slab)
+
+
+def _name(path: Path, wanted: str, datasets: Sequence[Any], slab: Hyperslab) -> str:
+    return f"{path}{'' if wanted == datasets[0]['path'] else ':/' + wanted}{slab.label}"
+
+
+def _open_by_zarr(path: Path, wanted: str) -> Any:
+    import zarr
+    from zarr.errors import UnknownCodecError
+
+    try:
+        opened = zarr.open(str(path / wanted), mode="r")
+    except UnknownCodecError as error:
+        raise DataError(str(error), where=str(path), allowed="codecs of numcodecs and of installed packages") from error
+    if not isinstance(opened, zarr.Array):
+        held = ", ".join(f"{key} {array.shape}" for key, array in opened.arrays()) or "none"
+        raise DataError("no array is named", where=str(path), allowed=held)
+    return opened
+
+
+def _letters(axes: Sequence[Any], opened: Any, subset: Subset) -> str:
+    """Return the letters of the axes for `select`."""
+    names = [each if isinstance(each, str) else each.get("name", "") for each in axes]
+    if len(names) != opened.ndim:
+        names = [name or "" for name in getattr(opened.metadata, "dimension_names", None) or []]
+    if not any(names):
+        return unnamed_axes(opened.ndim, subset)
+    kinds = [each.get("type") if isinstance(each, dict) else None for each in axes] or [None] * len(names)
+    return "".join(
+        "T" if kind == "time" or name == "t" else "C" if kind == "channel" or name == "c" else "Z"
+        for name, kind in zip(names, kinds, strict=True)
+    )
+
+
+def _channels(attributes: Mapping[str, Any]) -> list[str]:
+    omero = attributes.get("ome", attributes).get("omero") or {}
+    return [str(each.get("label", n)) for n, each in enumerate(omero.get("channels", []))]
+
+
+def _grid(
+    slab: Hyperslab, axes: Sequence[Any], scales: Mapping[str, Any], level: Mapping[str, Any], own: Any, where: str
+) -> Grid:
+    """Return the grid of a level: its transforms, then those of all levels."""
+    count = len(slab.shape)
+    scale, shift = np.ones(count), np.zeros(count)
+    for each in [*level.get("coordinateTransformations", ()), *scales.get("coordinateTransformations", ())]:
+        numbers = np.asarray(each.get("scale", each.get("translation", ())), float)
+        if each.get("type") not in ("scale", "translation") or numbers.shape != (count,):
+            allowed = f"scale and translation of {count} numbers"
+            raise DataError("a transform that is not read", where=where, found=each.get("type"), allowed=allowed)
+        if each["type"] == "scale":
+            scale, shift = scale * numbers, shift * numbers
+        else:
+            shift = shift + numbers
+    kept = [axis for axis, index in enumerate(slab.index) if index is None][::-1]
+    spacing, origin = np.ones(3), np.zeros(3)
+    spacing[: len(kept)], origin[: len(kept)] = scale[kept], shift[kept]
+    direction = np.asarray(own.get("direction", np.eye(3)) if own else np.eye(3), float)
+    if direction.shape != (3, 3):
+        raise DataError("singular placement", where=where, found=direction.tolist(), allowed="3 × 3 numbers")
+    grid = make_grid(slab.shape_zyx, direction * spacing, triple(origin, where), where)
+    return replace(grid, orientation=str(own.get("orientation", ""))) if own else grid
