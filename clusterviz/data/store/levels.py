@@ -46,22 +46,44 @@ def low_pass(read: Read, shape_zyx: Index, begin_zyx: Index, end_zyx: Index) -> 
     -------
     samples : of the type read, rounded and clamped to its range; NaN where a weighted sample is not finite
     """
-    sides = list(zip(begin_zyx, end_zyx, shape_zyx, strict=True))
-    lows, highs = zip(*((max(0, 2 * b - 2), min(n, 2 * e + 1)) for b, e, n in sides), strict=True)
-    samples = read(lows, highs)
-    exact = samples.dtype.kind in "iu" and samples.itemsize == 1
-    found: NDArray[Any] = samples.astype(np.float32 if exact else np.float64)
-    for axis, (begin, end, _) in enumerate(sides):
-        wide = 2 * (end - begin) + 3
-        before = lows[axis] - (2 * begin - 2)
-        padding = [(0, 0)] * 3
-        padding[axis] = before, wide - before - found.shape[axis]
-        found = np.pad(found, padding, mode="reflect") if found.shape[axis] > 1 else np.repeat(found, wide, axis)
-        parts: list[Any] = [np.moveaxis(found, axis, 0)[n : wide - 4 + n : 2] for n in range(5)]
+    lows = [max(0, 2 * b - 2) for b in begin_zyx]
+    highs = [min(n, 2 * e + 1) for e, n in zip(end_zyx, shape_zyx, strict=True)]
+    samples = read((lows[0], lows[1], lows[2]), (highs[0], highs[1], highs[2]))
+    mirrored = [
+        _mirrored(np.arange(2 * b - 2, 2 * e + 1), n) - low
+        for b, e, n, low in zip(begin_zyx, end_zyx, shape_zyx, lows, strict=True)
+    ]
+    z, y, x = mirrored
+    kind = np.float32 if samples.dtype.kind in "iu" and samples.itemsize == 1 else np.float64  # in which sums are exact
+    result = np.empty(np.subtract(end_zyx, begin_zyx), samples.dtype)
+    planes: dict[int, NDArray[Any]] = {}
+    # Plane by plane, so that sums stay in the cache.
+    for i, target in enumerate(result):
+        wanted = z[2 * i : 2 * i + 5].tolist()
+        planes = {
+            n: planes[n] if n in planes else _filtered(_filtered(samples[n][y][:, x].astype(kind)).T).T for n in wanted
+        }
         with np.errstate(invalid="ignore", over="ignore"):
-            total = WEIGHTS[0] * (parts[0] + parts[4]) + WEIGHTS[1] * (parts[1] + parts[3]) + WEIGHTS[2] * parts[2]
-        found = np.moveaxis(total, 0, axis)
-    return np.ascontiguousarray(_rounded(found, samples.dtype))
+            target[...] = _rounded(_weighted([planes[n] for n in wanted]), samples.dtype)
+    return result
+
+
+def _mirrored(indices: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Return indices of samples, mirrored at the first and the last one."""
+    period = max(1, 2 * count - 2)
+    indices = indices % period
+    return np.minimum(indices, period - indices) if count > 1 else indices
+
+
+def _filtered(lines: NDArray[Any]) -> NDArray[Any]:
+    """Return the low-pass along the first axis, whose length is odd: two more at each end than are centres."""
+    return _weighted([lines[n : len(lines) - 4 + n : 2] for n in range(5)])
+
+
+def _weighted(parts: list[Any]) -> NDArray[Any]:
+    outer, inner, middle = WEIGHTS
+    total: NDArray[Any] = outer * (parts[0] + parts[4]) + inner * (parts[1] + parts[3]) + middle * parts[2]
+    return total
 
 
 def _rounded(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -88,22 +110,42 @@ def difference(fine: NDArray[Any], coarse: NDArray[Any]) -> float:
     -------
     largest : inf where only one of both is finite
     """
-    found = coarse.astype(np.float64)
-    for axis, count in enumerate(fine.shape):
-        lines = np.moveaxis(found, axis, 0)
-        following = lines[np.minimum(np.arange(count // 2) + 1, len(lines) - 1)]
-        finer = np.empty((count, *lines.shape[1:]))
-        finer[0::2] = lines[: (count + 1) // 2]
-        with np.errstate(invalid="ignore", over="ignore"):
-            finer[1::2] = 0.5 * lines[: count // 2] + 0.5 * following
-        found = np.moveaxis(finer, 0, axis)
-    return largest_difference(fine, found)
+    kind = np.float32 if fine.dtype.kind in "iu" and fine.itemsize <= 2 else np.float64  # in which means are exact
+    largest, behind, ahead = 0.0, np.empty(0), _finer(coarse[0].astype(kind), fine.shape[1:])
+    for z, plane in enumerate(fine):
+        if z % 2 == 0:
+            behind, following = ahead, min(z // 2 + 1, len(coarse) - 1)
+            ahead = _finer(coarse[following].astype(kind), fine.shape[1:])
+        found = behind if z % 2 == 0 else _mean(behind, ahead)
+        largest = max(largest, largest_difference(plane, found))
+    return largest
+
+
+def _finer(plane: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return a plane interpolated to twice the resolution, of a given shape."""
+    for count in shape:
+        finer = np.empty((count, plane.shape[1]), plane.dtype)
+        finer[0::2] = plane[: (count + 1) // 2]
+        following = plane[np.minimum(np.arange(count // 2) + 1, len(plane) - 1)]
+        finer[1::2] = _mean(plane[: count // 2], following)
+        plane = np.ascontiguousarray(finer.T)
+    return plane
+
+
+def _mean(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
+    with np.errstate(invalid="ignore"):
+        mean: NDArray[Any] = a * 0.5 + b * 0.5
+    return mean
 
 
 def largest_difference(a: NDArray[Any], b: NDArray[Any]) -> float:
     """Return the largest difference between finite samples; inf where only one of both is finite."""
+    kind = np.result_type(a, b, np.float32)
     with np.errstate(invalid="ignore", over="ignore"):
-        away = np.abs(a.astype(np.float64) - b.astype(np.float64))
+        away = np.abs(a.astype(kind) - b.astype(kind))
+    largest = float(away.max())
+    if np.isfinite(largest):
+        return largest
     if not np.array_equal(np.isfinite(a), np.isfinite(b)):
         return float("inf")
     return float(away[np.isfinite(away)].max(initial=0.0))

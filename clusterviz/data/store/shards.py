@@ -33,7 +33,7 @@ from clusterviz.image.replace import replacing
 
 SHARD_BYTES = 32 << 20
 """Samples of a shard, at most, unless a brick is larger."""
-CACHE_BYTES = 256 << 20
+CACHE_BYTES = 128 << 20
 """Decoded bricks that an array keeps."""
 CODECS = ("wavelet", "zstd")
 _LITTLE = {"name": "bytes", "configuration": {"endian": "little"}}
