@@ -22,6 +22,7 @@ from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
 from clusterviz.data.files import readable
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.source import Grid, Index
+from clusterviz.data.store.levels import coarser
 from clusterviz.data.store.shards import ShardedArray, open_array, read_json
 from clusterviz.errors import DataError
 
@@ -89,8 +90,10 @@ def open_ome_zarr(path: Path, subset: Subset) -> LevelSource | ZarrSource:
     described: Mapping[str, Any] = next((each for each in datasets if each["path"] == wanted), {})
     place = path / wanted
     if own:
-        array = open_array(place)
-        if array is None:
+        array, shape = open_array(place), tuple(own.get("shape", ()))
+        for _ in range(datasets.index(described) if described else 0):
+            shape = coarser(shape)
+        if array is None or (array.shape_zyx, array.dtype.name) != (shape, own.get("dtype")):
             raise DataError("the levels disagree with their metadata", where=str(place))
         axes: Sequence[Any] = scales["axes"]
         slab = select(array.shape_zyx, "ZYX", subset, where)

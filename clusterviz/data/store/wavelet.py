@@ -100,7 +100,8 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0, level: int = LEVEL) 
     keys = _keys(samples.ravel())
     low, high = int(keys.min()), int(keys.max())
     width = _width(high - low)
-    offset = low if width < keys.itemsize else 0
+    # No number of this width may be beyond the keys, since decoded ones may be larger than all that were encoded.
+    offset = min(low, (1 << 8 * keys.itemsize) - (1 << 8 * width))
     step = 2 * int(min(error, LARGEST_ERROR)) + 1 if width < 8 else 1
     numbers = (keys - keys.dtype.type(offset)).astype(f"u{width}", copy=False) if offset else keys
     data = _pack(numbers.astype(f"u{width}", copy=False), samples.shape, _Numbers(step, offset), level)

@@ -7,8 +7,8 @@
 Each process writes whole files, which appear when they are complete, so a run that was stopped is continued by the same
 command. Level by level, all shards are written, then read again to measure them, which verifies them. What the store
 holds does not depend on the number of processes. Minimum and maximum are of the samples of a brick that can be read,
-+inf and −inf if none is finite. The error is a bound of the difference between the source and the samples of a brick,
-and those interpolated between it and the next bricks.
++inf and −inf if none is finite. The error is a bound of the difference between the source and the samples of a brick;
+on coarser levels also of those interpolated between it and the next bricks.
 """
 
 from __future__ import annotations
@@ -146,17 +146,17 @@ class StoreWriter:
                 data = array.encode(own)
                 yield brick, data
                 if level == 0:
-                    found[brick] = *extremes(own), self._error(array, data, own)
+                    stored = self._stored(array, data, own)
+                    found[brick] = *extremes(stored), largest_difference(own, stored)
         if level == 0:
             self._write_statistics(array, shard, found)
 
-    def _error(self, array: ShardedArray, data: bytes, samples: NDArray[Any]) -> float:
-        """Return the largest error of a brick that was encoded."""
+    def _stored(self, array: ShardedArray, data: bytes, samples: NDArray[Any]) -> NDArray[Any]:
+        """Return the samples of a brick as they will be read."""
         if self.codec.error == 0:
-            return 0.0
-        decoded = self.codec.decode(data, array.brick_zyx, array.dtype, str(array.path))
+            return samples
         z, y, x = samples.shape
-        return largest_difference(samples, decoded[:z, :y, :x])
+        return self.codec.decode(data, array.brick_zyx, array.dtype, str(array.path))[:z, :y, :x]
 
     def _read_finer(self, level: int) -> Read:
         finer = self.arrays[level - 1]

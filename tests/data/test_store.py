@@ -1,0 +1,407 @@
+"""Stores: the codec of bricks and its error bound, levels, writing on several processes, and damaged stores."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+from data.checks import DTYPES, check_placed, check_source, refused, values
+from hypothesis import given, settings
+from hypothesis import strategies as some
+from numcodecs import zstd
+from zarr.codecs import ZstdCodec
+
+from clusterviz.data import open_source
+from clusterviz.data.axes import Subset
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
+from clusterviz.data.store.levels import coarser, difference, low_pass
+from clusterviz.data.store.shards import BrickCodec
+from clusterviz.data.store.wavelet import decode_brick, encode_brick
+from clusterviz.data.store.writer import StoreWriter, read_bricks_statistics, write_store
+from clusterviz.errors import InputError, OutputError
+
+SHAPES = [(1, 1, 1), (1, 1, 2), (2, 1, 1), (1, 9, 4), (33, 1, 2), (5, 6, 7), (16, 17, 9), (1, 64, 80)]
+
+
+def samples_of(kind: str, dtype: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Samples of a type: both ends of its range among noise, few values, one value, or a smooth field."""
+    native = np.dtype(dtype)
+    if kind == "noise":
+        return values(dtype, shape) if np.prod(shape) >= 4 else values(dtype, (4,))[: np.prod(shape)].reshape(shape)
+    z, y, x = np.indices(shape)
+    if kind == "labels":
+        return (1 + 31 * ((z // 3 + y // 4 + x // 5) % 4)).astype(native)
+    if kind == "constant":
+        return np.full(shape, -0.0 if native.kind == "f" else 7, native)
+    return (60 + 40 * np.sin(z / 5 + y / 7) * np.cos(x / 6)).astype(native)
+
+
+KINDS = ("noise", "labels", "constant", "smooth")
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_bricks_come_back_bit_for_bit(dtype: str) -> None:
+    for shape in SHAPES:
+        for kind in KINDS:
+            brick = samples_of(kind, dtype, shape)
+            again = decode_brick(encode_brick(brick), shape, brick.dtype)
+            assert (again.dtype, again.shape, again.tobytes()) == (brick.dtype, shape, brick.tobytes()), (shape, kind)
+
+
+@given(
+    some.tuples(*[some.integers(1, 20)] * 3), some.sampled_from(DTYPES), some.integers(0, 2**32), some.integers(1, 22)
+)
+@settings(max_examples=30, deadline=None)
+def test_bricks_of_any_shape_come_back(shape: tuple[int, int, int], dtype: str, seed: int, level: int) -> None:
+    brick = np.random.default_rng(seed).integers(0, 256, (*shape, np.dtype(dtype).itemsize), np.uint8)
+    brick = brick.view(dtype).reshape(shape)
+    assert decode_brick(encode_brick(brick, level=level), shape, brick.dtype).tobytes() == brick.tobytes()
+
+
+def adversaries(dtype: str) -> list[np.ndarray]:
+    """Bricks whose predictions are as wrong as can be, or whose samples are at the ends of the range."""
+    native, shape = np.dtype(dtype), (16, 11, 18)
+    low, high = (
+        (np.finfo if native.kind == "f" else np.iinfo)(native).min,
+        (np.finfo if native.kind == "f" else np.iinfo)(native).max,
+    )
+    checkers, random = np.indices(shape).sum(axis=0) % 2, np.random.default_rng(5)
+    ends = np.array([low, high], native)
+    spikes = np.where(random.random(shape) < 0.02, ends[1], ends[0])
+    bricks = [ends[checkers], ends[random.integers(0, 2, shape)], spikes, *(samples_of(k, dtype, shape) for k in KINDS)]
+    small = random.integers(0, 40, shape).astype(native)
+    bricks += [small, ends[1] - small, ends[0] + small]
+    if native.kind == "f":
+        tiny = (random.random(shape) * 2.0**-20).astype(native)
+        bricks += [tiny, (1 + tiny).astype(native), np.where(checkers, np.nan, tiny), np.full(shape, np.inf, native)]
+    return bricks
+
+
+@pytest.mark.parametrize("error", [1, 2, 4, 100.5, 1e4, 2.0**40, 1e-5])
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_no_sample_is_farther_away_than_the_error(dtype: str, error: float) -> None:
+    for brick in adversaries(dtype):
+        again = decode_brick(encode_brick(brick, error), brick.shape, brick.dtype)
+        finite = np.isfinite(brick)
+        assert again[~finite].tobytes() == brick[~finite].tobytes()
+        if brick.dtype.kind == "f":
+            with np.errstate(over="ignore"):
+                away = np.abs(again[finite].astype(np.float64) - brick[finite].astype(np.float64))
+        else:
+            away = np.array([abs(int(a) - int(b)) for a, b in zip(again.ravel(), brick.ravel(), strict=True)], float)
+        assert away.max(initial=0.0) <= error
+
+
+def test_errors_make_bricks_smaller_and_few_values_are_found() -> None:
+    noisy = (samples_of("smooth", "f8", (32, 32, 32)) + np.random.default_rng(1).normal(size=(32, 32, 32)) * 4).astype(
+        "u1"
+    )
+    sizes = [len(encode_brick(noisy, error)) for error in (0, 1, 2, 4)]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[3] < sizes[0] / 2 < len(zstd.compress(noisy.tobytes(), 19)) / 2
+    gaps = noisy.astype("u2") * 47
+    assert len(encode_brick(gaps)) < 1.1 * sizes[0]
+
+
+def header(**changes: int) -> Callable[[bytes], bytes]:
+    """Change numbers of a brick's header."""
+    names = ("magic", "method", "width", "step", "offset", "low", "spacing", "entries", "table_bytes")
+    layout = struct.Struct("<4sBB2xIQddII")
+
+    def change(data: bytes) -> bytes:
+        found = dict(zip(names, layout.unpack(data[: layout.size]), strict=True)) | changes
+        return layout.pack(*found.values()) + data[layout.size :]
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("damage", "text"),
+    [
+        (lambda data: data[:20], "ends early"),
+        (lambda data: b"abcd" + data[4:], "not a brick"),
+        (header(method=2), "not a brick"),
+        (header(width=3), "not a brick"),
+        (header(width=8), "not a brick"),
+        (header(step=4), "step 4"),
+        (header(entries=70000), "70000 values"),
+        (header(table_bytes=1 << 30), "damaged brick"),
+        (lambda data: data[:-9], "damaged brick"),
+        (lambda data: data[:44] + zstd.compress(bytes(1 << 24)), "16777216 bytes"),
+        (lambda data: data[:44] + b"not a frame of zstd", "damaged brick"),
+    ],
+)
+def test_damaged_bricks_are_refused(damage: Callable[[bytes], bytes], text: str) -> None:
+    data = encode_brick(samples_of("smooth", "u2", (8, 9, 10)))
+    refused(lambda: decode_brick(damage(data), (8, 9, 10), np.dtype("u2"), "here"), "here", text)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (2, 3, 1), (7, 8, 9), (16, 5, 12)])
+def test_low_pass_is_the_lifted_one_in_any_box(shape: tuple[int, int, int]) -> None:
+    field = np.random.default_rng(2).normal(size=shape)
+
+    def read(begin: Any, end: Any) -> np.ndarray:
+        return field[tuple(map(slice, begin, end))]
+
+    expected = field
+    for axis in range(3):
+        lines = np.moveaxis(expected, axis, 0)
+        if len(lines) == 1:
+            continue
+        even, odd = lines[0::2], lines[1::2]
+        after = np.concatenate([even[1:], even[-1:]])[: len(odd)]
+        detail = odd - (even[: len(odd)] + after) / 2
+        left = np.concatenate([detail[:1], detail])[: len(even)]
+        right = np.concatenate([detail, detail[-1:]])[: len(even)]
+        expected = np.moveaxis(even + (left + right) / 4, 0, axis)
+    coarse = coarser(shape)
+    np.testing.assert_allclose(low_pass(read, shape, (0, 0, 0), coarse), expected, rtol=1e-12, atol=1e-12)
+    for corner in np.ndindex(coarse):
+        box = low_pass(read, shape, corner, tuple(c + 1 for c in corner))
+        assert box[0, 0, 0] == low_pass(read, shape, (0, 0, 0), coarse)[corner]
+
+
+def interpolated(coarse: np.ndarray, shape: tuple[int, ...], apart: int) -> np.ndarray:
+    """A level at the samples of the finest one, by `numpy.interp`."""
+    found = coarse.astype(float)
+    for axis, count in enumerate(shape):
+        at = apart * np.arange(found.shape[axis])
+        found = np.apply_along_axis(lambda line, at=at, n=count: np.interp(np.arange(n), at, line), axis, found)
+    return found
+
+
+def make_source(dtype: str = "u1", shape: tuple[int, int, int] = (40, 70, 51)) -> ArraySource:
+    z, y, x = np.indices(shape)
+    noise = np.random.default_rng(3).normal(size=shape)
+    field = 100 + 60 * np.sin(z / 9 + y / 11) * np.cos(x / 7) + 3 * noise
+    direction = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    return ArraySource(field.astype(dtype), Grid(shape, (0.5, 1.0, 2.0), (3.0, -4.0, 5.0), direction, "RAS"))
+
+
+@pytest.mark.parametrize(
+    ("dtype", "codec"),
+    [
+        ("u1", BrickCodec("zstd")),
+        ("u1", BrickCodec("wavelet", 0.0, 3)),
+        ("i2", BrickCodec("wavelet", 2.0)),
+        ("f4", BrickCodec("wavelet", 0.25)),
+        ("f8", BrickCodec("zstd")),
+    ],
+)
+def test_store_holds_the_volume_its_levels_and_their_errors(dtype: str, codec: BrickCodec, tmp_path: Path) -> None:
+    source = make_source(dtype)
+    shape = source.grid.shape_zyx
+    whole = source.read((0, 0, 0), shape)
+    path = tmp_path / "a.ome.zarr"
+    writer = write_store(source, path, codec, 16)
+    opened = open_source(path)
+    assert opened.grid == source.grid
+    check_placed(opened, source.grid.world_from_index)
+    stored = opened.read((0, 0, 0), shape)
+    assert np.abs(stored.astype(float) - whole).max() <= codec.error
+    check_source(opened, stored, 11)
+    group = zarr.open_group(str(path), mode="r")
+    scales = group.attrs["ome"]["multiscales"][0]
+    assert [each["path"] for each in scales["datasets"]] == [array.path.name for array in writer.arrays]
+    assert max(writer.arrays[-1].counts_zyx) == 1
+    for n, array in enumerate(writer.arrays):
+        level = array.read((0, 0, 0), array.shape_zyx)
+        np.testing.assert_array_equal(group[str(n)][:], level)
+        lows, highs, errors = group[f"bricks/{n}"][:]
+        np.testing.assert_array_equal([lows, highs, errors], read_bricks_statistics(array, path))
+        assert scales["datasets"][n]["coordinateTransformations"][0]["scale"] == [2.0 * 2**n, 2**n, 0.5 * 2**n]
+        away = np.abs(interpolated(level, shape, 2**n) - whole)
+        for brick in np.ndindex(array.counts_zyx):
+            begin, end = array.box_of(brick)
+            own = level[tuple(map(slice, begin, end))]
+            assert (lows[brick], highs[brick]) == (own.min(), own.max())
+            between = 1 if n else 0
+            here = tuple(slice(b << n, (e << n) + between) for b, e in zip(begin, end, strict=True))
+            assert away[here].max() <= errors[brick] + 1e-9
+        assert errors.max() <= 3 * away.max() + codec.error
+
+
+def test_level_with_missing_samples_has_no_bound() -> None:
+    fine = np.ones((4, 4, 4))
+    assert difference(fine, np.ones((2, 2, 2))) == 0
+    fine[1, 2, 3] = np.nan
+    assert difference(fine, np.ones((2, 2, 2))) == np.inf
+    assert difference(fine * np.nan, np.full((2, 2, 2), np.nan)) == 0
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    return {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+
+
+def test_processes_share_the_files_and_half_a_store_is_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("clusterviz.data.store.shards.SHARD_BYTES", 8 * 16**3)
+    source, codec = make_source(), BrickCodec("wavelet", 1.0)
+    alone, shared = tmp_path / "1" / "a.zarr", tmp_path / "3" / "a.zarr"
+    for path in (alone, shared):
+        path.parent.mkdir()
+    write_store(source, alone, codec, 16)
+    writers = [StoreWriter(source, shared, codec, 16, rank, 3) for rank in range(3)]
+    handle = writers[0].begin()
+    for level in range(len(writers[0].arrays)):
+        for writer in writers:
+            writer.write(level)
+        refused(lambda: open_source(shared), "half written")
+        for writer in writers:
+            writer.measure(level)
+    writers[0].finish()
+    os.close(handle)
+    expected = contents(alone)
+    assert contents(shared) == expected
+    assert len([name for name in expected if name.startswith("0/c")]) > 4
+    lost = ["0/c/0/1/1", "bricks/0/c/0/0/0/0", "1/c/0/0/0"]
+    for name in lost:
+        (alone / name).unlink()
+    kept = {name: (alone / name).stat().st_ino for name in expected if "c/" in name and name not in lost}
+    with pytest.raises(OutputError, match=r"something else is there.*codec"):
+        write_store(source, alone, BrickCodec("wavelet", 2.0), 16)
+    write_store(source, alone, codec, 16)
+    assert contents(alone) == expected
+    touched = [name for name, inode in kept.items() if (alone / name).stat().st_ino != inode]
+    assert sorted(touched) == ["0/c/0/0/0", "bricks/0/c/0/0/1/1"]  # whose other halves were lost
+
+
+def test_store_that_cannot_be_written(tmp_path: Path) -> None:
+    source, codec = make_source(shape=(4, 5, 6)), BrickCodec()
+    (tmp_path / "file.zarr").write_text("here")
+    (tmp_path / "other.zarr").mkdir()
+    (tmp_path / "other.zarr" / "notes").write_text("mine")
+    held = StoreWriter(source, tmp_path / "held.zarr", codec)
+    handle = held.begin()
+    for name, text in [
+        ("file.zarr", "a file is in the way"),
+        ("other.zarr", "something else is there"),
+        ("nowhere/a.zarr", "folder .*nowhere is missing"),
+        ("held.zarr", "another process writes"),
+    ]:
+        with pytest.raises(OutputError, match=text):
+            write_store(source, tmp_path / name, codec)
+    os.close(handle)
+    assert sorted(contents(tmp_path / "other.zarr")) == ["notes"]
+    for wrong in ({"name": "zip"}, {"error": -1.0}, {"name": "zstd", "error": 1.0}, {"level": 23}):
+        with pytest.raises(InputError):
+            BrickCodec(**wrong)
+
+
+def edit(name: str, change: Callable[[dict[str, Any]], object]) -> Callable[[Path], None]:
+    """Change a JSON file."""
+
+    def apply(path: Path) -> None:
+        found = json.loads((path / name).read_text())
+        change(found)
+        (path / name).write_text(json.dumps(found))
+
+    return apply
+
+
+def patch(name: str, at: int, data: bytes) -> Callable[[Path], None]:
+    """Overwrite bytes of a file, from its end if `at` is negative."""
+
+    def apply(path: Path) -> None:
+        content = bytearray((path / name).read_bytes())
+        at_ = at % len(content)
+        content[at_ : at_ + len(data)] = data
+        (path / name).write_bytes(content)
+
+    return apply
+
+
+def cut(name: str, count: int) -> Callable[[Path], None]:
+    return lambda path: (path / name).write_bytes((path / name).read_bytes()[:-count]) and None
+
+
+@pytest.mark.parametrize(
+    ("damage", "text"),
+    [
+        (lambda path: (path / "0/c/0/0/0").unlink(), "no such file"),
+        (lambda path: shutil.rmtree(path / "0"), "no such file"),
+        (cut("0/c/0/0/0", 1), "shard is damaged or truncated"),
+        (cut("0/c/0/0/0", 10000), "shard is damaged or truncated"),
+        (patch("0/c/0/0/0", 60, b"wrong"), "brick .* wrong checksum"),
+        (patch("0/c/0/0/0", -100, b"wrong"), "shard is damaged"),
+        (edit("zarr.json", lambda found: found["attributes"]["clusterviz"].update(complete=False)), "half written"),
+        (edit("0/zarr.json", lambda found: found.update(data_type="int16")), "disagree"),
+        (edit("0/zarr.json", lambda found: found.update(shape=[1, 2, 3])), "disagree"),
+        (edit("0/zarr.json", lambda found: found.update(codecs=[])), "disagree"),
+        (patch("zarr.json", 0, b"["), "damaged"),
+        (lambda path: (path / "zarr.json").write_text("[]"), "an object of JSON"),
+        (lambda path: (path / "zarr.json").unlink(), "not a store of Zarr"),
+    ],
+)
+def test_damaged_stores_are_refused(damage: Callable[[Path], object], text: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.ome.zarr"
+    write_store(make_source(shape=(20, 21, 22)), path, BrickCodec(), 16)
+    damage(path)
+
+    def read_all() -> None:
+        source = open_source(path)
+        source.read((0, 0, 0), source.grid.shape_zyx)
+
+    refused(read_all, "a.ome.zarr", text)
+
+
+FIELD = np.arange(2 * 3 * 5 * 6 * 7, dtype="<u2").reshape(2, 3, 5, 6, 7)
+SCALE = {"type": "scale", "scale": [1.0, 1.0, 4.0, 2.5, 2.0]}
+SHIFT = {"type": "translation", "translation": [0.0, 0.0, 1.0, 2.0, 3.0]}
+
+
+@pytest.mark.parametrize(
+    ("options", "version"),
+    [
+        ({"chunks": (1, 1, 5, 6, 7), "zarr_format": 2}, "0.4"),
+        ({"chunks": (2, 3, 3, 5, 7), "zarr_format": 2, "dtype": ">u2"}, "0.4"),
+        ({"chunks": (1, 2, 50, 64, 64)}, "0.5"),
+        ({"chunks": (1, 1, 2, 3, 4), "shards": (1, 1, 4, 6, 8), "compressors": ZstdCodec()}, "0.5"),
+    ],
+)
+def test_stores_of_others_are_read(options: dict[str, Any], version: str, tmp_path: Path) -> None:
+    path = tmp_path / "other.ome.zarr"
+    group = zarr.create_group(str(path), zarr_format=options.get("zarr_format", 3))
+    given = {"shape": FIELD.shape, "dtype": FIELD.dtype, **options}
+    made = group.create_array("s0", **{key: value for key, value in given.items() if key != "zarr_format"})
+    made[:] = FIELD
+    axes = [
+        {"name": "t", "type": "time"},
+        {"name": "c", "type": "channel"},
+        *({"name": n, "type": "space"} for n in "zyx"),
+    ]
+    scales = {"axes": axes, "datasets": [{"path": "s0", "coordinateTransformations": [SCALE, SHIFT]}]}
+    described = {"multiscales": [scales], "omero": {"channels": [{"label": name} for name in ("DNA", "actin", "RNA")]}}
+    group.attrs.update({"ome": {"version": "0.5", **described}} if version == "0.5" else described)
+    refused(lambda: open_source(path), "several time steps")
+    source = open_source(path, subset=Subset(time=1, channel="RNA"))
+    check_source(source, FIELD[1, 2])
+    check_placed(source, np.array([[2, 0, 0, 3], [0, 2.5, 0, 2], [0, 0, 4, 1], [0, 0, 0, 1.0]]))
+    named = open_source(path, subset=Subset("s0", 0, 1))
+    check_source(named, FIELD[0, 1])
+    refused(lambda: open_source(path, subset=Subset("s7", 0, 1)), "s7")
+
+
+@pytest.mark.parametrize(
+    ("shape", "text"), [((), "not a volume|no samples"), ((4, 0, 3), "no samples"), ((2,) * 6, "not a volume|axes")]
+)
+def test_arrays_that_are_no_volumes(shape: tuple[int, ...], text: str, tmp_path: Path) -> None:
+    zarr.create_array(str(tmp_path / "a.zarr"), shape=shape, dtype="u1")
+    refused(lambda: open_source(tmp_path / "a.zarr"), text)
+
+
+def test_missing_codec_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.zarr"
+    zarr.create_array(str(path), shape=(4, 4, 4), dtype="u1")
+    edit("zarr.json", lambda found: found.update(codecs=[{"name": "acme.fast"}]))(path)
+    refused(lambda: open_source(path), "acme.fast")
