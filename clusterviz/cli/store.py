@@ -42,7 +42,7 @@ def command(
     began = perf_counter()
     with agree(ranks, 0, "store"):
         if not output.name.endswith(".zarr"):
-            raise OutputError("not a name of a store", where=str(output), allowed="OUT.ome.zarr")
+            raise OutputError("not a name of a store", where=str(output), found=output.name, allowed="OUT.ome.zarr")
         packing = BrickCodec(codec, error, level)
         source = open_source(file, subset=Subset(array, time, channel))
         steps = [f"level {n}" for n in range(len(StoreWriter(source, output, packing, brick).arrays))]

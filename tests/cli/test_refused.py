@@ -34,6 +34,11 @@ FILES: dict[str, bytes | None] = {
 }
 COMMANDS = [
     ("info none.npy", "none.npy: no such file"),
+    ("store none.npy new.zarr", "none.npy: no such file"),
+    (f"store {FIELD} new.tif", "not a name of a store; found new.tif; allowed OUT.ome.zarr"),
+    (f"store {FIELD} none/new.zarr", "the folder none is missing"),
+    (f"store {FIELD} new.zarr --codec zip", "no such codec; found zip; allowed wavelet, zstd"),
+    (f"store {FIELD} new.zarr --codec zstd --error 1", "impossible error; found 1.0; allowed 0; more with wavelets"),
     ("samples mni", "no such sample; found mni; allowed mni152"),
     ("cmaps --kind warm", "--kind: unknown kind; found warm; allowed cyclic, diverging, misc"),
     ("cmaps veridis", "cmaps: unknown colour map; found veridis; allowed a name that `clusterviz cmaps` lists, for "),

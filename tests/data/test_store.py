@@ -340,7 +340,7 @@ def cut(name: str, count: int) -> Callable[[Path], None]:
         (edit("0/zarr.json", lambda found: found.update(codecs=[])), "disagree"),
         (patch("zarr.json", 0, b"["), "damaged"),
         (lambda path: (path / "zarr.json").write_text("[]"), "an object of JSON"),
-        (lambda path: (path / "zarr.json").unlink(), "not a store of Zarr"),
+        (lambda path: (path / "zarr.json").unlink(), "without a store of Zarr"),
     ],
 )
 def test_damaged_stores_are_refused(damage: Callable[[Path], object], text: str, tmp_path: Path) -> None:

@@ -16,6 +16,9 @@ from PIL import Image
 
 from clusterviz.data import open_source, read_geometry, read_grid
 from clusterviz.data.axes import Subset
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.store.shards import BrickCodec
+from clusterviz.data.store.writer import write_store
 from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.scene import load_scene
 from clusterviz.scene.animation import load_path
@@ -129,6 +132,13 @@ def _preset(path: Path) -> None:
     path.with_name("scene.yaml").write_text("volumes: [{path: 'field:marschner-lobb:9', cmap: a.json}]")
 
 
+def _store(path: Path) -> None:
+    """A store, and links beside it to the files of it that are damaged."""
+    write_store(ArraySource(SAMPLES), path, BrickCodec())
+    for link, name in {"scales.json": "zarr.json", "level.json": "0/zarr.json", "shard": "0/c/0/0/0"}.items():
+        path.with_name(link).symlink_to(path / name)
+
+
 TURNED = [1, 0, 0, 0, 1, 0, 0, 0, 1]
 SIDECAR = {
     "byte_order": "little",
@@ -203,6 +213,7 @@ READERS = {
     "scene-yaml": Reader("a.yaml", _text(SCENE), load_scene),
     "scene-json": Reader("a.json", lambda path: path.write_text(json.dumps(yaml.safe_load(SCENE))), load_scene),
     "path": Reader("a.yaml", _text(KEYS), read_keys),
+    **{f"store-{name}": Reader("a.ome.zarr", _store, damaged=name) for name in ("scales.json", "level.json", "shard")},
     "preset": Reader("scene.yaml", lambda path: _preset(path.with_name("a.json")), load_scene, damaged="a.json"),
     "table": Reader("a.npy", lambda path: np.save(path, np.linspace(0, 1, 12).reshape(3, 4)), read_table),
     **{

@@ -78,7 +78,8 @@ def open_ome_zarr(path: Path, subset: Subset) -> LevelSource | ZarrSource:
     with readable(path):
         known = [name for name in METADATA if (path / name).is_file()]
     if not known:
-        raise DataError("not a store of Zarr", where=where, allowed=f"a folder with {' or '.join(METADATA)}")
+        what = "a directory without a store of Zarr" if path.is_dir() else "not a store of Zarr"
+        raise DataError(what, where=where, allowed=f"a folder with {' or '.join(METADATA)}")
     found = read_json(path / known[0])
     attributes = found.get("attributes", {}) if known[0] == "zarr.json" else found
     own = attributes.get("clusterviz")

@@ -201,7 +201,7 @@ def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], w
     else:
         keys = numbers.astype(f"u{dtype.itemsize}", copy=False)
         if offset:
-            keys += keys.dtype.type(offset)
+            keys += keys.dtype.type(offset & (1 << 8 * keys.itemsize) - 1)
     return _samples(keys, dtype).reshape(shape)
 
 
