@@ -133,10 +133,7 @@ def _preset(path: Path) -> None:
 
 
 def _store(path: Path) -> None:
-    """A store, and links beside it to the files of it that are damaged."""
     write_store(ArraySource(SAMPLES), path, BrickCodec())
-    for link, name in {"scales.json": "zarr.json", "level.json": "0/zarr.json", "shard": "0/c/0/0/0"}.items():
-        path.with_name(link).symlink_to(path / name)
 
 
 TURNED = [1, 0, 0, 0, 1, 0, 0, 0, 1]
@@ -213,7 +210,10 @@ READERS = {
     "scene-yaml": Reader("a.yaml", _text(SCENE), load_scene),
     "scene-json": Reader("a.json", lambda path: path.write_text(json.dumps(yaml.safe_load(SCENE))), load_scene),
     "path": Reader("a.yaml", _text(KEYS), read_keys),
-    **{f"store-{name}": Reader("a.ome.zarr", _store, damaged=name) for name in ("scales.json", "level.json", "shard")},
+    **{
+        f"store-{name.replace('/', '-')}": Reader("a.zarr", _store, damaged=f"a.zarr/{name}")
+        for name in ("zarr.json", "0/zarr.json", "0/c/0/0/0")
+    },
     "preset": Reader("scene.yaml", lambda path: _preset(path.with_name("a.json")), load_scene, damaged="a.json"),
     "table": Reader("a.npy", lambda path: np.save(path, np.linspace(0, 1, 12).reshape(3, 4)), read_table),
     **{
