@@ -21,6 +21,7 @@ from clusterviz.cli.console import print_info, show_progress
 from clusterviz.codec import kernels as codecs
 from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.over import native
+from clusterviz.data.store.wavelet import TRANSFORMS
 from clusterviz.errors import OutputError
 from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.kernels.objects import folder, object_path, read_code
@@ -42,7 +43,7 @@ def command(
 ) -> None:
     """Compile the kernels that most scenes need, so that no render waits for them; cached kernels are kept."""
     began, kernels = perf_counter(), (first_variants if common else common_variants)(host_width().lanes)
-    files = _files(kernels, () if common else codecs.KERNELS)
+    files = _files(kernels, () if common else (*codecs.KERNELS, *TRANSFORMS.values()))
     missing = {path: job for path, job in files.items() if read_code(path) is None}
     names = [_name(path) for path in missing]
     with show_progress(["compiling kernels"]) as progress:
