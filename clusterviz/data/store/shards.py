@@ -27,7 +27,7 @@ from clusterviz.data.bricks import Box
 from clusterviz.data.files import readable
 from clusterviz.data.header import check_box
 from clusterviz.data.source import Index
-from clusterviz.data.store.wavelet import FINEST_LEVEL, LEVEL, decode_brick, encode_brick, unpack_frame
+from clusterviz.data.store.wavelet import FINEST_LEVEL, LEVEL, compress, decode_brick, decompress, encode_brick
 from clusterviz.errors import DataError, InputError
 from clusterviz.image.replace import replacing
 
@@ -69,18 +69,14 @@ class BrickCodec:
         """Return a brick as bytes."""
         if self.name == "wavelet":
             return encode_brick(samples, self.error, self.level)
-        from numcodecs import zstd
-
-        data: bytes = zstd.compress(np.ascontiguousarray(samples), self.level)
-        return data
+        return compress(np.ascontiguousarray(samples), self.level)
 
     def decode(self, data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
         """Return the samples of a brick."""
         if self.name == "wavelet":
             return decode_brick(data, shape, dtype, where)
-        samples = np.empty(shape, dtype)
-        unpack_frame(memoryview(data), samples, where)
-        return samples
+        samples = decompress(memoryview(data), math.prod(shape) * dtype.itemsize, where)
+        return np.frombuffer(samples, dtype.newbyteorder("<")).astype(dtype, copy=False).reshape(shape)
 
     @property
     def metadata(self) -> list[dict[str, Any]]:

@@ -141,29 +141,54 @@ def _encode_rounded(samples: NDArray[Any], error: float, level: int) -> bytes | 
 
 def _pack(numbers: NDArray[Any], shape: Index, meaning: _Numbers, level: int) -> bytes:
     """Return header, table and numbers, lifted or as they are, whichever is shorter."""
-    from numcodecs import zstd
-
-    count, width, step = numbers.size, numbers.itemsize, meaning.step
+    count, width, step, table = numbers.size, numbers.itemsize, meaning.step, meaning.table
     as_they_are, residuals = np.zeros((2, _padded(count, width)), numbers.dtype)
     restored = np.empty(count, numbers.dtype)
     TRANSFORMS[width](1, residuals[:count], *shape, step, numbers, restored, _space(shape, numbers.dtype))
     as_they_are[:count] = restored
     planes = _split(as_they_are), _split(residuals)
-    packed = [zstd.compress(each, LEVEL) for each in planes]
+    packed = [compress(each, 1, not method) for method, each in enumerate(planes)]
     method = _LIFTED if len(packed[_LIFTED]) <= len(packed[_PLAIN]) else _PLAIN
-    best = packed[method] if level == LEVEL else zstd.compress(planes[method], level)
-    table = meaning.table
-    packed_table = zstd.compress(np.diff(table, prepend=table[:1] * 0), LEVEL) if len(table) else b""
-    return b"".join(
-        (
-            _HEADER.pack(
-                *(_MAGIC, method, width, step, meaning.offset, meaning.low, meaning.spacing),
-                *(len(table), len(packed_table)),
-            ),
-            packed_table,
-            best,
-        )
-    )
+    best = packed[method] if level == 1 else compress(planes[method], level)
+    packed_table = compress(np.diff(table, prepend=table[:1] * 0), level) if len(table) else b""
+    values = method, width, step, meaning.offset, meaning.low, meaning.spacing, len(table), len(packed_table)
+    return _HEADER.pack(_MAGIC, *values) + packed_table + best
+
+
+def compress(numbers: NDArray[Any], level: int, repeats: bool = True) -> bytes:
+    """Return numbers packed by zstd.
+
+    Parameters
+    ----------
+    repeats : whether they may repeat in other ways than as runs; residuals do not, and level 1 then looks for runs only
+    """
+    import zstandard
+
+    if level == 1 and not repeats:
+        runs = {"strategy": zstandard.STRATEGY_FAST, "min_match": 7, "hash_log": 10, "window_log": 18}
+        packer = zstandard.ZstdCompressor(compression_params=zstandard.ZstdCompressionParameters(**runs))
+    else:
+        packer = zstandard.ZstdCompressor(level=level)
+    return packer.compress(numbers.data)
+
+
+def decompress(frame: memoryview, size: int, where: str) -> bytes:
+    """Return the bytes of a frame of zstd.
+
+    Raises
+    ------
+    DataError
+        It does not hold `size` bytes, or is damaged.
+    """
+    import zstandard
+
+    try:
+        found = zstandard.frame_content_size(frame)
+        if found == size:
+            return zstandard.ZstdDecompressor().decompress(frame)
+    except zstandard.ZstdError as error:
+        raise DataError(f"a damaged brick: {error}", where=where) from error
+    raise DataError("a damaged brick", where=where, found=f"{found} bytes", allowed=size)
 
 
 def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], where: str = "") -> NDArray[Any]:
@@ -184,9 +209,8 @@ def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], w
     if step % 2 == 0 or (step > 1 and width == 8) or entries > 1 << 16:
         raise DataError("a damaged brick", where=where, found=f"step {step}, {entries} values")
     kind, begin = np.dtype(f"u{width}"), _HEADER.size + table_bytes
-    packed = _reused("planes", _padded(count, width), kind)
-    unpack_frame(view[begin:], packed, where)
-    residuals = _joined(packed)[:count]
+    planes = decompress(view[begin:], _padded(count, width) * width, where)
+    residuals = _joined(np.frombuffer(planes, kind))[:count]
     numbers = residuals.copy() if method == _PLAIN else np.empty(count, kind)
     if method == _LIFTED:
         TRANSFORMS[width](0, residuals, *shape, step, numbers, numbers, _space(shape, kind))
@@ -195,26 +219,14 @@ def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], w
             values: NDArray[Any] = (numbers * np.float64(spacing) + low).astype(dtype)
         return values.reshape(shape)
     if entries:
-        table = np.empty(entries, f"u{dtype.itemsize}")
-        unpack_frame(view[_HEADER.size : begin], table, where)
-        keys = np.cumsum(table, dtype=table.dtype).take(numbers, mode="clip")
+        steps = decompress(view[_HEADER.size : begin], entries * dtype.itemsize, where)
+        table = np.cumsum(np.frombuffer(steps, f"u{dtype.itemsize}"), dtype=f"u{dtype.itemsize}")
+        keys = table.take(numbers, mode="clip")
     else:
         keys = numbers.astype(f"u{dtype.itemsize}", copy=False)
         if offset:
             keys += keys.dtype.type(offset & (1 << 8 * keys.itemsize) - 1)
     return _samples(keys, dtype).reshape(shape)
-
-
-def unpack_frame(frame: memoryview, target: NDArray[Any], where: str) -> None:
-    """Decompress a frame that holds exactly the bytes of an array."""
-    from numcodecs import zstd
-
-    if _content_bytes(frame) != target.nbytes:
-        raise DataError("a damaged brick", where=where, found=f"{_content_bytes(frame)} bytes", allowed=target.nbytes)
-    try:
-        zstd.decompress(frame, target)
-    except (RuntimeError, ValueError) as error:
-        raise DataError(f"a damaged brick: {error}", where=where) from error
 
 
 def _keys(samples: NDArray[Any]) -> NDArray[Any]:
@@ -282,18 +294,3 @@ def _reused(name: str, count: int, dtype: Any) -> NDArray[Any]:
         setattr(_scratch, name, memory)
     part: NDArray[Any] = memory[:wanted].view(dtype)
     return part
-
-
-def _content_bytes(frame: memoryview) -> int:
-    """Return the bytes that a frame of zstd says to hold; −1 if it says nothing.
-
-    References
-    ----------
-    RFC 8878, section 3.1.1.1.
-    """
-    if len(frame) < 6 or bytes(frame[:4]) != b"\x28\xb5\x2f\xfd":
-        return -1
-    flags = frame[4]
-    size, single = (flags >> 5 & 1, 2, 4, 8)[flags >> 6], flags >> 5 & 1
-    begin = 5 + (1 - single) + (0, 1, 2, 4)[flags & 3]
-    return int.from_bytes(frame[begin : begin + size], "little") + (256 if size == 2 else 0) if size else -1
