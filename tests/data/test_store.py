@@ -214,7 +214,9 @@ def test_store_holds_the_volume_its_levels_and_their_errors(dtype: str, codec: B
     assert [each["path"] for each in scales["datasets"]] == [array.path.name for array in writer.arrays]
     assert max(writer.arrays[-1].counts_zyx) == 1
     for n, array in enumerate(writer.arrays):
-        level = array.read((0, 0, 0), array.shape_zyx)
+        named = open_source(path, str(n))
+        assert named.grid.spacing == tuple(step * 2**n for step in source.grid.spacing)
+        level = named.read((0, 0, 0), array.shape_zyx)
         np.testing.assert_array_equal(group[str(n)][:], level)
         lows, highs, errors = group[f"bricks/{n}"][:]
         np.testing.assert_array_equal([lows, highs, errors], read_bricks_statistics(array, path))
