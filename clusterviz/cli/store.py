@@ -28,7 +28,7 @@ def command(
     ] = "wavelet",
     error: Annotated[float, typer.Option(help="Largest error of a sample; 0: bit for bit.", min=0.0)] = 0.0,
     brick: Annotated[int, typer.Option(help="Samples along the side of a brick.", min=8, max=512)] = 64,
-    level: Annotated[int, typer.Option(help="Effort of zstd: 1 fast, 19 small.", min=1, max=22)] = 1,
+    effort: Annotated[int, typer.Option(help="Level of zstd: 1 fast, 19 small.", min=1, max=22)] = 1,
     array: Annotated[str | None, typer.Option(help="Which array, for files with several.")] = None,
     time: Annotated[int | None, typer.Option(help="Which time step, from 0.", min=0)] = None,
     channel: Annotated[str | None, typer.Option(help="Which channel, by number or name.")] = None,
@@ -43,7 +43,7 @@ def command(
     with agree(ranks, 0, "store"):
         if not output.name.endswith(".zarr"):
             raise OutputError("not a name of a store", where=str(output), found=output.name, allowed="OUT.ome.zarr")
-        packing = BrickCodec(codec, error, level)
+        packing = BrickCodec(codec, error, effort)
         source = open_source(file, subset=Subset(array, time, channel))
         steps = [f"level {n}" for n in range(len(StoreWriter(source, output, packing, brick).arrays))]
     with show_progress(steps if ranks.rank == 0 else (), [0.125**n for n in range(len(steps))]) as progress:

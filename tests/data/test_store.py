@@ -61,10 +61,10 @@ def test_bricks_come_back_bit_for_bit(dtype: str) -> None:
     some.tuples(*[some.integers(1, 20)] * 3), some.sampled_from(DTYPES), some.integers(0, 2**32), some.integers(1, 22)
 )
 @settings(max_examples=30, deadline=None)
-def test_bricks_of_any_shape_come_back(shape: tuple[int, int, int], dtype: str, seed: int, level: int) -> None:
+def test_bricks_of_any_shape_come_back(shape: tuple[int, int, int], dtype: str, seed: int, effort: int) -> None:
     brick = np.random.default_rng(seed).integers(0, 256, (*shape, np.dtype(dtype).itemsize), np.uint8)
     brick = brick.view(dtype).reshape(shape)
-    assert decode_brick(encode_brick(brick, level=level), shape, brick.dtype).tobytes() == brick.tobytes()
+    assert decode_brick(encode_brick(brick, effort=effort), shape, brick.dtype).tobytes() == brick.tobytes()
 
 
 def adversaries(dtype: str) -> list[np.ndarray]:
@@ -295,7 +295,7 @@ def test_store_that_cannot_be_written(tmp_path: Path) -> None:
             write_store(source, tmp_path / name, codec)
     os.close(handle)
     assert sorted(contents(tmp_path / "other.zarr")) == ["notes"]
-    for wrong in ({"name": "zip"}, {"error": -1.0}, {"name": "zstd", "error": 1.0}, {"level": 23}):
+    for wrong in ({"name": "zip"}, {"error": -1.0}, {"name": "zstd", "error": 1.0}, {"effort": 23}):
         with pytest.raises(InputError):
             BrickCodec(**wrong)
 

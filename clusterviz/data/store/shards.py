@@ -27,7 +27,7 @@ from clusterviz.data.bricks import Box
 from clusterviz.data.files import readable
 from clusterviz.data.header import check_box
 from clusterviz.data.source import Index
-from clusterviz.data.store.wavelet import FINEST_LEVEL, LEVEL, compress, decode_brick, decompress, encode_brick
+from clusterviz.data.store.wavelet import EFFORT, MOST_EFFORT, compress, decode_brick, decompress, encode_brick
 from clusterviz.errors import DataError, InputError
 from clusterviz.image.replace import replacing
 
@@ -50,26 +50,26 @@ class BrickCodec:
     ----------
     name : one of `CODECS`
     error : largest difference of a sample; 0 without wavelets
-    level : of zstd
+    effort : level of zstd
     """
 
     name: str = "wavelet"
     error: float = 0.0
-    level: int = LEVEL
+    effort: int = EFFORT
 
     def __post_init__(self) -> None:
         if self.name not in CODECS:
             raise InputError("no such codec", where="codec", found=self.name, allowed=", ".join(CODECS))
         if not (0 <= self.error < math.inf) or (self.error > 0 and self.name != "wavelet"):
             raise InputError("impossible error", where="error", found=self.error, allowed="0; more with wavelets")
-        if not 1 <= self.level <= FINEST_LEVEL:
-            raise InputError("no such level of zstd", where="level", found=self.level, allowed=f"1 to {FINEST_LEVEL}")
+        if not 1 <= self.effort <= MOST_EFFORT:
+            raise InputError("no such level of zstd", where="effort", found=self.effort, allowed=f"1 to {MOST_EFFORT}")
 
     def encode(self, samples: NDArray[Any]) -> bytes:
         """Return a brick as bytes."""
         if self.name == "wavelet":
-            return encode_brick(samples, self.error, self.level)
-        return compress(np.ascontiguousarray(samples), self.level)
+            return encode_brick(samples, self.error, self.effort)
+        return compress(np.ascontiguousarray(samples), self.effort)
 
     def decode(self, data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
         """Return the samples of a brick."""
@@ -82,9 +82,9 @@ class BrickCodec:
     def metadata(self) -> list[dict[str, Any]]:
         """Zarr's list of codecs."""
         if self.name == "wavelet":
-            configuration = {"error": self.error, "level": self.level}
+            configuration = {"error": self.error, "effort": self.effort}
             return [{"name": "clusterviz.wavelet", "configuration": configuration}, _CRC]
-        return [_LITTLE, {"name": "zstd", "configuration": {"level": self.level, "checksum": False}}, _CRC]
+        return [_LITTLE, {"name": "zstd", "configuration": {"level": self.effort, "checksum": False}}, _CRC]
 
 
 @dataclass(frozen=True)

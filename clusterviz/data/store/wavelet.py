@@ -9,11 +9,17 @@ Cost: 2 to 6 GB/s to transform one way or the other, so zstd decides.
 Maximum error. Both sides predict from *decoded* samples, in integers, so they predict the same. The encoder rounds the
 distance from the prediction to the nearest multiple of the odd step 2e + 1, which leaves at most e. Clamping to the
 range of the type, in which the sample lies, brings the result no farther from it. So every sample is at most e away,
-whatever happened to its neighbours: errors do not add up. The transposed lifting step (the update of the low-pass) is
-left out, since it would add the errors of several residuals. For integers e is the whole part of the error asked for.
+whatever happened to its neighbours: errors do not add up. The second lifting step, which updates the kept samples, is
+left out, since it would add the errors of several residuals. For integers e is the whole part of the error asked for;
+those whose range in the brick takes more than 32 bits are kept exactly.
 Floats are first rounded to multiples of h, which leaves h/2; with e = 127 of these multiples the sum is 127.5 h, the
 error asked for. Rounding of the conversion itself is not bounded this way; so the encoder decodes what it wrote, and
 keeps a brick exactly if a sample of it is too far away or not finite.
+
+Bytes of a brick, little-endian: "cvw1"; method, 0 for plain numbers and 1 for residuals, and bytes of a number, a byte
+each; two zeros; step, uint32; offset, uint64; low and spacing, float64; entries of the table and its bytes, uint32; as
+in `_Numbers`. Then the differences of the table's keys, and the byte planes of the numbers, each as a frame of zstd.
+Numbers of two bytes are split in pairs, into four planes.
 
 References
 ----------
@@ -38,8 +44,8 @@ from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 from clusterviz.kernels.compiled import CompiledKernel
 
-FINEST_LEVEL, LEVEL = 22, 1
-"""zstd's levels: the largest, and the default; residuals get hardly smaller by levels up to 12, which are slower."""
+MOST_EFFORT, EFFORT = 22, 1
+"""Levels of zstd: the highest, and the default."""
 LARGEST_ERROR = 1 << 30
 """Of whole numbers; more are kept closer."""
 SAMPLED = 4096
@@ -82,18 +88,18 @@ class _Numbers:
     table: NDArray[Any] = field(default_factory=lambda: np.empty(0, np.uint8))
 
 
-def encode_brick(samples: NDArray[Any], error: float = 0.0, level: int = LEVEL) -> bytes:
+def encode_brick(samples: NDArray[Any], error: float = 0.0, effort: int = EFFORT) -> bytes:
     """Return a brick as bytes.
 
     Parameters
     ----------
     samples : any integer or float type of up to 64 bits, three axes, each at least 1
     error : largest difference between a sample and the decoded one; 0: bit for bit
-    level : of zstd, 1 to 22
+    effort : level of zstd, 1 to 22
     """
     samples = np.ascontiguousarray(samples)
     if error > 0 and samples.dtype.kind == "f":
-        data = _encode_rounded(samples, error, level)
+        data = _encode_rounded(samples, error, effort)
         if data is not None:
             return data
         error = 0.0
@@ -104,12 +110,12 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0, level: int = LEVEL) 
     offset = min(low, (1 << 8 * keys.itemsize) - (1 << 8 * width))
     step = 2 * int(min(error, LARGEST_ERROR)) + 1 if width < 8 else 1
     numbers = (keys - keys.dtype.type(offset)).astype(f"u{width}", copy=False) if offset else keys
-    data = _pack(numbers.astype(f"u{width}", copy=False), samples.shape, _Numbers(step, offset), level)
+    data = _pack(numbers.astype(f"u{width}", copy=False), samples.shape, _Numbers(step, offset), effort)
     table = _few_values(keys) if error < 1 else None
     if table is None:
         return data
     numbers = np.searchsorted(table, keys).astype(f"u{_width(len(table) - 1)}")
-    return min(data, _pack(numbers, samples.shape, _Numbers(table=table), level), key=len)
+    return min(data, _pack(numbers, samples.shape, _Numbers(table=table), effort), key=len)
 
 
 def _width(largest: float) -> int:
@@ -126,7 +132,7 @@ def _few_values(keys: NDArray[Any]) -> NDArray[Any] | None:
     return table if len(table) <= 1 << 16 and 2 * len(table) <= int(table[-1]) - int(table[0]) else None
 
 
-def _encode_rounded(samples: NDArray[Any], error: float, level: int) -> bytes | None:
+def _encode_rounded(samples: NDArray[Any], error: float, effort: int) -> bytes | None:
     """Return a brick of floats within an error; None if that is not possible."""
     spacing, values = error / (_MULTIPLES + 0.5), samples.ravel().astype(np.float64)
     low, high = float(values.min()), float(values.max())
@@ -134,12 +140,12 @@ def _encode_rounded(samples: NDArray[Any], error: float, level: int) -> bytes | 
         return None
     numbers = np.rint((values - low) / spacing)
     meaning = _Numbers(2 * _MULTIPLES + 1, low=low, spacing=spacing)
-    data = _pack(numbers.astype(f"u{_width(numbers.max())}"), samples.shape, meaning, level)
+    data = _pack(numbers.astype(f"u{_width(numbers.max())}"), samples.shape, meaning, effort)
     decoded = decode_brick(data, samples.shape, samples.dtype).ravel()
     return data if np.abs(decoded.astype(np.float64) - values).max() <= error else None
 
 
-def _pack(numbers: NDArray[Any], shape: Index, meaning: _Numbers, level: int) -> bytes:
+def _pack(numbers: NDArray[Any], shape: Index, meaning: _Numbers, effort: int) -> bytes:
     """Return header, table and numbers, lifted or as they are, whichever is shorter."""
     count, width, step, table = numbers.size, numbers.itemsize, meaning.step, meaning.table
     as_they_are, residuals = np.zeros((2, _padded(count, width)), numbers.dtype)
@@ -149,13 +155,13 @@ def _pack(numbers: NDArray[Any], shape: Index, meaning: _Numbers, level: int) ->
     planes = _split(as_they_are), _split(residuals)
     packed = [compress(each, 1, not method) for method, each in enumerate(planes)]
     method = _LIFTED if len(packed[_LIFTED]) <= len(packed[_PLAIN]) else _PLAIN
-    best = packed[method] if level == 1 else compress(planes[method], level)
-    packed_table = compress(np.diff(table, prepend=table[:1] * 0), level) if len(table) else b""
+    best = packed[method] if effort == 1 else compress(planes[method], effort)
+    packed_table = compress(np.diff(table, prepend=table[:1] * 0), effort) if len(table) else b""
     values = method, width, step, meaning.offset, meaning.low, meaning.spacing, len(table), len(packed_table)
     return _HEADER.pack(_MAGIC, *values) + packed_table + best
 
 
-def compress(numbers: NDArray[Any], level: int, repeats: bool = True) -> bytes:
+def compress(numbers: NDArray[Any], effort: int, repeats: bool = True) -> bytes:
     """Return numbers packed by zstd.
 
     Parameters
@@ -164,11 +170,11 @@ def compress(numbers: NDArray[Any], level: int, repeats: bool = True) -> bytes:
     """
     import zstandard
 
-    if level == 1 and not repeats:
+    if effort == 1 and not repeats:
         runs = {"strategy": zstandard.STRATEGY_FAST, "min_match": 7, "hash_log": 10, "window_log": 18}
         packer = zstandard.ZstdCompressor(compression_params=zstandard.ZstdCompressionParameters(**runs))
     else:
-        packer = zstandard.ZstdCompressor(level=level)
+        packer = zstandard.ZstdCompressor(level=effort)
     return packer.compress(numbers.data)
 
 

@@ -206,7 +206,7 @@ class StoreWriter:
             "version": VERSION,
             "complete": complete,
             "source": _identity(self.source.name),
-            "codec": {"name": self.codec.name, "error": self.codec.error, "level": self.codec.level},
+            "codec": {"name": self.codec.name, "error": self.codec.error, "effort": self.codec.effort},
             "brick": self.brick,
             "shape": list(grid.shape_zyx),
             "dtype": self.source.dtype.name,

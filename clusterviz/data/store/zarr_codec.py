@@ -14,7 +14,7 @@ from zarr.abc.codec import ArrayBytesCodec
 from zarr.core.common import parse_named_configuration
 
 from clusterviz.data.source import Index
-from clusterviz.data.store.wavelet import LEVEL, decode_brick, encode_brick
+from clusterviz.data.store.wavelet import EFFORT, decode_brick, encode_brick
 from clusterviz.errors import DataError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class WaveletCodec(ArrayBytesCodec):
 
     is_fixed_size = False
     error: float = 0.0
-    level: int = LEVEL
+    effort: int = EFFORT
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Self:
@@ -39,7 +39,7 @@ class WaveletCodec(ArrayBytesCodec):
         return cls(**configuration)
 
     def to_dict(self) -> dict[str, Any]:
-        return {"name": NAME, "configuration": {"error": self.error, "level": self.level}}
+        return {"name": NAME, "configuration": {"error": self.error, "effort": self.effort}}
 
     async def _decode_single(self, chunk_bytes: Buffer, chunk_spec: ArraySpec) -> NDBuffer:
         data = chunk_bytes.as_numpy_array().data
@@ -50,7 +50,7 @@ class WaveletCodec(ArrayBytesCodec):
     async def _encode_single(self, chunk_array: NDBuffer, chunk_spec: ArraySpec) -> Buffer:
         samples = chunk_array.as_numpy_array()
         samples = samples.astype(samples.dtype.newbyteorder("="), copy=False).reshape(_three_axes(samples.shape))
-        data = await asyncio.to_thread(encode_brick, samples, self.error, self.level)
+        data = await asyncio.to_thread(encode_brick, samples, self.error, self.effort)
         return chunk_spec.prototype.buffer.from_bytes(data)
 
     def compute_encoded_size(self, input_byte_length: int, _chunk_spec: ArraySpec) -> int:
