@@ -61,7 +61,7 @@ def low_pass(read: Read, shape_zyx: Index, begin_zyx: Index, end_zyx: Index) -> 
     for i, target in enumerate(result):
         wanted = z[2 * i : 2 * i + 5].tolist()
         planes = {
-            n: planes[n] if n in planes else _filtered(_filtered(samples[n][y][:, x].astype(kind)).T).T for n in wanted
+            n: planes[n] if n in planes else _filtered(_filtered(samples[n], y, 0, kind), x, 1, kind) for n in wanted
         }
         with np.errstate(invalid="ignore", over="ignore"):
             target[...] = _rounded(_weighted([planes[n] for n in wanted]), samples.dtype)
@@ -75,9 +75,13 @@ def _mirrored(indices: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     return np.minimum(indices, period - indices) if count > 1 else indices
 
 
-def _filtered(lines: NDArray[Any]) -> NDArray[Any]:
-    """Return the low-pass along the first axis, whose length is odd: two more at each end than are centres."""
-    return _weighted([lines[n : len(lines) - 4 + n : 2] for n in range(5)])
+def _filtered(plane: NDArray[Any], indices: NDArray[np.int64], axis: int, kind: Any) -> NDArray[Any]:
+    """Return the low-pass along an axis: of five samples with these indices, then of those two further on, and so on."""
+    # Every second sample, so that sums run over contiguous memory.
+    even, odd = (plane.take(indices[n::2], axis).astype(kind, copy=False) for n in (0, 1))
+    count = len(indices) // 2 - 1
+    spans = [(even, 0), (odd, 0), (even, 1), (odd, 1), (even, 2)]
+    return _weighted([part[n : n + count] if axis == 0 else part[:, n : n + count] for part, n in spans])
 
 
 def _weighted(parts: list[Any]) -> NDArray[Any]:
