@@ -8,7 +8,10 @@ import signal
 from pathlib import Path
 
 import pytest
-from failures.jobs import FIELD, SMALL, check_failure, failing, finish
+from failures.jobs import FIELD, SMALL, check_failure, failing, finish, start
+
+from clusterviz.data import open_source
+from clusterviz.errors import DataError
 
 pytestmark = [pytest.mark.fresh, pytest.mark.gl]
 SECONDS = 10
@@ -82,6 +85,19 @@ def test_statistics_that_cannot_be_made_leave_no_file(tmp_path: Path) -> None:
     ended = finish(failing(0, "clusterviz.cli.instrumentation:statistics_file", "raise", 2, *arguments))
     assert (ended.status, "rank 0, frame 0, statistics: ValueError: odd" in ended.err) == (1, True)
     assert [path.name for path in tmp_path.iterdir()] == ["a.npy"]
+
+
+def test_a_rank_that_fails_leaves_a_store_that_other_ranks_complete(tmp_path: Path) -> None:
+    path = tmp_path / "a.zarr"
+    arguments = ("store", FIELD, str(path), "--brick", "8")
+    ended = finish(failing(1, "clusterviz.data.store.writer:StoreWriter.write", "raise", 2, *arguments))
+    assert (ended.status, "rank 1, frame 0, level 0: ValueError: odd" in ended.err) == (1, True)
+    with pytest.raises(DataError, match="half written"):
+        open_source(path)
+    ended = finish(start(3, "-m", "clusterviz", *arguments))
+    assert (ended.status, ended.err) == (0, "")
+    whole = [open_source(name).read((0, 0, 0), (16, 16, 16)) for name in (path, FIELD)]
+    assert (whole[0] == whole[1]).all()
 
 
 DRAW, COLLECT = "clusterviz.render.raycast:Raycaster.draw", "clusterviz.composite.compositor:collect"
