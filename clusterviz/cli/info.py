@@ -206,11 +206,11 @@ def format_name(name: str) -> str:
 
 
 def _other_axes(source: Any) -> dict[str, Any]:
-    """Return time steps and channels of the file, and the ones read."""
+    """Return time steps and channels of the file, and the ones read; levels of a store."""
     while hasattr(source, "source"):  # wrapped by a guard or another grid
         source = source.source
     slab = getattr(source, "slab", None)
-    found: dict[str, Any] = {}
+    found: dict[str, Any] = {"levels": source.levels} if hasattr(source, "levels") else {}
     if slab is not None and slab.time_steps > 1:
         found |= {"time_steps": slab.time_steps, "time": slab.time}
     if slab is not None and slab.channels > 1:
@@ -250,6 +250,9 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         rows.insert(3, ("channels", f"{', '.join(map(str, found['channels']))}; this is {found['channel']}"))
     if "time_steps" in found:
         rows.insert(3, ("time steps", f"{found['time_steps']}; this is {found['time']}"))
+    for level in found.get("levels", ()):
+        size = " × ".join(str(n) for n in level["shape_zyx"][::-1])
+        rows.append((f"level {level['array']}", f"{size}, {level['bricks']} bricks, error at most {level['error']:g}"))
     if found["not_finite"]:
         rows.append(("not finite", f"{found['not_finite']} of {found['samples']} samples (NaN or infinite)"))
     if percentiles:

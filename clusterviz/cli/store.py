@@ -16,7 +16,7 @@ from clusterviz.comm import agree
 from clusterviz.data import open_source
 from clusterviz.data.axes import Subset
 from clusterviz.data.store.shards import BrickCodec
-from clusterviz.data.store.writer import StoreWriter, read_bricks_statistics, write_store
+from clusterviz.data.store.writer import StoreWriter, write_store
 from clusterviz.errors import OutputError
 
 
@@ -63,7 +63,7 @@ def describe(writer: StoreWriter, seconds: float) -> dict[str, Any]:
             "bricks": math.prod(array.counts_zyx),
             "bytes": math.prod(array.shape_zyx) * array.dtype.itemsize,
             "stored_bytes": sum(file.stat().st_size for file in (array.path / "c").rglob("*") if file.is_file()),
-            "error": float(read_bricks_statistics(array, writer.path)[2].max()),
+            "error": float(array.statistics()[2].max()),
         }
         for array in writer.arrays
     ]

@@ -25,7 +25,9 @@ def test_store_is_described_and_drawn_as_its_source(cli: Callable[..., Any], tmp
     again = cli("store", FIELD, path, "--brick", "8")
     assert (again.status, "level 2: 5 × 5 × 5, 1 bricks" in again.out) == (0, True)
     assert "level 0" not in cli("--quiet", "store", FIELD, path, "--brick", "8").out
-    assert json.loads(cli("info", path, "--json").out)["format"] == "ome-zarr"
+    info = json.loads(cli("info", path, "--json").out)
+    assert (info["format"], [level["bricks"] for level in info["levels"]]) == ("ome-zarr", [27, 8, 1])
+    assert "10 × 10 × 10, 8 bricks, error at most " in cli("info", path).out
     pictures = []
     for volume in (FIELD, path):
         out = str(tmp_path / "a.npy")

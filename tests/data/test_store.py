@@ -26,7 +26,7 @@ from clusterviz.data.source import Grid
 from clusterviz.data.store.levels import coarser, difference, low_pass
 from clusterviz.data.store.shards import BrickCodec
 from clusterviz.data.store.wavelet import decode_brick, encode_brick
-from clusterviz.data.store.writer import StoreWriter, read_bricks_statistics, write_store
+from clusterviz.data.store.writer import StoreWriter, write_store
 from clusterviz.errors import InputError, OutputError
 
 SHAPES = [(1, 1, 1), (1, 1, 2), (2, 1, 1), (1, 9, 4), (33, 1, 2), (5, 6, 7), (16, 17, 9), (1, 64, 80)]
@@ -219,7 +219,7 @@ def test_store_holds_the_volume_its_levels_and_their_errors(dtype: str, codec: B
         level = named.read((0, 0, 0), array.shape_zyx)
         np.testing.assert_array_equal(group[str(n)][:], level)
         lows, highs, errors = group[f"bricks/{n}"][:]
-        np.testing.assert_array_equal([lows, highs, errors], read_bricks_statistics(array, path))
+        np.testing.assert_array_equal([lows, highs, errors], array.statistics())
         assert scales["datasets"][n]["coordinateTransformations"][0]["scale"] == [2.0 * 2**n, 2**n, 0.5 * 2**n]
         away = np.abs(interpolated(level, shape, 2**n) - whole)
         for brick in np.ndindex(array.counts_zyx):

@@ -10,6 +10,7 @@ OME-Zarr 0.5, ngff.openmicroscopy.org: multiscales, axes, coordinateTransformati
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,19 +29,35 @@ from clusterviz.errors import DataError
 
 METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
 """Files, one of which each folder of Zarr holds."""
+DISAGREE = "the levels disagree with their metadata"
 
 
 @dataclass(frozen=True)
 class LevelSource:
-    """Level of a store that clusterviz wrote."""
+    """Level of a store that clusterviz wrote; `paths` are those of all levels, the finest first."""
 
     name: str
     grid: Grid
     array: ShardedArray
+    paths: tuple[Path, ...]
 
     @property
     def dtype(self) -> np.dtype[Any]:
         return self.array.dtype
+
+    @property
+    def levels(self) -> list[dict[str, Any]]:
+        """Samples, bricks and largest error of each level, as JSON values."""
+        arrays = [(path, _own_array(path)) for path in self.paths]
+        return [
+            {
+                "array": path.name,
+                "shape_zyx": list(array.shape_zyx),
+                "bricks": math.prod(array.counts_zyx),
+                "error": float(array.statistics()[2].max()),
+            }
+            for path, array in arrays
+        ]
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -91,20 +108,28 @@ def open_ome_zarr(path: Path, subset: Subset) -> LevelSource | ZarrSource:
     described: Mapping[str, Any] = next((each for each in datasets if each["path"] == wanted), {})
     place = path / wanted
     if own:
-        array, shape = open_array(place), tuple(own.get("shape", ()))
+        array, shape = _own_array(place), tuple(own.get("shape", ()))
         for _ in range(datasets.index(described) if described else 0):
             shape = coarser(shape)
-        if array is None or (array.shape_zyx, array.dtype.name) != (shape, own.get("dtype")):
-            raise DataError("the levels disagree with their metadata", where=str(place))
+        if (array.shape_zyx, array.dtype.name) != (shape, own.get("dtype")):
+            raise DataError(DISAGREE, where=str(place), found=array.shape_zyx, allowed=shape)
         axes: Sequence[Any] = scales["axes"]
         slab = select(array.shape_zyx, "ZYX", subset, where)
-        return LevelSource(_name(path, wanted, datasets, slab), _grid(slab, axes, scales, described, own, where), array)
+        name, grid = _name(path, wanted, datasets, slab), _grid(slab, axes, scales, described, own, where)
+        return LevelSource(name, grid, array, tuple(path / each["path"] for each in datasets))
     opened = _open_by_zarr(path, wanted)
     axes = scales.get("axes") or []
     dtype = check_dtype(np.dtype(opened.dtype), where)
     slab = select(opened.shape, _letters(axes, opened, subset), subset, where, _channels(attributes))
     grid = _grid(slab, axes, scales, described, {}, where)
     return ZarrSource(_name(path, wanted, datasets, slab), grid, dtype, opened, slab)
+
+
+def _own_array(path: Path) -> ShardedArray:
+    array = open_array(path)
+    if array is None:
+        raise DataError(DISAGREE, where=str(path))
+    return array
 
 
 def _name(path: Path, wanted: str, datasets: Sequence[Any], slab: Hyperslab) -> str:

@@ -76,7 +76,7 @@ def _mirrored(indices: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 
 def _filtered(plane: NDArray[Any], indices: NDArray[np.int64], axis: int, kind: Any) -> NDArray[Any]:
-    """Return the low-pass along an axis: of five samples with these indices, then of those two further on, and so on."""
+    """Return the low-pass along an axis: of five samples with these indices, of those two further on, and so on."""
     # Every second sample, so that sums run over contiguous memory.
     even, odd = (plane.take(indices[n::2], axis).astype(kind, copy=False) for n in (0, 1))
     count = len(indices) // 2 - 1

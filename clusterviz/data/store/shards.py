@@ -143,6 +143,31 @@ class ShardedArray:
         """Return the path of a shard."""
         return self.path.joinpath("c", *map(str, shard))
 
+    def statistics_path(self, shard: Index) -> Path:
+        """Return the file of the statistics of a shard's bricks."""
+        return self.path.parent.joinpath("bricks", self.path.name, "c", "0", *map(str, shard))
+
+    def statistics(self) -> NDArray[np.float64]:
+        """Return minimum, maximum and error of the bricks, float64 (3, z, y, x bricks); see `writer.py`.
+
+        Raises
+        ------
+        DataError
+            They are missing, or not of the array's size.
+        """
+        nz, ny, nx = self.shard_zyx
+        values = np.empty((3, *(s * n for s, n in zip(self.shards_zyx, self.shard_zyx, strict=True))))
+        for z, y, x in self.shards:
+            path = self.statistics_path((z, y, x))
+            with readable(path):
+                found = np.fromfile(path, "<f8")
+            if found.size != 3 * nz * ny * nx:
+                raise DataError("damaged statistics of bricks", where=str(path), found=f"{found.nbytes} bytes")
+            here = values[:, z * nz : (z + 1) * nz, y * ny : (y + 1) * ny, x * nx : (x + 1) * nx]
+            here[...] = found.reshape(here.shape)
+        nz, ny, nx = self.counts_zyx
+        return values[:, :nz, :ny, :nx]
+
     def bricks_of(self, shard: Index) -> list[Index]:
         """Return the bricks of a shard that lie in the array, in order."""
         ranges = [

@@ -114,7 +114,7 @@ class StoreWriter:
         array, read = self.arrays[level], self.source.read if level == 0 else self._read_finer(level)
         mine = array.shards[self.rank :: self.size]
         for n, shard in enumerate(mine):
-            if not (array.shard_path(shard).exists() and (level or statistics_path(self.path, array, shard).exists())):
+            if not (array.shard_path(shard).exists() and (level or array.statistics_path(shard).exists())):
                 array.write_shard(shard, self._encoded(array, shard, read, level))
             report((n + 1) / len(mine))
 
@@ -122,9 +122,9 @@ class StoreWriter:
         """Write the statistics of this process's shards of a coarser level, which must be complete."""
         array = self.arrays[level]
         mine = array.shards[self.rank :: self.size] if level else []
-        errors = read_bricks_statistics(self.arrays[level - 1], self.path)[2] if mine else np.empty(0)
+        errors = self.arrays[level - 1].statistics()[2] if mine else np.empty(0)
         for n, shard in enumerate(mine):
-            if not statistics_path(self.path, array, shard).exists():
+            if not array.statistics_path(shard).exists():
                 found = {brick: self._measured(level, brick, errors) for brick in array.bricks_of(shard)}
                 self._write_statistics(array, shard, found)
             report((n + 1) / len(mine))
@@ -186,7 +186,7 @@ class StoreWriter:
         for brick, each in found.items():
             z, y, x = (i % n for i, n in zip(brick, array.shard_zyx, strict=True))
             values[:, z, y, x] = each
-        write_values(statistics_path(self.path, array, shard), values)
+        write_values(array.statistics_path(shard), values)
 
     def _check_same(self) -> None:
         """Check that a store which is there was begun by the same command."""
@@ -286,36 +286,6 @@ def ome_metadata(grid: Grid, levels: int, name: str) -> dict[str, Any]:
         "type": "linear spline",
     }
     return {"version": "0.5", "multiscales": [scales]}
-
-
-def statistics_path(store: Path, array: ShardedArray, shard: Index) -> Path:
-    """Return the file of the statistics of a shard's bricks."""
-    return store.joinpath("bricks", array.path.name, "c", "0", *map(str, shard))
-
-
-def read_bricks_statistics(array: ShardedArray, store: Path) -> NDArray[np.float64]:
-    """Return minimum, maximum and error of the bricks of a level, float64 (3, z, y, x bricks).
-
-    Raises
-    ------
-    DataError
-        They are missing, or not of the level's size.
-    """
-    values = np.empty((3, *(s * n for s, n in zip(array.shards_zyx, array.shard_zyx, strict=True))))
-    for shard in array.shards:
-        path, shape = statistics_path(store, array, shard), (3, *array.shard_zyx)
-        try:
-            found = np.fromfile(path, "<f8")
-        except OSError as error:
-            raise DataError("the statistics of bricks are missing", where=str(path)) from error
-        if found.size != math.prod(shape):
-            raise DataError("damaged statistics of bricks", where=str(path), found=f"{found.nbytes} bytes")
-        begin = [s * n for s, n in zip(shard, array.shard_zyx, strict=True)]
-        values[(slice(None), *(slice(b, b + n) for b, n in zip(begin, array.shard_zyx, strict=True)))] = found.reshape(
-            shape
-        )
-    z, y, x = array.counts_zyx
-    return values[:, :z, :y, :x]
 
 
 def extremes(samples: NDArray[Any]) -> tuple[float, float]:
