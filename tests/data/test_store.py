@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import struct
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -407,3 +408,19 @@ def test_missing_codec_is_named(tmp_path: Path) -> None:
     zarr.create_array(str(path), shape=(4, 4, 4), dtype="u1")
     edit("zarr.json", lambda found: found.update(codecs=[{"name": "acme.fast"}]))(path)
     refused(lambda: open_source(path), "acme.fast")
+
+
+@pytest.mark.parametrize("package", ["zstandard", "google_crc32c", "zarr"])
+def test_missing_package_is_named(package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, ours, theirs = make_source(shape=(4, 5, 6)), tmp_path / "ours.zarr", tmp_path / "theirs.zarr"
+    write_store(source, ours, BrickCodec())
+    zarr.create_array(str(theirs), data=source.read((0, 0, 0), (4, 5, 6)))
+    monkeypatch.setitem(sys.modules, package, None)
+    text = rf"needs the {package} package.*clusterviz\[store\]"
+    if package == "zarr":
+        refused(lambda: open_source(theirs), text)
+        check_source(open_source(ours), source.read((0, 0, 0), (4, 5, 6)))
+    else:
+        refused(lambda: open_source(ours), text)
+        refused(lambda: write_store(source, tmp_path / "new.zarr", BrickCodec()), text)
+        check_source(open_source(theirs), source.read((0, 0, 0), (4, 5, 6)))

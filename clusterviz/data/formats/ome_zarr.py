@@ -24,7 +24,7 @@ from clusterviz.data.files import readable
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.store.levels import coarser
-from clusterviz.data.store.shards import ShardedArray, open_array, read_json
+from clusterviz.data.store.shards import PACKAGES, ShardedArray, open_array, read_json, require_packages
 from clusterviz.errors import DataError
 
 METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
@@ -108,6 +108,7 @@ def open_ome_zarr(path: Path, subset: Subset) -> LevelSource | ZarrSource:
     described: Mapping[str, Any] = next((each for each in datasets if each["path"] == wanted), {})
     place = path / wanted
     if own:
+        require_packages(where, *PACKAGES)
         array, shape = _own_array(place), tuple(own.get("shape", ()))
         for _ in range(datasets.index(described) if described else 0):
             shape = coarser(shape)
@@ -137,6 +138,7 @@ def _name(path: Path, wanted: str, datasets: Sequence[Any], slab: Hyperslab) -> 
 
 
 def _open_by_zarr(path: Path, wanted: str) -> Any:
+    require_packages(str(path), "zarr")
     import zarr
     from zarr.errors import UnknownCodecError
 

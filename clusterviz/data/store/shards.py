@@ -16,6 +16,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ SHARD_BYTES = 32 << 20
 """Samples of a shard, at most, unless a brick is larger."""
 CACHE_BYTES = 128 << 20
 """Decoded bricks that an array keeps."""
+PACKAGES = ("zstandard", "google_crc32c")
+"""What bricks and their checksums need."""
 CODECS = ("wavelet", "zstd")
 _LITTLE = {"name": "bytes", "configuration": {"endian": "little"}}
 _CRC = {"name": "crc32c"}
@@ -332,6 +335,19 @@ def write_values(path: Path, values: NDArray[Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_bytes(values.astype(values.dtype.newbyteorder("<")).tobytes())
+
+
+def require_packages(where: str, *names: str) -> None:
+    """Check that packages are installed.
+
+    Raises
+    ------
+    DataError
+        One is not.
+    """
+    for name in names:
+        if find_spec(name) is None:
+            raise DataError(f"needs the {name} package", where=where, allowed="pip install 'clusterviz[store]'")
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -30,11 +30,13 @@ from clusterviz.data.bricks import Box
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import Read, coarser, difference, largest_difference, low_pass
 from clusterviz.data.store.shards import (
+    PACKAGES,
     BrickCodec,
     ShardedArray,
     array_metadata,
     make_array,
     read_json,
+    require_packages,
     write_json,
     write_values,
 )
@@ -237,10 +239,11 @@ def write_store(
     Raises
     ------
     DataError
-        The source cannot be read.
+        The source cannot be read, or a package is not installed.
     OutputError
         The store cannot be written, or is another one.
     """
+    require_packages(str(path), *PACKAGES)
     writer, handle = StoreWriter(source, path, codec, brick, rank, size), -1
     try:
         with together("metadata"):
