@@ -279,6 +279,14 @@ def test_processes_share_the_files_and_half_a_store_is_continued(
     assert sorted(touched) == ["0/c/0/0/0", "bricks/0/c/0/0/1/1"]  # whose other halves were lost
 
 
+def test_complete_store_can_be_read_while_it_is_checked(tmp_path: Path) -> None:
+    source, path = make_source(shape=(4, 5, 6)), tmp_path / "a.zarr"
+    write_store(source, path, BrickCodec())
+    handle = StoreWriter(source, path, BrickCodec()).begin()
+    check_source(open_source(path), source.read((0, 0, 0), (4, 5, 6)))
+    os.close(handle)
+
+
 def test_store_that_cannot_be_written(tmp_path: Path) -> None:
     source, codec = make_source(shape=(4, 5, 6)), BrickCodec()
     (tmp_path / "file.zarr").write_text("here")

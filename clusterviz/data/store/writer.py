@@ -98,10 +98,9 @@ class StoreWriter:
                     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError as error:
                     raise OutputError("another process writes this store", where=str(self.path)) from error
-            if any(self.path.iterdir()):
-                self._check_same()
+            complete = any(self.path.iterdir()) and self._check_same()
             group = {"zarr_format": 3, "node_type": "group", "attributes": {}}
-            write_json(self.path / "zarr.json", group | {"attributes": self._attributes(False)})
+            write_json(self.path / "zarr.json", group | {"attributes": self._attributes(complete)})
             write_json(self.path / "bricks" / "zarr.json", group)
             for array in self.arrays:
                 write_json(array.path / "zarr.json", array.metadata)
@@ -190,8 +189,8 @@ class StoreWriter:
             values[:, z, y, x] = each
         write_values(array.statistics_path(shard), values)
 
-    def _check_same(self) -> None:
-        """Check that a store which is there was begun by the same command."""
+    def _check_same(self) -> bool:
+        """Check that a store which is there was begun by the same command; return whether it is complete."""
         try:
             found = read_json(self.path / "zarr.json")["attributes"]["clusterviz"]
         except (DataError, KeyError, TypeError):
@@ -201,6 +200,7 @@ class StoreWriter:
         if other:
             differs = ", ".join(other) if found else "no store of clusterviz"
             raise OutputError("something else is there", where=str(self.path), found=differs, allowed="a new name")
+        return bool(found["complete"])
 
     def _attributes(self, complete: bool) -> dict[str, Any]:
         grid = self.source.grid
