@@ -161,15 +161,17 @@ def describe(source: Source, brick: int) -> dict[str, Any]:
 
     Parameters
     ----------
-    source : the volume; all of it is read
+    source : the volume; all of it is read, unless it keeps its summary
     brick : samples along the side of a brick
     """
     from clusterviz.data.bricks import BrickLayout, read_bricks
-    from clusterviz.data.summary import summarise
+    from clusterviz.data.summary import kept_summary, summarise
 
     grid, layout = source.grid, BrickLayout(source.grid.shape_zyx, brick)
     indices = [(z, y, x) for z, y, x in _indices(layout.counts_zyx)]
-    summary = summarise(source.dtype, layout, lambda: read_bricks(source, layout, indices), lambda value: [value])
+    summary = kept_summary(source, layout) or summarise(
+        source.dtype, layout, lambda: read_bricks(source, layout, indices), lambda value: [value]
+    )
     samples, finite = math.prod(grid.shape_zyx), int(summary.histogram.sum())
     low, high = grid.corners.min(axis=0).tolist(), grid.corners.max(axis=0).tolist()
     return {

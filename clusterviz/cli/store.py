@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as json_text
 import math
+from contextlib import AbstractContextManager
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -12,7 +13,7 @@ import typer
 
 from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.instrumentation import start
-from clusterviz.comm import agree
+from clusterviz.comm import abort_on_failure, agree
 from clusterviz.data import open_source
 from clusterviz.data.axes import Subset
 from clusterviz.data.store.shards import BrickCodec
@@ -45,10 +46,15 @@ def command(
             raise OutputError("not a name of a store", where=str(output), found=output.name, allowed="OUT.ome.zarr")
         packing = BrickCodec(codec, error, effort)
         source = open_source(file, subset=Subset(array, time, channel))
-        steps = [f"level {n}" for n in range(len(StoreWriter(source, output, packing, brick).arrays))]
-    with show_progress(steps if ranks.rank == 0 else (), [0.125**n for n in range(len(steps))]) as progress:
+        levels = range(len(StoreWriter(source, output, packing, brick).arrays))
+        steps = [*(f"level {n}" for n in levels), "statistics"]
+
+    def together(stage: str) -> AbstractContextManager[None]:
+        return (abort_on_failure if stage == "statistics" else agree)(ranks, 0, stage)
+
+    with show_progress(steps if ranks.rank == 0 else (), [*(0.125**n for n in levels), 0.2]) as progress:
         writer = write_store(
-            source, output, packing, brick, ranks.rank, ranks.size, lambda stage: agree(ranks, 0, stage), progress
+            source, output, packing, brick, ranks.rank, ranks.size, together, ranks.allgather, progress
         )
     if ranks.rank == 0:
         found = describe(writer, perf_counter() - began)

@@ -157,10 +157,10 @@ def read_bricks(source: Source, layout: Boxes, wanted: Iterable[Index]) -> Itera
     for _, layer in groupby(sorted(set(wanted)), key=lambda index: index[0]):
         filled = _read_layer(source, {index: layout.sample_box(index) for index in layer})
         for index in list(filled):
-            yield index, _with_margin(layout, index, filled.pop(index))
+            yield index, with_margin(layout, index, filled.pop(index))
 
 
-def _with_margin(layout: Boxes, index: Index, samples: NDArray[Any]) -> NDArray[Any]:
+def with_margin(layout: Boxes, index: Index, samples: NDArray[Any]) -> NDArray[Any]:
     """Return the samples, padded where the margin lies before the volume."""
     have = np.subtract(layout.cell_box(index)[0], layout.sample_box(index)[0])
     missing = [(int(layout.margin - before), 0) for before in have]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.order_statistics import DIGITS, Counts, begin_selection, count, keys_of, shifts_of, values_of
-from clusterviz.data.source import Index
+from clusterviz.data.source import Index, Source
 
 Bricks = Callable[[], Iterator[tuple[Index, NDArray[Any]]]]
 AllGather = Callable[[Any], list[Any]]
@@ -60,7 +60,6 @@ class VolumeSummary:
     ----------
     minimum, maximum : float64 (z, y, x bricks); of each brick's samples with the overlap; +inf and −inf if none is
         finite
-    has_invalid : bool (z, y, x bricks); the brick or its overlap has a NaN or ±inf
     histogram : int64 (bins,); every finite sample of the volume once, in equal bins over `value_range`, the last closed
     value_range : smallest and largest finite sample; (0, 1) if there is none
     percentiles : pairs (q, value)
@@ -71,7 +70,6 @@ class VolumeSummary:
 
     minimum: NDArray[np.float64]
     maximum: NDArray[np.float64]
-    has_invalid: NDArray[np.bool_]
     histogram: Counts
     value_range: tuple[float, float]
     percentiles: tuple[tuple[float, float], ...]
@@ -92,6 +90,15 @@ class VolumeSummary:
         if q not in known:
             raise ValueError(f"percentile {q} was not counted; known are {sorted(known)}")
         return known[q]
+
+
+def kept_summary(source: Source, layout: BrickLayout) -> VolumeSummary | None:
+    """Return the summary that a source keeps, whose extremes of bricks may be wider; None: there is none."""
+    inner: Any = source
+    while hasattr(inner, "source"):  # wrapped by a guard or another grid
+        inner = inner.source
+    found: VolumeSummary | None = inner.summary(layout) if hasattr(inner, "summary") else None
+    return found
 
 
 def summarise(
@@ -155,14 +162,14 @@ class _Part:
 
     Attributes
     ----------
-    bricks : (index, minimum, maximum, whether a sample is not finite) of each brick
+    bricks : (index, minimum, maximum) of each brick
     samples : number of samples that the bricks own
     counts : sparse counts of the leading digit
     blocks : flat indices of the blocks met (n,), and their extremes (2, n)
     categories : of the bricks
     """
 
-    bricks: list[tuple[Index, float, float, bool]]
+    bricks: list[tuple[Index, float, float]]
     samples: int
     counts: Sparse
     blocks: tuple[NDArray[np.int64], NDArray[np.float64]]
@@ -175,7 +182,6 @@ class _FirstPass:
 
     minimum: NDArray[np.float64]
     maximum: NDArray[np.float64]
-    has_invalid: NDArray[np.bool_]
     counts: Counts
     blocks: NDArray[np.float64]
     categories: Categories | None
@@ -186,7 +192,6 @@ class _FirstPass:
         return VolumeSummary(
             self.minimum,
             self.maximum,
-            self.has_invalid,
             histogram,
             value_range,
             percentiles,
@@ -228,18 +233,17 @@ def _merge_parts(layout: BrickLayout, parts: Sequence[_Part]) -> _FirstPass:
     if held != samples:
         raise ValueError(f"the ranks' bricks hold {held} samples, the volume {samples}")
     minimum, maximum = np.full(layout.counts_zyx, np.inf), np.full(layout.counts_zyx, -np.inf)
-    has_invalid = np.zeros(layout.counts_zyx, bool)
     blocks = _empty_blocks(layout)
     low_of, high_of = blocks.reshape(2, -1)
     for part in parts:
-        for index, low, high, invalid in part.bricks:
-            minimum[index], maximum[index], has_invalid[index] = low, high, invalid
+        for index, low, high in part.bricks:
+            minimum[index], maximum[index] = low, high
         met, (lows, highs) = part.blocks
         low_of[met] = np.minimum(low_of[met], lows)
         high_of[met] = np.maximum(high_of[met], highs)
     counts = _sum_sparse([part.counts for part in parts], 1)
     categories = _merge_categories([part.categories for part in parts])
-    return _FirstPass(minimum, maximum, has_invalid, counts, blocks, categories)
+    return _FirstPass(minimum, maximum, counts, blocks, categories)
 
 
 def block_sides(shape_zyx: Index) -> Index:
@@ -248,30 +252,29 @@ def block_sides(shape_zyx: Index) -> Index:
     return z, y, x
 
 
+def block_counts(shape_zyx: Index) -> Index:
+    """Return the blocks of a volume along each axis."""
+    z, y, x = (-(-max(1, n - 1) // side) for n, side in zip(shape_zyx, block_sides(shape_zyx), strict=True))
+    return z, y, x
+
+
 def _empty_blocks(layout: BrickLayout) -> NDArray[np.float64]:
     """Return the extremes of blocks without samples, float64 (2, z, y, x blocks): +inf and −inf."""
-    sides = block_sides(layout.shape_zyx)
-    blocks = np.empty((2, *(-(-n // side) for n, side in zip(layout.cells_zyx, sides, strict=True))))
+    blocks = np.empty((2, *block_counts(layout.shape_zyx)))
     blocks[0], blocks[1] = np.inf, -np.inf
     return blocks
 
 
 def _update_blocks(
     blocks: NDArray[np.float64], layout: BrickLayout, index: Index, samples: NDArray[Any]
-) -> tuple[float, float, bool]:
-    """Widen the extremes of the blocks that a brick meets.
-
-    Returns
-    -------
-    minimum, maximum, invalid : of the brick's samples; whether one is not finite
-    """
+) -> tuple[float, float]:
+    """Widen the extremes of the blocks that a brick meets; return the smallest and the largest finite sample."""
     (begin, _), margin = layout.cell_box(index), layout.margin
     # A margin before the volume repeats the first samples.
     samples = samples[tuple(slice(max(0, margin - b), None) for b in begin)]
     lower = upper = samples
     low, high = samples.min(), samples.max()
-    invalid = not (np.isfinite(low) and np.isfinite(high))  # NaN spreads to both
-    if invalid:
+    if not (np.isfinite(low) and np.isfinite(high)):  # NaN spreads to both
         finite = np.isfinite(samples)
         lower, upper = np.where(finite, samples, np.inf), np.where(finite, samples, -np.inf)
         low, high = lower.min(), upper.max()
@@ -286,7 +289,7 @@ def _update_blocks(
     low_of, high_of = blocks[0][tuple(region)], blocks[1][tuple(region)]
     np.minimum(low_of, lower, out=low_of)
     np.maximum(high_of, upper, out=high_of)
-    return float(low), float(high), invalid
+    return float(low), float(high)
 
 
 def _reduce(

@@ -1,7 +1,7 @@
 """Opening of the content of a scene, completion of the scene, and reading of bricks.
 
-Each rank reads an equal share of the bricks, from which all ranks make the summary of each volume. What the summaries
-say completes the scene. Later frames read the bricks that they miss.
+A store keeps the summary of its volume. Of other volumes each rank reads an equal share of the bricks, from which all
+ranks make the summary. What the summaries say completes the scene. Later frames read the bricks that they miss.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.grid_files import GridFile, grid_files
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.summary import VolumeSummary, block_sides, summarise
+from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
@@ -215,11 +215,19 @@ def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
 def _summarised(
     run: Run, sources: Sequence[Source], layouts: Sequence[BrickLayout]
 ) -> tuple[list[VolumeSummary], list[Bricks]]:
-    """Read an equal share of each volume and summarise the volumes; also returns the bricks that fit into memory."""
+    """Summarise the volumes; of those whose source keeps no summary, an equal share is read.
+
+    Returns
+    -------
+    summaries : of the volumes
+    bricks : those read, of each volume, if they fit into memory
+    """
     with run.collective("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
     with run.local("read", "load"):
-        parts = [(*pair, _equal_share(pair[1], run)) for pair in zip(sources, layouts, strict=True)]
+        pairs = list(zip(sources, layouts, strict=True))
+        kept = [kept_summary(*pair) for pair in pairs]
+        parts = [(*pair, [] if known else _equal_share(pair[1], run)) for pair, known in zip(pairs, kept, strict=True)]
         share_bytes = sum(
             len(share) * (layout.brick + 1 + 2 * layout.margin) ** 3 * source.dtype.itemsize
             for source, layout, share in parts
@@ -227,8 +235,8 @@ def _summarised(
         fits = share_bytes <= most_bytes
         held = [dict(read_bricks(*part)) if fits else {} for part in parts]
     with run.collective("summarise", "load"):
-        pairs = zip(parts, held, strict=True)
-        return [_summary(run, *part, bricks if fits else None) for part, bricks in pairs], held
+        each = zip(kept, parts, held, strict=True)
+        return [known or _summary(run, *part, bricks if fits else None) for known, part, bricks in each], held
 
 
 def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> OpenedVolume:
@@ -253,9 +261,7 @@ def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opene
         return values
 
     found = joined(np.minimum, summary.minimum), joined(np.maximum, summary.maximum)
-    summary = replace(
-        summary, minimum=found[0], maximum=found[1], has_invalid=joined(np.logical_or, summary.has_invalid)
-    )
+    summary = replace(summary, minimum=found[0], maximum=found[1])
     return replace(opened, layout=replace(opened.layout, edges_zyx=edges), summary=summary)
 
 

@@ -8,8 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
+from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_source
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.store.shards import BrickCodec, ShardedArray
+from clusterviz.data.store.writer import write_store
+from clusterviz.frame import Options, render_frame
+from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.run import Run
+from clusterviz.scene import scene_of_data
+from clusterviz.scene.overrides import with_settings
 
 FIELD = "field:marschner-lobb:20"
 
@@ -28,11 +38,29 @@ def test_store_is_described_and_drawn_as_its_source(cli: Callable[..., Any], tmp
     info = json.loads(cli("info", path, "--json").out)
     assert (info["format"], [level["bricks"] for level in info["levels"]]) == ("ome-zarr", [27, 8, 1])
     assert "10 × 10 × 10, 8 bricks, error at most " in cli("info", path).out
-    pictures = []
-    for volume in (FIELD, path):
-        out = str(tmp_path / "a.npy")
-        outcome = cli("render", volume, "-o", out, "--size", "24x24", "-D", "cluster.brick=8")
-        assert outcome.status == 0, outcome.err
-        pictures.append(np.load(out))
-    np.testing.assert_array_equal(*pictures)
-    assert pictures[0][..., 3].max() > 0.1
+    known = json.loads(cli("info", FIELD, "--json").out)
+    for key in ("minimum", "maximum", "percentiles", "histogram", "not_finite"):
+        assert info[key] == known[key]
+
+
+@pytest.mark.parametrize(
+    ("cluster", "labels"), [({"brick": 8}, False), ({"brick": 7}, True), ({"brick": 8, "largest_brick": 16}, False)]
+)
+def test_store_is_opened_without_its_samples_and_drawn_as_its_source(
+    cluster: dict[str, int], labels: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, path = open_source(FIELD), tmp_path / "a.ome.zarr"
+    if labels:
+        z, _, x = np.indices(source.grid.shape_zyx)
+        source = ArraySource((x // 8 + 3 * (z // 9)).astype(np.uint8), source.grid)
+    write_store(source, path, BrickCodec(), 8)
+    scene = with_settings(scene_of_data(str(path)), {"size": (24, 24), **cluster})
+    expected = render_frame(scene, LoopbackChannel(), source, Options(device="cpu"))
+    given = open_source(path)
+    drawn = render_frame(scene, LoopbackChannel(), given, Options(device="cpu"))
+    assert drawn.scene == expected.scene
+    np.testing.assert_array_equal(drawn.image, expected.image)
+    assert drawn.image[..., 3].max() > 0.1
+    monkeypatch.setattr(ShardedArray, "read", None)
+    completed, _, bricks = open_volumes(Run(LoopbackChannel(), Options()), scene, given)
+    assert (completed, bricks) == (expected.scene, {})

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.source import Source
+from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import DataError
 
 SHAPE = (5, 6, 7)
@@ -70,6 +71,21 @@ def check_placed(source: Source, world_from_index: NDArray[np.float64]) -> None:
     np.testing.assert_allclose(source.grid.world_from_index, world_from_index, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(source.grid.direction, axis=0), 1, rtol=1e-12)
     assert min(source.grid.spacing) > 0
+
+
+def check_summary(one: VolumeSummary, other: VolumeSummary, bricks_too: bool = True) -> None:
+    """Check that two summaries of a volume are equal."""
+    np.testing.assert_array_equal(one.histogram, other.histogram)
+    assert one.value_range == other.value_range
+    assert one.percentiles == other.percentiles
+    np.testing.assert_array_equal(one.blocks, other.blocks)
+    assert (one.categories is None) == (other.categories is None)
+    if one.categories and other.categories:
+        for name in ("values", "counts", "equal", "pairs", "jumps"):
+            np.testing.assert_array_equal(getattr(one.categories, name), getattr(other.categories, name))
+    if bricks_too:
+        np.testing.assert_array_equal(one.minimum, other.minimum)
+        np.testing.assert_array_equal(one.maximum, other.maximum)
 
 
 def refused(open_it: Callable[[], object], *parts: str) -> None:

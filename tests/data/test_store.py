@@ -15,19 +15,22 @@ import numpy as np
 import pytest
 import zarr
 import zstandard
-from data.checks import DTYPES, check_placed, check_source, refused, values
+from data.checks import DTYPES, check_placed, check_source, check_summary, refused, values
 from hypothesis import given, settings
 from hypothesis import strategies as some
 from zarr.codecs import ZstdCodec
 
+from clusterviz.comm import run_loopback
 from clusterviz.data import open_source
 from clusterviz.data.axes import Subset
+from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.store.levels import coarser, difference, low_pass
 from clusterviz.data.store.shards import BrickCodec
 from clusterviz.data.store.wavelet import decode_brick, encode_brick
 from clusterviz.data.store.writer import StoreWriter, write_store
+from clusterviz.data.summary import kept_summary, summarise
 from clusterviz.errors import InputError, OutputError
 
 SHAPES = [(1, 1, 1), (1, 1, 2), (2, 1, 1), (1, 9, 4), (33, 1, 2), (5, 6, 7), (16, 17, 9), (1, 64, 80)]
@@ -231,6 +234,16 @@ def test_store_holds_the_volume_its_levels_and_their_errors(dtype: str, codec: B
             here = tuple(slice(b << n, (e << n) + between) for b, e in zip(begin, end, strict=True))
             assert away[here].max() <= errors[brick] + 1e-9
         assert errors.max() <= 3 * away.max() + codec.error
+    for side, margin in ((16, 2), (8, 0), (23, 4)):
+        layout = BrickLayout(shape, side, margin)
+        bricks = list(read_bricks(opened, layout, np.ndindex(layout.counts_zyx)))
+        found = summarise(opened.dtype, layout, lambda bricks=bricks: iter(bricks), lambda value: [value])
+        kept = kept_summary(opened, layout)
+        assert kept is not None
+        check_summary(kept, found, bricks_too=(side, margin) == (16, 2))
+        assert (kept.minimum <= found.minimum).all()
+        assert (kept.maximum >= found.maximum).all()
+    assert kept_summary(open_source(path, "1"), layout) is None
 
 
 def test_level_with_missing_samples_has_no_bound() -> None:
@@ -262,12 +275,13 @@ def test_processes_share_the_files_and_half_a_store_is_continued(
         refused(lambda: open_source(shared), "half written")
         for writer in writers:
             writer.measure(level)
+    run_loopback(3, lambda channel: writers[channel.rank].summarise(channel.allgather))
     writers[0].finish()
     os.close(handle)
     expected = contents(alone)
     assert contents(shared) == expected
     assert len([name for name in expected if name.startswith("0/c")]) > 4
-    lost = ["0/c/0/1/1", "bricks/0/c/0/0/0/0", "1/c/0/0/0"]
+    lost = ["0/c/0/1/1", "bricks/0/c/0/0/0/0", "1/c/0/0/0", "bricks/statistics.npz"]
     for name in lost:
         (alone / name).unlink()
     kept = {name: (alone / name).stat().st_ino for name in expected if "c/" in name and name not in lost}
@@ -349,6 +363,8 @@ def cut(name: str, count: int) -> Callable[[Path], None]:
         (edit("0/zarr.json", lambda found: found.update(data_type="int16")), "disagree"),
         (edit("0/zarr.json", lambda found: found.update(shape=[1, 2, 3])), "disagree"),
         (edit("0/zarr.json", lambda found: found.update(codecs=[])), "disagree"),
+        (cut("bricks/statistics.npz", 100), "statistics.npz.*damaged"),
+        (lambda path: (path / "bricks/statistics.npz").unlink(), "no such file"),
         (patch("zarr.json", 0, b"["), "damaged"),
         (lambda path: (path / "zarr.json").write_text("[]"), "an object of JSON"),
         (lambda path: (path / "zarr.json").unlink(), "without a store of Zarr"),
@@ -361,6 +377,7 @@ def test_damaged_stores_are_refused(damage: Callable[[Path], object], text: str,
 
     def read_all() -> None:
         source = open_source(path)
+        kept_summary(source, BrickLayout(source.grid.shape_zyx, 16))
         source.read((0, 0, 0), source.grid.shape_zyx)
 
     refused(read_all, "a.ome.zarr", text)

@@ -25,8 +25,7 @@ OUTSIDE = {
 
 def plan_of(camera: Camera, hidden: np.ndarray | None = None) -> Plan:
     high = np.where(np.zeros(LAYOUT.counts_zyx, bool) if hidden is None else hidden, -1.0, 1.0)
-    nothing_bad = np.zeros(LAYOUT.counts_zyx, bool)
-    summary = VolumeSummary(np.full(high.shape, -1.0), high, nothing_bad, np.ones(4, np.int64), (0.0, 1.0), ())
+    summary = VolumeSummary(np.full(high.shape, -1.0), high, np.ones(4, np.int64), (0.0, 1.0), ())
     grey = ((0.0, 0, 0, 0), (1.0, 1, 1, 1))
     opacity = ((0.0, 0.0), (1.0, 0.5))
     volume = Volume(path="in memory", cmap=grey, clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=4.0)

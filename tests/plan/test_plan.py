@@ -16,7 +16,7 @@ LAYOUT = BrickLayout((11, 6, 21), 5)  # cells 10, 5, 20: bricks 2, 1, 4
 def plan_of(
     low: np.ndarray, high: np.ndarray, *, spacing: tuple[float, float, float] = (1, 1, 1), **changes: object
 ) -> Plan:
-    summary = VolumeSummary(low, high, np.zeros(low.shape, bool), np.ones(4, np.int64), (0.0, 1.0), ())
+    summary = VolumeSummary(low, high, np.ones(4, np.int64), (0.0, 1.0), ())
     volume = Volume(
         path="in memory",
         cmap=((0.0, 0, 0, 0), (1.0, 1, 1, 1)),

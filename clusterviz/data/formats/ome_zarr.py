@@ -20,11 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
+from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.files import readable
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.store.levels import coarser
 from clusterviz.data.store.shards import PACKAGES, ShardedArray, open_array, read_json, require_packages
+from clusterviz.data.store.statistics import read_statistics
+from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import DataError
 
 METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
@@ -58,6 +61,10 @@ class LevelSource:
             }
             for path, array in arrays
         ]
+
+    def summary(self, layout: BrickLayout) -> VolumeSummary | None:
+        """Return the summary that the store keeps of its finest level; None of another level."""
+        return read_statistics(self.array.summary_path, layout) if self.array.path == self.paths[0] else None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""

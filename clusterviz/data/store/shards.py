@@ -150,6 +150,11 @@ class ShardedArray:
         """Return the file of the statistics of a shard's bricks."""
         return self.path.parent.joinpath("bricks", self.path.name, "c", "0", *map(str, shard))
 
+    @property
+    def summary_path(self) -> Path:
+        """Path of the file with the summary of the volume whose finest level this is."""
+        return self.path.parent / "bricks" / "statistics.npz"
+
     def statistics(self) -> NDArray[np.float64]:
         """Return minimum, maximum and error of the bricks, float64 (3, z, y, x bricks); see `writer.py`.
 

@@ -3,6 +3,7 @@
     OUT.ome.zarr/zarr.json        OME's metadata, and `clusterviz`: what the store was made of, and whether it is whole
     OUT.ome.zarr/0, 1, …          levels, the finest first; bricks in shards
     OUT.ome.zarr/bricks/0, 1, …   float64 (3, z, y, x bricks): minimum, maximum, and largest error of each brick
+    OUT.ome.zarr/bricks/statistics.npz   summary of the finest level: see `statistics.py`
 
 Each process writes whole files, which appear when they are complete, so a run that was stopped is continued by the same
 command. Level by level, all shards are written, then read again to measure them, which verifies them. What the store
@@ -26,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.bricks import Box
+from clusterviz.data.bricks import Box, BrickLayout, with_margin
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import Read, coarser, difference, largest_difference, low_pass
 from clusterviz.data.store.shards import (
@@ -40,6 +41,8 @@ from clusterviz.data.store.shards import (
     write_json,
     write_values,
 )
+from clusterviz.data.store.statistics import MARGIN, write_statistics
+from clusterviz.data.summary import AllGather, summarise
 from clusterviz.errors import DataError, OutputError
 from clusterviz.image.replace import folder_error
 
@@ -129,6 +132,24 @@ class StoreWriter:
                 found = {brick: self._measured(level, brick, errors) for brick in array.bricks_of(shard)}
                 self._write_statistics(array, shard, found)
             report((n + 1) / len(mine))
+
+    def summarise(self, allgather: AllGather, report: Report = lambda done: None) -> None:
+        """Write the summary of the finest level as it is read, which must be complete; collective."""
+        array = self.arrays[0]
+        if any(allgather(array.summary_path.exists())):
+            return
+        layout = BrickLayout(array.shape_zyx, self.brick, MARGIN)
+        bricks = [brick for shard in array.shards[self.rank :: self.size] for brick in array.bricks_of(shard)]
+        mine = [brick for brick in bricks if all(i < n for i, n in zip(brick, layout.counts_zyx, strict=True))]
+
+        def read() -> Iterator[tuple[Index, NDArray[Any]]]:
+            for n, brick in enumerate(mine):
+                report(n / len(mine))
+                yield brick, with_margin(layout, brick, array.read(*layout.sample_box(brick)))
+
+        summary = summarise(array.dtype, layout, read, allgather)
+        if self.rank == 0:
+            write_statistics(array.summary_path, summary, layout)
 
     def finish(self) -> None:
         """Mark the store as complete; on one process, after all have written."""
@@ -226,6 +247,7 @@ def write_store(
     rank: int = 0,
     size: int = 1,
     together: Callable[[str], AbstractContextManager[None]] = lambda stage: nullcontext(),
+    allgather: AllGather = lambda value: [value],
     report: Callable[[str, float], None] = lambda step, done: None,
 ) -> StoreWriter:
     """Write a volume as a store, or continue with one; collective.
@@ -233,7 +255,9 @@ def write_store(
     Parameters
     ----------
     source, path, codec, brick, rank, size : as of `StoreWriter`
-    together : context in which all processes do a stage, and at whose end they wait for each other
+    together : context in which all processes do a stage, and at whose end they wait for each other; in the stage
+        "statistics" they exchange values
+    allgather : shares one picklable value with all processes, and returns those of all
     report : called with the name of a step and the share of it that is done
 
     Raises
@@ -254,6 +278,8 @@ def write_store(
                 writer.write(level, partial(report, f"level {level}"))
             with together(f"error {level}"):
                 writer.measure(level, partial(report, f"level {level}"))
+        with together("statistics"):
+            writer.summarise(allgather, partial(report, "statistics"))
         with together("metadata"):
             if rank == 0:
                 writer.finish()
