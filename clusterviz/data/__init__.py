@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset
+from clusterviz.data.bricks import Box, read_boxes
 from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
@@ -198,6 +199,11 @@ class GuardedSource:
         with guard(DataError, self.name):
             return self.source.read(begin_zyx, end_zyx)
 
+    def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
+        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
+        with guard(DataError, self.name):
+            return read_boxes(self.source, boxes)
+
 
 @dataclass(frozen=True)
 class GridOverride:
@@ -217,6 +223,10 @@ class GridOverride:
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
         return self.source.read(begin_zyx, end_zyx)
+
+    def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
+        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
+        return read_boxes(self.source, boxes)
 
 
 def _open(text: str, part: Subset) -> Source:

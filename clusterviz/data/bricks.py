@@ -7,7 +7,7 @@ Gradients and cubic filters need a margin of further samples (ghosts) on every s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -160,6 +160,12 @@ def read_bricks(source: Source, layout: Boxes, wanted: Iterable[Index]) -> Itera
             yield index, with_margin(layout, index, filled.pop(index))
 
 
+def read_boxes(source: Source, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
+    """Read the samples of several boxes; None if the source reads a single box at least as fast, by `Source.read`."""
+    read = getattr(source, "read_boxes", None)
+    return read(boxes) if read else None
+
+
 def with_margin(layout: Boxes, index: Index, samples: NDArray[Any]) -> NDArray[Any]:
     """Return the samples, padded where the margin lies before the volume."""
     have = np.subtract(layout.cell_box(index)[0], layout.sample_box(index)[0])
@@ -169,6 +175,8 @@ def with_margin(layout: Boxes, index: Index, samples: NDArray[Any]) -> NDArray[A
 
 def _read_layer(source: Source, boxes: dict[Index, Box]) -> dict[Index, NDArray[Any]]:
     """Read the bricks of one z index."""
+    if (read := read_boxes(source, list(boxes.values()))) is not None:
+        return dict(zip(boxes, read, strict=True))
     begins, ends = (np.array([box[side] for box in boxes.values()]) for side in (0, 1))
     (z_begin, y_begin, x_begin), (z_end, y_end, x_end) = begins.min(axis=0).tolist(), ends.max(axis=0).tolist()
     bricks = {index: np.empty(np.subtract(end, begin), source.dtype) for index, (begin, end) in boxes.items()}

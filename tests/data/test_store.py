@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import shutil
 import struct
 import sys
+import threading
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +30,13 @@ from clusterviz.data.axes import Subset
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.data.store.cache import CACHE, BrickCache, Owner
 from clusterviz.data.store.levels import coarser, difference, low_pass
 from clusterviz.data.store.shards import BrickCodec
 from clusterviz.data.store.wavelet import decode_brick, encode_brick
 from clusterviz.data.store.writer import StoreWriter, write_store
 from clusterviz.data.summary import kept_summary, summarise
-from clusterviz.errors import InputError, OutputError
+from clusterviz.errors import DataError, InputError, OutputError
 
 SHAPES = [(1, 1, 1), (1, 1, 2), (2, 1, 1), (1, 9, 4), (33, 1, 2), (5, 6, 7), (16, 17, 9), (1, 64, 80)]
 
@@ -252,6 +257,40 @@ def test_level_with_missing_samples_has_no_bound() -> None:
     fine[1, 2, 3] = np.nan
     assert difference(fine, np.ones((2, 2, 2))) == np.inf
     assert difference(fine * np.nan, np.full((2, 2, 2), np.nan)) == 0
+
+
+def test_threads_decode_a_brick_once_and_keep_to_a_limit() -> None:
+    decoded, failed = list[int](), threading.Event()
+    cache, owner = BrickCache(100), Owner()
+
+    def get(number: int) -> int:
+        def decode() -> np.ndarray:
+            time.sleep(0.01)
+            decoded.append(number)
+            if number == 7 and not failed.is_set():
+                failed.set()
+                raise DataError("damaged")
+            return np.full(40, number, np.uint8)
+
+        return int(cache.get(owner, (number,), decode)[0])
+
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(get, [1, 1, 1, 2, 2, 1])) == [1, 1, 1, 2, 2, 1]
+        assert sorted(decoded) == [1, 2]
+        assert list(pool.map(get, [3, 3, 2])) == [3, 3, 2]
+    assert cache.bytes == 80
+    with pytest.raises(DataError, match="damaged"):
+        get(7)
+    assert (get(7), cache.bytes) == (7, 80)
+
+
+def test_bricks_go_with_the_array() -> None:
+    gc.collect()
+    owner, before = Owner(), CACHE.bytes
+    CACHE.get(owner, (0,), lambda: np.zeros(64, np.uint8))
+    assert CACHE.bytes == before + 64
+    del owner
+    assert CACHE.bytes == before
 
 
 def contents(path: Path) -> dict[str, bytes]:

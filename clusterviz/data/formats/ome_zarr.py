@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
-from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.bricks import Box, BrickLayout
 from clusterviz.data.files import readable
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.source import Grid, Index
@@ -69,6 +69,10 @@ class LevelSource:
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
         return self.array.read(begin_zyx, end_zyx)
+
+    def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]]:
+        """Read the samples of several boxes; each brick is decoded once."""
+        return self.array.read_boxes(boxes)
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections import OrderedDict
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from itertools import product
@@ -28,14 +28,13 @@ from clusterviz.data.bricks import Box
 from clusterviz.data.files import readable
 from clusterviz.data.header import check_box
 from clusterviz.data.source import Index
+from clusterviz.data.store.cache import CACHE, Owner, for_each
 from clusterviz.data.store.wavelet import EFFORT, MOST_EFFORT, compress, decode_brick, decompress, encode_brick
 from clusterviz.errors import DataError, InputError
 from clusterviz.image.replace import replacing
 
 SHARD_BYTES = 32 << 20
 """Samples of a shard, at most, unless a brick is larger."""
-CACHE_BYTES = 128 << 20
-"""Decoded bricks that an array keeps."""
 PACKAGES = ("zstandard", "google_crc32c")
 """What bricks and their checksums need."""
 CODECS = ("wavelet", "zstd")
@@ -111,7 +110,7 @@ class ShardedArray:
     dtype: np.dtype[Any]
     codec: BrickCodec
     _indices: dict[Index, NDArray[np.uint64]] = field(default_factory=dict, compare=False, repr=False)
-    _bricks: OrderedDict[Index, NDArray[Any]] = field(default_factory=OrderedDict, compare=False, repr=False)
+    _owner: Owner = field(default_factory=Owner, compare=False, repr=False)
 
     @property
     def counts_zyx(self) -> Index:
@@ -216,18 +215,26 @@ class ShardedArray:
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
-        samples = np.empty(check_box(begin_zyx, end_zyx, self.shape_zyx), self.dtype)
-        if not samples.size:
-            return samples
-        ranges = [
-            range(b // side, -(-e // side)) for b, e, side in zip(begin_zyx, end_zyx, self.brick_zyx, strict=True)
-        ]
-        for z, y, x in product(*ranges):
-            begin, end = self.box_of((z, y, x))
-            low, high = np.maximum(begin, begin_zyx), np.minimum(end, end_zyx)
-            target, source = _slices(low - begin_zyx, high - begin_zyx), _slices(low - begin, high - begin)
-            samples[target] = self.brick((z, y, x))[source]
-        return samples
+        return self.read_boxes([(begin_zyx, end_zyx)])[0]
+
+    def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]]:
+        """Read the samples of several boxes; each brick is decoded once, several at a time."""
+        read = [np.empty(check_box(*box, self.shape_zyx), self.dtype) for box in boxes]
+        users: dict[Index, list[int]] = defaultdict(list)
+        for number, (box, samples) in enumerate(zip(boxes, read, strict=True)):
+            ranges = [range(b // side, -(-e // side)) for b, e, side in zip(*box, self.brick_zyx, strict=True)]
+            for z, y, x in product(*ranges) if samples.size else ():
+                users[z, y, x].append(number)
+
+        def fill(brick: Index) -> None:
+            samples, (begin, end) = self.brick(brick), self.box_of(brick)
+            for number in users[brick]:
+                first, last = boxes[number]
+                low, high = np.maximum(begin, first), np.minimum(end, last)
+                read[number][_slices(low - first, high - first)] = samples[_slices(low - begin, high - begin)]
+
+        for_each(fill, sorted(users))
+        return read
 
     def brick(self, brick: Index) -> NDArray[Any]:
         """Return a decoded brick, of the full size, not to be written.
@@ -237,13 +244,7 @@ class ShardedArray:
         DataError
             It is missing, damaged, or ends early.
         """
-        samples = self._bricks.pop(brick, None)
-        if samples is None:
-            samples = self._decoded(brick)
-        self._bricks[brick] = samples
-        while len(self._bricks) * samples.nbytes > CACHE_BYTES and len(self._bricks) > 1:
-            self._bricks.popitem(last=False)
-        return samples
+        return CACHE.get(self._owner, brick, lambda: self._decoded(brick))
 
     def _decoded(self, brick: Index) -> NDArray[Any]:
         z, y, x = (i // n for i, n in zip(brick, self.shard_zyx, strict=True))
@@ -256,6 +257,7 @@ class ShardedArray:
                 raise DataError("a brick is missing", where=where)
             file.seek(offset)
             data = file.read(count)
+        CACHE.count(len(data))
         if len(data) < max(count, _CRC_BYTES):
             raise DataError("a brick ends early", where=where, found=f"{len(data)} bytes", allowed=count)
         data, check = data[:-_CRC_BYTES], data[-_CRC_BYTES:]
