@@ -209,9 +209,9 @@ def format_name(name: str) -> str:
 
 def _other_axes(source: Any) -> dict[str, Any]:
     """Return time steps and channels of the file, and the ones read; levels of a store."""
+    slab = getattr(source, "slab", None)
     while hasattr(source, "source"):  # wrapped by a guard or another grid
         source = source.source
-    slab = getattr(source, "slab", None)
     found: dict[str, Any] = {"levels": source.levels} if hasattr(source, "levels") else {}
     if slab is not None and slab.time_steps > 1:
         found |= {"time_steps": slab.time_steps, "time": slab.time}

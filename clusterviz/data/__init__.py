@@ -31,6 +31,7 @@ from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
+from clusterviz.data.series import files_of_pattern, open_step
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.files import SUFFIXES, load_scene, scene_of_data
@@ -153,7 +154,8 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
 
     Parameters
     ----------
-    path : a file of a format in `FORMATS`, a folder of slices, `file.h5:/path/to/dataset`, or `field:NAME[:SIZE]`
+    path : a file of a format in `FORMATS`, a folder of slices, `file.h5:/path/to/dataset`, `field:NAME[:SIZE]`, or a
+        pattern of names of files, which are time steps
     array : name of the array, for files with several; short for `Subset(array=array)`
     subset : array, time step and channel
 
@@ -243,6 +245,9 @@ def _open(text: str, part: Subset) -> Source:
         from clusterviz.data.formats.folder import open_folder
 
         return found.open(file, part) if found and found.name == "ome-zarr" else open_folder(file, part)
+    files = files_of_pattern(text)
+    if files != [text]:
+        return open_step(files, part, lambda name, of_file: _open(name, of_file), text)
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)

@@ -58,7 +58,7 @@ def grid_files(path: Path, time: float | None = None) -> list[GridFile]:
         No file matches the pattern, no such time step, or a list that is damaged or empty.
     """
     if re.search(r"[*?[]", path.name) and not path.exists():
-        found = sorted(path.parent.glob(path.name), key=_by_numbers)
+        found = sorted(path.parent.glob(path.name), key=by_numbers)
         if not found:
             raise DataError("no file matches", where=str(path))
         return [piece for each in found for piece in grid_files(each, time)]
@@ -70,7 +70,7 @@ def grid_files(path: Path, time: float | None = None) -> list[GridFile]:
         return [piece for each in files for piece in grid_files(path.parent / each)]
     pieces = _pieces(path) if kind == ".pvtu" else []
     if kind == ".foam" and not (path.parent / "constant" / "polyMesh").exists():
-        pieces = [folder / path.name for folder in sorted(path.parent.glob("processor[0-9]*"), key=_by_numbers)]
+        pieces = [folder / path.name for folder in sorted(path.parent.glob("processor[0-9]*"), key=by_numbers)]
     return [GridFile(each, time) for each in pieces or [path]]
 
 
@@ -157,6 +157,6 @@ def _tags(path: Path, kind: str, tag: str) -> list[dict[str, str]]:
     return found
 
 
-def _by_numbers(path: Path) -> list[tuple[int, str]]:
+def by_numbers(path: Path) -> list[tuple[int, str]]:
     """Return a key that sorts names by the numbers in them."""
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]

@@ -37,6 +37,8 @@ COMMANDS = [
     ("store none.npy new.zarr", "none.npy: no such file"),
     (f"store {FIELD} new.tif", "not a name of a store; found new.tif; allowed OUT.ome.zarr"),
     (f"store {FIELD} none/new.zarr", "the folder none is missing"),
+    (f"store {FIELD} new.zarr --as slices", "not what files can be; found slices; allowed time, channels"),
+    (f"store {FIELD} field:gaussian:9 new.zarr", "volumes of different shape or type"),
     (f"store {FIELD} new.zarr --codec zip", "no such codec; found zip; allowed wavelet, zstd"),
     (f"store {FIELD} new.zarr --codec zstd --error 1", "impossible error; found 1.0; allowed 0; more with wavelets"),
     ("samples mni", "no such sample; found mni; allowed mni152"),

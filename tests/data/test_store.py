@@ -29,6 +29,7 @@ from clusterviz.data import open_source
 from clusterviz.data.axes import Subset
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.series import Series, open_series
 from clusterviz.data.source import Grid
 from clusterviz.data.store.cache import CACHE, BrickCache, Owner
 from clusterviz.data.store.levels import coarser, difference, low_pass
@@ -488,3 +489,90 @@ def test_missing_package_is_named(package: str, tmp_path: Path, monkeypatch: pyt
         refused(lambda: open_source(ours), text)
         refused(lambda: write_store(source, tmp_path / "new.zarr", BrickCodec()), text)
         check_source(open_source(theirs), source.read((0, 0, 0), (4, 5, 6)))
+
+
+def moving(step: int, channel: int = 0, shape: tuple[int, int, int] = (20, 48, 35)) -> np.ndarray:
+    """Volume in which a block moves from step to step; all else grows by 1 at every second step."""
+    field = make_source(shape=shape).read((0, 0, 0), shape)
+    field[2:9, 4 * step : 4 * step + 8, 3:12] = 200 + channel
+    return field + np.uint8(step // 2)
+
+
+def write_files(folder: Path, steps: int, names: str = "a_{}.npy", channel: int = 0) -> list[str]:
+    for n in range(steps):
+        np.save(folder / names.format(n), moving(n, channel))
+    return [str(folder / names.format(n)) for n in range(steps)]
+
+
+def opened_series(names: list[str], along: str = "time") -> Series:
+    return open_series(names, along, Subset(), lambda name, subset: open_source(name, subset=subset))
+
+
+@pytest.mark.parametrize("codec", [BrickCodec("wavelet"), BrickCodec("wavelet", 2.0), BrickCodec("zstd")], ids=str)
+def test_bricks_of_time_steps_refer_to_earlier_ones_within_the_error(codec: BrickCodec, tmp_path: Path) -> None:
+    path, files = tmp_path / "a.ome.zarr", write_files(tmp_path, 5)
+    writer = write_store(opened_series([str(tmp_path / "a_*.npy")]), path, codec, 16)
+    group = zarr.open_group(str(path), mode="r")
+    assert group.attrs["ome"]["multiscales"][0]["axes"][0] == {"name": "t", "type": "time"}
+    for t, file in enumerate(files):
+        source, whole = open_source(path, subset=Subset(time=t)), np.load(file)
+        stored = source.read((0, 0, 0), source.grid.shape_zyx)
+        assert np.abs(stored.astype(int) - whole).max() <= codec.error
+        for n, array in enumerate(writer.arrays):
+            level = array.at(t)
+            low, high, error = level.statistics()
+            found = group[f"bricks/{n}"][t]
+            np.testing.assert_array_equal(found, [low, high, error, level.steps()])
+            own = open_source(path, subset=Subset(str(n), t)).read((0, 0, 0), array.shape_zyx)
+            if codec.name == "zstd":
+                np.testing.assert_array_equal(group[str(n)][t], own)
+            for brick in np.ndindex(array.counts_zyx):
+                begin, end = level.box_of(brick)
+                box = tuple(map(slice, begin, end))
+                before = open_source(path, subset=Subset(str(n), int(level.steps()[brick])))
+                np.testing.assert_array_equal(before.read(begin, end), own[box])
+                assert (low[brick], high[brick]) == (own[box].min(), own[box].max())
+    shares = [(writer.arrays[0].at(t).steps() != t).mean() for t in range(5)]
+    assert shares[0] == 0
+    assert min(shares[1], shares[3]) > 0.5
+    assert max(shares[2], shares[4]) < 0.5
+    if codec.name == "wavelet":
+        with pytest.raises(DataError, match="samples of time step 0"):
+            group["0"][1]
+
+
+def test_channels_and_time_steps_of_one_file_are_kept(tmp_path: Path) -> None:
+    path, other = tmp_path / "a.ome.zarr", tmp_path / "other.ome.zarr"
+    group = zarr.create_group(str(other))
+    group.create_array("0", data=FIELD, chunks=(1, 1, 5, 6, 7))
+    axes = [{"name": n, "type": k} for n, k in zip("tczyx", ("time", "channel", *["space"] * 3), strict=True)]
+    scales = {"axes": axes, "datasets": [{"path": "0", "coordinateTransformations": [SCALE, SHIFT]}]}
+    described = {"multiscales": [scales], "omero": {"channels": [{"label": name} for name in ("DNA", "actin", "RNA")]}}
+    group.attrs.update({"ome": {"version": "0.5", **described}})
+    write_store(opened_series([str(other)]), path, BrickCodec("zstd"), 8)
+    source = open_source(path, subset=Subset(time=1, channel="RNA"))
+    check_source(source, FIELD[1, 2])
+    assert (source.slab.time_steps, source.slab.channel_names) == (2, ("DNA", "actin", "RNA"))
+    stored = zarr.open_group(str(path), mode="r")
+    np.testing.assert_array_equal(stored["0"][:], FIELD)
+    channels = stored.attrs["ome"]["omero"]["channels"]
+    ends = FIELD[:, 2].min(), FIELD[:, 2].max(), np.percentile(FIELD[0, 2], 1), np.percentile(FIELD[1, 2], 99)
+    assert list(channels[2]["window"].values()) == pytest.approx(ends, abs=1)
+    refused(lambda: open_source(path, subset=Subset(time=2, channel=0)), "no such time step")
+
+
+def test_files_of_a_series_must_agree(tmp_path: Path) -> None:
+    files = write_files(tmp_path, 11)
+    assert [Path(each.name).name for each in opened_series(sorted(files)).sources][-2:] == ["a_9.npy", "a_10.npy"]
+    assert [Path(each.name).name for each in opened_series(files[1::-1]).sources] == ["a_1.npy", "a_0.npy"]
+    assert opened_series(files[:2], "channels").channels == ("a_0", "a_1")
+    last = open_source(tmp_path / "a_*.npy", subset=Subset(time=10))
+    check_source(last, moving(10))
+    assert (last.slab.time, last.slab.time_steps) == (10, 11)
+    refused(lambda: open_source(tmp_path / "a_*.npy"), "several time steps")
+    refused(lambda: open_source(tmp_path / "a_*.npy", subset=Subset(time=11)), "0 to 10")
+    refused(lambda: opened_series([str(tmp_path / "b_*.npy")]), "no file matches")
+    np.save(files[1], moving(1)[1:])
+    refused(lambda: opened_series(files), "different shape", "a_0.npy")
+    np.save(files[1], moving(1).astype("u2"))
+    refused(lambda: opened_series(files), "35 × 48 × 20 uint16")

@@ -7,7 +7,6 @@ TIFF: samples are grey values or palette indices, or the `channel` of colours, w
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import PICTURES, kind_of, readable, refuse_array, require_file, start_of
 from clusterviz.data.formats.tiff import open_tiff
+from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.header import check_box, check_packed
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
@@ -132,7 +132,7 @@ def open_folder(path: Path, subset: Subset) -> FolderSource:
         found = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         what = "a directory with slices of several kinds" if kinds else "a directory without slices"
         raise DataError(what, where=where, found=found or None, allowed=f"files of one kind: {' '.join(SLICES)}")
-    files.sort(key=_by_numbers)
+    files.sort(key=by_numbers)
     first = _open_slice(files[0], subset)
     _, y, x = first.grid.shape_zyx
     spacing = (*first.grid.spacing[:2], 1.0)
@@ -146,12 +146,6 @@ def _open_slice(file: Path, subset: Subset) -> Source:
     if opened.grid.shape_zyx[0] != 1:
         raise DataError("not a slice", where=str(file), found=f"{opened.grid.shape_zyx[0]} layers", allowed="one layer")
     return opened
-
-
-def _by_numbers(file: Path) -> list[tuple[int, str]]:
-    """Return the key that sorts slice_9 before slice_10."""
-    parts = re.split(r"(\d+)", file.name)
-    return [(int(part), part) if part.isdecimal() else (-1, part) for part in parts]
 
 
 def _described(shape: Index | tuple[int, ...], dtype: np.dtype[Any]) -> str:

@@ -43,6 +43,7 @@ class LevelSource:
     grid: Grid
     array: ShardedArray
     paths: tuple[Path, ...]
+    slab: Hyperslab
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -51,7 +52,7 @@ class LevelSource:
     @property
     def levels(self) -> list[dict[str, Any]]:
         """Samples, bricks and largest error of each level, as JSON values."""
-        arrays = [(path, _own_array(path)) for path in self.paths]
+        arrays = [(path, _own_array(path).at(*self.array.index)) for path in self.paths]
         return [
             {
                 "array": path.name,
@@ -126,9 +127,11 @@ def open_ome_zarr(path: Path, subset: Subset) -> LevelSource | ZarrSource:
         if (array.shape_zyx, array.dtype.name) != (shape, own.get("dtype")):
             raise DataError(DISAGREE, where=str(place), found=array.shape_zyx, allowed=shape)
         axes: Sequence[Any] = scales["axes"]
-        slab = select(array.shape_zyx, "ZYX", subset, where)
+        slab = select(array.metadata["shape"], f"{array.axes}zyx".upper(), subset, where, _channels(attributes))
         name, grid = _name(path, wanted, datasets, slab), _grid(slab, axes, scales, described, own, where)
-        return LevelSource(name, grid, array, tuple(path / each["path"] for each in datasets))
+        index = {"t": slab.time, "c": slab.channel}
+        volume = array.at(*(index[axis] for axis in array.axes))
+        return LevelSource(name, grid, volume, tuple(path / each["path"] for each in datasets), slab)
     opened = _open_by_zarr(path, wanted)
     axes = scales.get("axes") or []
     dtype = check_dtype(np.dtype(opened.dtype), where)

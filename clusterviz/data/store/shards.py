@@ -4,6 +4,9 @@ A shard holds a cube of bricks, one after another, each with its CRC-32C, then f
 the CRC-32C of these. A brick that does not fit into the array is padded. zarr-python takes about a millisecond for each
 brick, so the arrays that clusterviz writes are read here.
 
+An array may have axes of time and channels before z, with shards and bricks of 1 along them. The bytes of a brick may
+say that its samples are those of another time step.
+
 References
 ----------
 Zarr core specification 3.1; codecs sharding_indexed, crc32c, bytes; zarr-specs.readthedocs.io.
@@ -14,8 +17,8 @@ from __future__ import annotations
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
@@ -29,7 +32,15 @@ from clusterviz.data.files import readable
 from clusterviz.data.header import check_box
 from clusterviz.data.source import Index
 from clusterviz.data.store.cache import CACHE, Owner, for_each
-from clusterviz.data.store.wavelet import EFFORT, MOST_EFFORT, compress, decode_brick, decompress, encode_brick
+from clusterviz.data.store.wavelet import (
+    EFFORT,
+    MOST_EFFORT,
+    compress,
+    decode_brick,
+    decompress,
+    encode_brick,
+    referred_step,
+)
 from clusterviz.errors import DataError, InputError
 from clusterviz.image.replace import replacing
 
@@ -91,7 +102,7 @@ class BrickCodec:
 
 @dataclass(frozen=True)
 class ShardedArray:
-    """Array of bricks in a folder.
+    """Array of bricks in a folder; if it has several time steps or channels, one of its volumes.
 
     Attributes
     ----------
@@ -101,6 +112,9 @@ class ShardedArray:
     shard_zyx : bricks of a shard
     dtype : native
     codec : of bricks
+    axes : letters of the axes before z: t, c, both, or none
+    counts : time steps and channels, along these axes
+    index : of the volume along these axes
     """
 
     path: Path
@@ -109,8 +123,24 @@ class ShardedArray:
     shard_zyx: Index
     dtype: np.dtype[Any]
     codec: BrickCodec
-    _indices: dict[Index, NDArray[np.uint64]] = field(default_factory=dict, compare=False, repr=False)
+    axes: str = ""
+    counts: tuple[int, ...] = ()
+    index: tuple[int, ...] = ()
+    _indices: dict[tuple[int, ...], NDArray[np.uint64]] = field(default_factory=dict, compare=False, repr=False)
     _owner: Owner = field(default_factory=Owner, compare=False, repr=False)
+
+    def at(self, *index: int) -> ShardedArray:
+        """Return another volume of the array; they share what is kept in memory."""
+        return replace(self, index=index)
+
+    def at_step(self, step: int) -> ShardedArray:
+        """Return the same channel at another time step."""
+        return self.at(step, *self.index[1:])
+
+    @property
+    def step(self) -> int:
+        """Number of the time step; 0 without such an axis."""
+        return self.index[0] if self.axes.startswith("t") else 0
 
     @property
     def counts_zyx(self) -> Index:
@@ -131,28 +161,52 @@ class ShardedArray:
     def metadata(self) -> dict[str, Any]:
         """Content of the array's `zarr.json`."""
         sharding = {
-            "chunk_shape": list(self.brick_zyx),
+            "chunk_shape": [*self._ones, *self.brick_zyx],
             "codecs": self.codec.metadata,
             "index_codecs": [_LITTLE, _CRC],
             "index_location": "end",
         }
         sides = [brick * shard for brick, shard in zip(self.brick_zyx, self.shard_zyx, strict=True)]
-        return array_metadata(
-            self.shape_zyx, sides, self.dtype, [{"name": "sharding_indexed", "configuration": sharding}], "zyx"
-        )
+        codecs = [{"name": "sharding_indexed", "configuration": sharding}]
+        shape, chunk = (*self.counts, *self.shape_zyx), (*self._ones, *sides)
+        return array_metadata(shape, chunk, self.dtype, codecs, [*self.axes, *"zyx"])
+
+    @property
+    def _ones(self) -> tuple[int, ...]:
+        return (1,) * len(self.counts)
+
+    @property
+    def statistics_metadata(self) -> dict[str, Any]:
+        """Content of the `zarr.json` of the statistics of bricks."""
+        names = ["minimum", "maximum", "error", "step"][: self._rows]
+        shape, chunk = (*self.counts, self._rows, *self.counts_zyx), (*self._ones, self._rows, *self.shard_zyx)
+        axes = [*self.axes, ", ".join(names), *"zyx"]
+        return array_metadata(shape, chunk, np.dtype(np.float64), [_LITTLE], axes)
+
+    @property
+    def _rows(self) -> int:
+        return 4 if "t" in self.axes else 3
 
     def shard_path(self, shard: Index) -> Path:
         """Return the path of a shard."""
-        return self.path.joinpath("c", *map(str, shard))
+        return self.path.joinpath("c", *map(str, (*self.index, *shard)))
 
     def statistics_path(self, shard: Index) -> Path:
         """Return the file of the statistics of a shard's bricks."""
-        return self.path.parent.joinpath("bricks", self.path.name, "c", "0", *map(str, shard))
+        return self.path.parent.joinpath("bricks", self.path.name, "c", *map(str, (*self.index, 0, *shard)))
+
+    def write_statistics(self, shard: Index, found: Mapping[Index, Sequence[float]]) -> None:
+        """Write the statistics of a shard's bricks: for each minimum, maximum, error, and the step of its samples."""
+        values = np.zeros((self._rows, *self.shard_zyx))
+        for brick, each in found.items():
+            z, y, x = (i % n for i, n in zip(brick, self.shard_zyx, strict=True))
+            values[:, z, y, x] = each[: self._rows]
+        write_values(self.statistics_path(shard), values)
 
     @property
     def summary_path(self) -> Path:
         """Path of the file with the summary of the volume whose finest level this is."""
-        return self.path.parent / "bricks" / "statistics.npz"
+        return self.path.parent / "bricks" / f"{'-'.join(map(str, ('statistics', *self.index)))}.npz"
 
     def statistics(self) -> NDArray[np.float64]:
         """Return minimum, maximum and error of the bricks, float64 (3, z, y, x bricks); see `writer.py`.
@@ -162,13 +216,24 @@ class ShardedArray:
         DataError
             They are missing, or not of the array's size.
         """
-        nz, ny, nx = self.shard_zyx
-        values = np.empty((3, *(s * n for s, n in zip(self.shards_zyx, self.shard_zyx, strict=True))))
+        return self._statistics()[:3]
+
+    def steps(self) -> NDArray[np.int64]:
+        """Return for each brick the first time step from which on its samples are the same, int64 (z, y, x bricks).
+
+        Raises as `statistics`.
+        """
+        found = self._statistics()[3:]
+        return found[0].astype(np.int64) if len(found) else np.zeros(self.counts_zyx, np.int64)
+
+    def _statistics(self) -> NDArray[np.float64]:
+        rows, (nz, ny, nx) = self._rows, self.shard_zyx
+        values = np.empty((rows, *(s * n for s, n in zip(self.shards_zyx, self.shard_zyx, strict=True))))
         for z, y, x in self.shards:
             path = self.statistics_path((z, y, x))
             with readable(path):
                 found = np.fromfile(path, "<f8")
-            if found.size != 3 * nz * ny * nx:
+            if found.size != rows * nz * ny * nx:
                 raise DataError("damaged statistics of bricks", where=str(path), found=f"{found.nbytes} bytes")
             here = values[:, z * nz : (z + 1) * nz, y * ny : (y + 1) * ny, x * nx : (x + 1) * nx]
             here[...] = found.reshape(here.shape)
@@ -244,15 +309,25 @@ class ShardedArray:
         DataError
             It is missing, damaged, or ends early.
         """
-        return CACHE.get(self._owner, brick, lambda: self._decoded(brick))
+        return CACHE.get(self._owner, (*self.index, *brick), lambda: self._decoded(brick))
 
     def _decoded(self, brick: Index) -> NDArray[Any]:
+        data, where = self._stored(brick), f"{self.path}: brick {brick}"
+        step = referred_step(data)
+        if step is None:
+            return self.codec.decode(data, self.brick_zyx, self.dtype, where)
+        if not 0 <= step < self.step:
+            raise DataError("a brick refers to a wrong time step", where=where, found=step)
+        return self.at_step(step).brick(brick)
+
+    def _stored(self, brick: Index) -> bytes:
+        """Return the bytes of a brick, whose checksum is right."""
         z, y, x = (i // n for i, n in zip(brick, self.shard_zyx, strict=True))
-        path, where = self.shard_path((z, y, x)), f"{self.path}: brick {brick}"
+        path, where, key = self.shard_path((z, y, x)), f"{self.path}: brick {brick}", (*self.index, z, y, x)
         with readable(path), path.open("rb") as file:
-            if (z, y, x) not in self._indices:
-                self._indices[z, y, x] = self._read_index(file, where)
-            offset, count = (int(n) for n in self._indices[z, y, x][self._slot(brick)])
+            if key not in self._indices:
+                self._indices[key] = self._read_index(file, where)
+            offset, count = (int(n) for n in self._indices[key][self._slot(brick)])
             if (offset, count) == (_ABSENT, _ABSENT):
                 raise DataError("a brick is missing", where=where)
             file.seek(offset)
@@ -263,7 +338,7 @@ class ShardedArray:
         data, check = data[:-_CRC_BYTES], data[-_CRC_BYTES:]
         if _checksum(data) != check:
             raise DataError("a brick has a wrong checksum: damaged, or written meanwhile", where=where)
-        return self.codec.decode(data, self.brick_zyx, self.dtype, where)
+        return data
 
     def _read_index(self, file: Any, where: str) -> NDArray[np.uint64]:
         size, wanted = file.seek(0, 2), 16 * math.prod(self.shard_zyx) + _CRC_BYTES
@@ -284,18 +359,27 @@ class ShardedArray:
         return (z * ny + y) * nx + x
 
 
-def make_array(path: Path, shape_zyx: Index, brick: int, dtype: np.dtype[Any], codec: BrickCodec) -> ShardedArray:
+def make_array(
+    path: Path,
+    shape_zyx: Index,
+    brick: int,
+    dtype: np.dtype[Any],
+    codec: BrickCodec,
+    axes: str = "",
+    counts: tuple[int, ...] = (),
+    index: tuple[int, ...] = (),
+) -> ShardedArray:
     """Return the array of a level, with shards of up to `SHARD_BYTES`; nothing is written."""
     z, y, x = (min(brick, side) for side in shape_zyx)
     along = 1
     while 8 * along**3 * z * y * x * dtype.itemsize <= SHARD_BYTES:
         along *= 2
     nz, ny, nx = (min(along, count) for count in _quotients(shape_zyx, (z, y, x)))
-    return ShardedArray(path, shape_zyx, (z, y, x), (nz, ny, nx), dtype, codec)
+    return ShardedArray(path, shape_zyx, (z, y, x), (nz, ny, nx), dtype, codec, axes, counts, index)
 
 
 def open_array(path: Path) -> ShardedArray | None:
-    """Return the array in a folder; None if its layout is not one that is read here.
+    """Return the array in a folder, at its first time step and channel; None if its layout is not one read here.
 
     Raises
     ------
@@ -306,21 +390,23 @@ def open_array(path: Path) -> ShardedArray | None:
     try:
         sharding = found["codecs"][0]["configuration"]
         first, *_ = codecs = sharding["codecs"]
-        z, y, x = found["shape"]
-        bz, by, bx = sharding["chunk_shape"]
-        nz, ny, nx = _quotients(found["chunk_grid"]["configuration"]["chunk_shape"], (bz, by, bx))
+        *counts, z, y, x = found["shape"]
+        *_, bz, by, bx = sharding["chunk_shape"]
+        nz, ny, nx = _quotients(found["chunk_grid"]["configuration"]["chunk_shape"][-3:], (bz, by, bx))
+        axes, first_volume = "".join(found["dimension_names"][:-3]), (0,) * len(counts)
         if first["name"] == "clusterviz.wavelet":
             codec = BrickCodec("wavelet", **first["configuration"])
         else:
             codec = BrickCodec("zstd", 0.0, codecs[1]["configuration"]["level"])
-        array = ShardedArray(path, (z, y, x), (bz, by, bx), (nz, ny, nx), np.dtype(found["data_type"]), codec)
-        return array if array.metadata == found else None
+        sizes, dtype = ((z, y, x), (bz, by, bx), (nz, ny, nx)), np.dtype(found["data_type"])
+        array = ShardedArray(path, *sizes, dtype, codec, axes, tuple(counts), first_volume)
+        return array if array.metadata == found and axes in ("", "t", "c", "tc") else None
     except (KeyError, IndexError, TypeError, ValueError, InputError):
         return None
 
 
 def array_metadata(
-    shape: Iterable[int], chunk: Iterable[int], dtype: np.dtype[Any], codecs: list[dict[str, Any]], axes: str
+    shape: Iterable[int], chunk: Iterable[int], dtype: np.dtype[Any], codecs: list[dict[str, Any]], axes: list[str]
 ) -> dict[str, Any]:
     """Return the content of an array's `zarr.json`."""
     return {
@@ -332,7 +418,7 @@ def array_metadata(
         "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
         "fill_value": 0.0 if dtype.kind == "f" else 0,
         "codecs": codecs,
-        "dimension_names": list(axes),
+        "dimension_names": axes,
         "attributes": {},
     }
 

@@ -20,6 +20,7 @@ Bytes of a brick, little-endian: "cvw1"; method, 0 for plain numbers and 1 for r
 each; two zeros; step, uint32; offset, uint64; low and spacing, float64; entries of the table and its bytes, uint32; as
 in `_Numbers`. Then the differences of the table's keys, and the byte planes of the numbers, each as a frame of zstd.
 Numbers of two bytes are split in pairs, into four planes.
+A brick whose samples are those of an earlier time step is "cvr1" and the number of the step, uint32, alone.
 
 References
 ----------
@@ -52,6 +53,8 @@ SAMPLED = 4096
 """Samples of a brick among which few different values mean that it may have few."""
 _HEADER = struct.Struct("<4sBB2xIQddII")
 _MAGIC = b"cvw1"
+_REFERENCE = struct.Struct("<4sI")
+_REFERS = b"cvr1"
 _PLAIN, _LIFTED = 0, 1
 _MULTIPLES = 127
 """Largest error of a brick of floats, in the multiples to which they are rounded first."""
@@ -116,6 +119,19 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0, effort: int = EFFORT
         return data
     numbers = np.searchsorted(table, keys).astype(f"u{_width(len(table) - 1)}")
     return min(data, _pack(numbers, samples.shape, _Numbers(table=table), effort), key=len)
+
+
+def encode_reference(step: int) -> bytes:
+    """Return the bytes of a brick whose samples are those of an earlier time step."""
+    return _REFERENCE.pack(_REFERS, step)
+
+
+def referred_step(data: bytes) -> int | None:
+    """Return the time step whose samples a brick has; None if it has samples of its own."""
+    if len(data) != _REFERENCE.size or data[:4] != _REFERS:
+        return None
+    step: int = _REFERENCE.unpack(data)[1]
+    return step
 
 
 def _width(largest: float) -> int:
@@ -203,9 +219,12 @@ def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], w
     Raises
     ------
     DataError
-        The bytes are not those of a brick of this shape and type.
+        The bytes are not those of a brick of this shape and type, or a brick of another time step is needed.
     """
     view, count = memoryview(data), math.prod(shape)
+    if (before := referred_step(bytes(view[: _REFERENCE.size + 1]))) is not None:
+        allowed = "clusterviz, or a store of `clusterviz store --codec zstd`, which every program reads"
+        raise DataError(f"a brick has the samples of time step {before}", where=where, allowed=allowed)
     if len(view) < _HEADER.size:
         raise DataError("a brick ends early", where=where, found=f"{len(view)} bytes")
     magic, method, width, step, offset, low, spacing, entries, table_bytes = _HEADER.unpack(view[: _HEADER.size])

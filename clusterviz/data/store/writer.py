@@ -3,13 +3,19 @@
     OUT.ome.zarr/zarr.json        OME's metadata, and `clusterviz`: what the store was made of, and whether it is whole
     OUT.ome.zarr/0, 1, …          levels, the finest first; bricks in shards
     OUT.ome.zarr/bricks/0, 1, …   float64 (3, z, y, x bricks): minimum, maximum, and largest error of each brick
-    OUT.ome.zarr/bricks/statistics.npz   summary of the finest level: see `statistics.py`
+    OUT.ome.zarr/bricks/statistics.npz   summary of the finest level: see `statistics.py`; statistics-T-C.npz of
+                                  time step T and channel C
 
 Each process writes whole files, which appear when they are complete, so a run that was stopped is continued by the same
 command. Level by level, all shards are written, then read again to measure them, which verifies them. What the store
 holds does not depend on the number of processes. Minimum and maximum are of the samples of a brick that can be read,
 +inf and −inf if none is finite. The error is a bound of the difference between the source and the samples of a brick;
 on coarser levels also of those interpolated between it and the next bricks.
+
+Time steps and channels are axes before z, in `bricks` too, and each is written like a volume of its own. With wavelets
+a brick that is no farther than the error from the decoded one of the time step before is a reference: all its bytes are
+the number of the first step with these samples. So errors do not add up. For each brick of a time step `bricks` also
+holds this number, with every codec.
 """
 
 from __future__ import annotations
@@ -19,7 +25,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -28,32 +34,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box, BrickLayout, with_margin
+from clusterviz.data.series import Series
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import Read, coarser, difference, largest_difference, low_pass
 from clusterviz.data.store.shards import (
     PACKAGES,
     BrickCodec,
     ShardedArray,
-    array_metadata,
     make_array,
     read_json,
     require_packages,
     write_json,
-    write_values,
 )
-from clusterviz.data.store.statistics import MARGIN, write_statistics
+from clusterviz.data.store.statistics import MARGIN, read_statistics, write_statistics
+from clusterviz.data.store.wavelet import encode_reference
 from clusterviz.data.summary import AllGather, summarise
 from clusterviz.errors import DataError, OutputError
 from clusterviz.image.replace import folder_error
 
 VERSION = 1
+COLOURS = ("00FF00", "FF00FF", "00FFFF", "FFFF00", "FF0000", "0000FF", "FFFFFF")
+"""Colours of channels in turn, red, green and blue in hexadecimal digits."""
 Report = Callable[[float], None]
 """Called with the share of a step that is done."""
 
 
 @dataclass(frozen=True)
 class StoreWriter:
-    """A store and the volume from which it is made; methods are called on every process in the order given here.
+    """A store and a volume from which it is made; methods are called on every process in the order given here.
 
     Attributes
     ----------
@@ -62,6 +70,8 @@ class StoreWriter:
     codec : of bricks
     brick : samples along the side of a brick
     rank, size : of this process, and their number; files are shared evenly
+    series : time steps and channels of which the volume is one; None: it is the only one
+    index : of the volume among them; those of earlier time steps must be complete
     """
 
     source: Source
@@ -70,13 +80,17 @@ class StoreWriter:
     brick: int = 64
     rank: int = 0
     size: int = 1
+    series: Series | None = None
+    index: tuple[int, ...] = ()
 
     @cached_property
     def arrays(self) -> tuple[ShardedArray, ...]:
         """The levels, the finest first; the last one is one brick."""
         shape, found = self.source.grid.shape_zyx, list[ShardedArray]()
+        several = (self.series.axes, self.series.counts, self.index) if self.series else ()
         while not found or max(found[-1].counts_zyx) > 1:
-            found.append(make_array(self.path / str(len(found)), shape, self.brick, self.source.dtype, self.codec))
+            path = self.path / str(len(found))
+            found.append(make_array(path, shape, self.brick, self.source.dtype, self.codec, *several))
             shape = coarser(shape)
         return tuple(found)
 
@@ -103,11 +117,12 @@ class StoreWriter:
                     raise OutputError("another process writes this store", where=str(self.path)) from error
             complete = any(self.path.iterdir()) and self._check_same()
             group = {"zarr_format": 3, "node_type": "group", "attributes": {}}
-            write_json(self.path / "zarr.json", group | {"attributes": self._attributes(complete)})
+            if not complete:
+                write_json(self.path / "zarr.json", group | {"attributes": self._attributes(False)})
             write_json(self.path / "bricks" / "zarr.json", group)
             for array in self.arrays:
                 write_json(array.path / "zarr.json", array.metadata)
-                write_json(self.path / "bricks" / array.path.name / "zarr.json", _statistics_metadata(array))
+                write_json(self.path / "bricks" / array.path.name / "zarr.json", array.statistics_metadata)
         except BaseException:
             os.close(handle)
             raise
@@ -129,8 +144,9 @@ class StoreWriter:
         errors = self.arrays[level - 1].statistics()[2] if mine else np.empty(0)
         for n, shard in enumerate(mine):
             if not array.statistics_path(shard).exists():
-                found = {brick: self._measured(level, brick, errors) for brick in array.bricks_of(shard)}
-                self._write_statistics(array, shard, found)
+                before = _Before(array)
+                found = {brick: self._measured(level, brick, errors, before) for brick in array.bricks_of(shard)}
+                array.write_statistics(shard, found)
             report((n + 1) / len(mine))
 
     def summarise(self, allgather: AllGather, report: Report = lambda done: None) -> None:
@@ -153,25 +169,43 @@ class StoreWriter:
 
     def finish(self) -> None:
         """Mark the store as complete; on one process, after all have written."""
-        content = read_json(self.path / "zarr.json")
-        write_json(self.path / "zarr.json", content | {"attributes": self._attributes(True)})
+        content, attributes = read_json(self.path / "zarr.json"), self._attributes(True)
+        if self.series and self.series.channels:
+            attributes["ome"]["omero"] = {"channels": [self._channel(n) for n in range(len(self.series.channels))]}
+        write_json(self.path / "zarr.json", content | {"attributes": attributes})
+
+    def _channel(self, number: int) -> dict[str, Any]:
+        """Return OME's description of a channel, with the range of its samples in the finest level."""
+        assert self.series is not None, "there are channels"
+        arrays = [self.arrays[0].at(*index) for index in self.series.indices if index[-1] == number]
+        layout = BrickLayout(arrays[0].shape_zyx, self.brick, MARGIN)
+        found = [read_statistics(array.summary_path, layout) for array in arrays]
+        ends = [(*each.value_range, each.percentile(1.0), each.percentile(99.0)) for each in found]
+        known = [each for each in ends if np.isfinite(each).all()] or [(0.0,) * 4]
+        (low, _, start, _), (_, high, _, end) = np.min(known, axis=0).tolist(), np.max(known, axis=0).tolist()
+        window = {"min": low, "max": high, "start": start, "end": end}
+        colour = COLOURS[number % len(COLOURS)]
+        return {"label": self.series.channels[number], "color": colour, "window": window, "active": True}
 
     def _encoded(self, array: ShardedArray, shard: Index, read: Read, level: int) -> Iterator[tuple[Index, bytes]]:
         """Yield the bricks of a shard, read in layers along z; of the finest level, then write its statistics."""
-        bricks, found = array.bricks_of(shard), dict[Index, tuple[float, float, float]]()
+        bricks, found = array.bricks_of(shard), dict[Index, tuple[float, ...]]()
+        before = _Before(array)
         for z in sorted({brick[0] for brick in bricks}):
             layer = [brick for brick in bricks if brick[0] == z]
             begin, end = array.box_of(layer[0])[0], array.box_of(layer[-1])[1]
             samples = read(begin, end)
             for brick in layer:
                 own = samples[_within(array.box_of(brick), begin)]
-                data = array.encode(own)
+                near = before.within(brick, own, self.codec.error)
+                refers = near is not None and self.codec.name == "wavelet"
+                data = encode_reference(before.steps[brick]) if refers else array.encode(own)
                 yield brick, data
                 if level == 0:
-                    stored = self._stored(array, data, own)
-                    found[brick] = *extremes(stored), largest_difference(own, stored)
+                    stored = near if near is not None else self._stored(array, data, own)
+                    found[brick] = *extremes(stored), largest_difference(own, stored), before.step_of(brick, stored)
         if level == 0:
-            self._write_statistics(array, shard, found)
+            array.write_statistics(shard, found)
 
     def _stored(self, array: ShardedArray, data: bytes, samples: NDArray[Any]) -> NDArray[Any]:
         """Return the samples of a brick as they will be read."""
@@ -184,8 +218,8 @@ class StoreWriter:
         finer = self.arrays[level - 1]
         return lambda begin, end: low_pass(finer.read, finer.shape_zyx, begin, end)
 
-    def _measured(self, level: int, brick: Index, errors: NDArray[np.float64]) -> tuple[float, float, float]:
-        """Return minimum, maximum and error of a brick of a coarser level, by those of the bricks below."""
+    def _measured(self, level: int, brick: Index, errors: NDArray[np.float64], before: _Before) -> tuple[float, ...]:
+        """Return the statistics of a brick of a coarser level, the error by those of the bricks below."""
         finer, array = self.arrays[level - 1], self.arrays[level]
         begin, end = array.box_of(brick)
         coarse = array.read(begin, _clipped([e + 1 for e in end], array.shape_zyx))
@@ -199,16 +233,8 @@ class StoreWriter:
             tuple(slice(b // side, -(-e // side)) for b, e, side in zip(low, high, finer.brick_zyx, strict=True))
         ]
         z, y, x = np.subtract(end, begin)
-        return *extremes(coarse[:z, :y, :x]), float(below.max()) + away
-
-    def _write_statistics(
-        self, array: ShardedArray, shard: Index, found: dict[Index, tuple[float, float, float]]
-    ) -> None:
-        values = np.zeros((3, *array.shard_zyx))
-        for brick, each in found.items():
-            z, y, x = (i % n for i, n in zip(brick, array.shard_zyx, strict=True))
-            values[:, z, y, x] = each
-        write_values(array.statistics_path(shard), values)
+        own = coarse[:z, :y, :x]
+        return *extremes(own), float(below.max()) + away, before.step_of(brick, own)
 
     def _check_same(self) -> bool:
         """Check that a store which is there was begun by the same command; return whether it is complete."""
@@ -224,23 +250,70 @@ class StoreWriter:
         return bool(found["complete"])
 
     def _attributes(self, complete: bool) -> dict[str, Any]:
-        grid = self.source.grid
+        grid, sources = self.source.grid, self.series.sources if self.series else ()
         own = {
             "version": VERSION,
             "complete": complete,
-            "source": _identity(self.source.name),
+            "source": [_identity(each.name) for each in sources] if self.series else _identity(self.source.name),
             "codec": {"name": self.codec.name, "error": self.codec.error, "effort": self.codec.effort},
             "brick": self.brick,
             "shape": list(grid.shape_zyx),
+            "volumes": list(self.series.counts) if self.series else [],
             "dtype": self.source.dtype.name,
             "direction": [list(row) for row in grid.direction],
             "orientation": grid.orientation,
         }
-        return {"ome": ome_metadata(grid, len(self.arrays), Path(self.path).name.split(".")[0]), "clusterviz": own}
+        ome = ome_metadata(grid, len(self.arrays), Path(self.path).name.split(".")[0], self.series)
+        return {"ome": ome, "clusterviz": own}
+
+
+@dataclass(frozen=True)
+class _Before:
+    """A level at the time step before; there may be none."""
+
+    array: ShardedArray
+
+    @cached_property
+    def _level(self) -> ShardedArray | None:
+        return self.array.at_step(self.array.step - 1) if self.array.step else None
+
+    @cached_property
+    def steps(self) -> NDArray[np.int64]:
+        """Steps from which on the samples of the bricks are the same, as `ShardedArray.steps`."""
+        assert self._level is not None, "there is a step before"
+        return self._level.steps()
+
+    def within(self, brick: Index, samples: NDArray[Any], error: float) -> NDArray[Any] | None:
+        """Return the decoded samples of the step before if none is farther than an error from the given ones."""
+        if self._level is None:
+            return None
+        z, y, x = samples.shape
+        found = self._level.brick(brick)[:z, :y, :x]
+        return found if is_within(samples, found, error) else None
+
+    def step_of(self, brick: Index, stored: NDArray[Any]) -> int:
+        """Return the first time step from which on a brick has these samples."""
+        same = self.within(brick, stored, 0.0) is not None
+        return int(self.steps[brick]) if same else self.array.step
+
+
+def is_within(samples: NDArray[Any], others: NDArray[Any], error: float) -> bool:
+    """Return whether samples differ by at most an error, and those that are not finite by no bit."""
+    bits = f"u{samples.itemsize}"
+    differs = samples.view(bits) != others.view(bits)
+    if not differs.any():
+        return True
+    if error == 0 or (samples.dtype.kind != "f" and samples.itemsize == 8):
+        return False
+    if samples.dtype.kind != "f":
+        return largest_difference(samples, others) <= error
+    a, b = samples[differs].astype(np.float64), others[differs].astype(np.float64)
+    # Less, since a difference that is rounded may have been greater.
+    return bool(np.isfinite(a).all() and np.isfinite(b).all() and np.abs(a - b).max() < error)
 
 
 def write_store(
-    source: Source,
+    source: Source | Series,
     path: Path,
     codec: BrickCodec,
     brick: int = 64,
@@ -250,7 +323,7 @@ def write_store(
     allgather: AllGather = lambda value: [value],
     report: Callable[[str, float], None] = lambda step, done: None,
 ) -> StoreWriter:
-    """Write a volume as a store, or continue with one; collective.
+    """Write a volume, or time steps and channels, as a store, or continue with one; collective.
 
     Parameters
     ----------
@@ -268,49 +341,48 @@ def write_store(
         The store cannot be written, or is another one.
     """
     require_packages(str(path), *PACKAGES)
-    writer, handle = StoreWriter(source, path, codec, brick, rank, size), -1
+    series = source if isinstance(source, Series) else Series((source,))
+    several = series if series.axes else None
+    first = StoreWriter(series.sources[0], path, codec, brick, rank, size, several, series.indices[0])
+    handle = -1
     try:
         with together("metadata"):
             if rank == 0:
-                handle = writer.begin()
-        for level in range(len(writer.arrays)):
-            with together(f"level {level}"):
-                writer.write(level, partial(report, f"level {level}"))
-            with together(f"error {level}"):
-                writer.measure(level, partial(report, f"level {level}"))
-        with together("statistics"):
-            writer.summarise(allgather, partial(report, "statistics"))
+                handle = first.begin()
+        for each, index, label in zip(series.sources, series.indices, series.labels, strict=True):
+            writer = replace(first, source=each, index=index)  # another cache
+            for level in range(len(first.arrays)):
+                with together(f"{label}level {level}"):
+                    writer.write(level, partial(report, f"{label}level {level}"))
+                with together(f"{label}error {level}"):
+                    writer.measure(level, partial(report, f"{label}level {level}"))
+            with together("statistics"):
+                writer.summarise(allgather, partial(report, f"{label}statistics"))
         with together("metadata"):
             if rank == 0:
-                writer.finish()
+                first.finish()
     finally:
         if handle >= 0:
             os.close(handle)
-    return writer
+    return first
 
 
-def _statistics_metadata(array: ShardedArray) -> dict[str, Any]:
-    little = {"name": "bytes", "configuration": {"endian": "little"}}
-    shape, chunk = (3, *array.counts_zyx), (3, *array.shard_zyx)
-    names = ["minimum, maximum, error", "z", "y", "x"]
-    return array_metadata(shape, chunk, np.dtype(np.float64), [little], "") | {"dimension_names": names}
-
-
-def ome_metadata(grid: Grid, levels: int, name: str) -> dict[str, Any]:
+def ome_metadata(grid: Grid, levels: int, name: str, series: Series | None = None) -> dict[str, Any]:
     """Return OME-Zarr's description of a volume and its levels; rotations are not part of it."""
+    before = series.axes if series else ""
 
     def dataset(level: int) -> dict[str, Any]:
         scale = [step * 2.0**level for step in reversed(grid.spacing)]
         transforms = [
-            {"type": "scale", "scale": scale},
-            {"type": "translation", "translation": [*reversed(grid.origin)]},
+            {"type": "scale", "scale": [1.0] * len(before) + scale},
+            {"type": "translation", "translation": [0.0] * len(before) + [*reversed(grid.origin)]},
         ]
         return {"path": str(level), "coordinateTransformations": transforms}
 
-    axes = [{"name": axis, "type": "space"} for axis in "zyx"]
+    kinds = {"t": "time", "c": "channel"}
     scales = {
         "name": name,
-        "axes": axes,
+        "axes": [{"name": axis, "type": kinds.get(axis, "space")} for axis in f"{before}zyx"],
         "datasets": [dataset(level) for level in range(levels)],
         "type": "linear spline",
     }
