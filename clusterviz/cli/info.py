@@ -209,10 +209,16 @@ def format_name(name: str) -> str:
 
 def _other_axes(source: Any) -> dict[str, Any]:
     """Return time steps and channels of the file, and the ones read; levels of a store."""
+    from clusterviz.data.source import levels_of
+
     slab = getattr(source, "slab", None)
-    while hasattr(source, "source"):  # wrapped by a guard or another grid
-        source = source.source
-    found: dict[str, Any] = {"levels": source.levels} if hasattr(source, "levels") else {}
+    levels, found = levels_of(source), dict[str, Any]()
+    if levels is not None:
+        each = [(levels.level(n).grid.shape_zyx, levels.bounds(n)) for n in range(levels.levels)]
+        found["levels"] = [
+            {"level": n, "shape_zyx": list(shape), "bricks": bounds[0].size, "error": float(bounds[2].max())}
+            for n, (shape, bounds) in enumerate(each)
+        ]
     if slab is not None and slab.time_steps > 1:
         found |= {"time_steps": slab.time_steps, "time": slab.time}
     if slab is not None and slab.channels > 1:
@@ -254,7 +260,7 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         rows.insert(3, ("time steps", f"{found['time_steps']}; this is {found['time']}"))
     for level in found.get("levels", ()):
         size = " × ".join(str(n) for n in level["shape_zyx"][::-1])
-        rows.append((f"level {level['array']}", f"{size}, {level['bricks']} bricks, error at most {level['error']:g}"))
+        rows.append((f"level {level['level']}", f"{size}, {level['bricks']} bricks, error at most {level['error']:g}"))
     if found["not_finite"]:
         rows.append(("not finite", f"{found['not_finite']} of {found['samples']} samples (NaN or infinite)"))
     if percentiles:

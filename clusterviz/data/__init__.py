@@ -32,7 +32,7 @@ from clusterviz.data.files import PICTURES, kind_of, readable, require_file, sta
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.series import files_of_pattern, open_step
-from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.source import Grid, Index, MultilevelSource, Source, levels_of
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.files import SUFFIXES, load_scene, scene_of_data
 from clusterviz.scene.values import Scene, Volume
@@ -173,8 +173,8 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
 
 
 @dataclass(frozen=True)
-class GuardedSource:
-    """Source whose failures are all `DataError`, whatever library reads it."""
+class _OfSource:
+    """Base of sources with the samples of another one, and its levels if it is a `MultilevelSource`."""
 
     source: Source
 
@@ -183,17 +183,48 @@ class GuardedSource:
         return self.source.name
 
     @property
-    def grid(self) -> Grid:
-        return self.source.grid
-
-    @property
     def dtype(self) -> np.dtype[Any]:
         return self.source.dtype
+
+    @property
+    def levels(self) -> int:
+        """Number of levels; 0: it is no `MultilevelSource`."""
+        return getattr(self.source, "levels", 0)
+
+    @property
+    def brick(self) -> int:
+        """Samples along the side of a stored brick."""
+        return self._multilevel.brick
+
+    def bounds(self, number: int) -> NDArray[np.float64]:
+        """Return minimum, maximum and error of the bricks of a level; see `MultilevelSource`."""
+        with guard(DataError, self.name):
+            return self._multilevel.bounds(number)
+
+    @property
+    def _multilevel(self) -> MultilevelSource:
+        found = levels_of(self.source)
+        assert found, "the source has levels"
+        return found
+
+
+@dataclass(frozen=True)
+class GuardedSource(_OfSource):
+    """Source whose failures are all `DataError`, whatever library reads it."""
+
+    @property
+    def grid(self) -> Grid:
+        return self.source.grid
 
     @property
     def slab(self) -> Hyperslab | None:
         """The volume's part of the stored array, if the format has one."""
         return getattr(self.source, "slab", None)
+
+    def level(self, number: int) -> Source:
+        """Return a level; see `MultilevelSource`."""
+        with guard(DataError, self.name):
+            return GuardedSource(self._multilevel.level(number)) if number else self
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -208,19 +239,14 @@ class GuardedSource:
 
 
 @dataclass(frozen=True)
-class GridOverride:
+class GridOverride(_OfSource):
     """Source with the samples of another one on a different grid of the same shape."""
 
-    source: Source
     grid: Grid
 
-    @property
-    def name(self) -> str:
-        return self.source.name
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return self.source.dtype
+    def level(self, number: int) -> Source:
+        """Return a level; see `MultilevelSource`."""
+        return GridOverride(self._multilevel.level(number), self.grid.coarser(number)) if number else self
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""

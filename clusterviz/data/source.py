@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -41,6 +41,12 @@ class Grid:
         matrix[:3, :3] = np.asarray(self.direction) * np.asarray(self.spacing)
         matrix[:3, 3] = self.origin
         return matrix
+
+    def coarser(self, level: int) -> Grid:
+        """Return the grid of every 2^level-th sample along each axis."""
+        z, y, x = (-(-side // (1 << level)) for side in self.shape_zyx)
+        dx, dy, dz = (length * 2.0**level for length in self.spacing)
+        return replace(self, shape_zyx=(z, y, x), spacing=(dx, dy, dz))
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -86,3 +92,45 @@ class Source(Protocol):
             The file ends early or cannot be decoded.
         """
         ...
+
+
+class MultilevelSource(Source, Protocol):
+    """Volume with coarser levels; itself it is level 0, the finest.
+
+    Sample i of level n lies on sample 2ⁿ·i along each axis; a level has ⌈samples / 2ⁿ⌉ of them. Between its samples a
+    level is linear along each axis, and constant beyond the last one.
+
+    Attributes
+    ----------
+    levels : number of levels, at least 1
+    brick : samples along the side of a stored brick, the same for all levels; the last one may have fewer
+    """
+
+    @property
+    def levels(self) -> int: ...
+
+    @property
+    def brick(self) -> int: ...
+
+    def level(self, number: int) -> Source:
+        """Return a level, 0 … levels − 1, as a volume with its own grid."""
+        ...
+
+    def bounds(self, number: int) -> NDArray[np.float64]:
+        """Return minimum, maximum and error of each brick of a level, float64 (3, bz, by, bx).
+
+        Bricks partition the samples: brick k begins with sample k · `brick`. The error is the largest difference
+        between the volume that was stored and what the level stands for, up to the first samples of the next bricks.
+        It is inf where only one of both is finite. Brick extremes are +inf and −inf if no sample is finite.
+
+        Raises
+        ------
+        DataError
+            The statistics are missing or damaged.
+        """
+        ...
+
+
+def levels_of(source: Source) -> MultilevelSource | None:
+    """Return a source as one with levels; None if it has none."""
+    return source if getattr(source, "levels", 0) else None  # type: ignore[return-value]

@@ -20,7 +20,7 @@ from clusterviz.data import open_volume, override_grid, read_geometry, read_piec
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.grid_files import GridFile, grid_files
-from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.source import Grid, Index, Source, levels_of
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import InputError
@@ -114,7 +114,7 @@ class OpenedContent:
 
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
-        known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary) for v in self.volumes]
+        known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary, levels_of(v.source)) for v in self.volumes]
         return make_content_plan(scene, known, self.geometry, self.grids)
 
     def grid_of(self, plan: Plan) -> Grid:
@@ -193,7 +193,8 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
             OpenedVolume(each, layout, summary, (_info(each, summary),))
             for each, layout, summary in zip(sources, layouts, summaries, strict=True)
         )
-        if len(opened) > 1 or geometry or grids:
+        has_levels = any(volume.detail != "full" for volume in scene.volumes)
+        if len(opened) > 1 or geometry or grids or has_levels:
             several = OpenedContent(opened, geometry, grids)
             return complete(several, scene), several, {}
         scene = complete(opened[0], scene)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.source import Grid, Index
+from clusterviz.data.source import Grid, Index, MultilevelSource
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import SceneError
 from clusterviz.plan.blend_mode import (
@@ -27,6 +27,7 @@ from clusterviz.plan.blend_mode import (
 from clusterviz.plan.brick_search import BrickGrid
 from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.plan.cells import CellBrick, CellLayer
+from clusterviz.plan.detail import LevelMap, choose_levels
 from clusterviz.plan.domain import Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.geometry import GeometryLayer, Primitives
@@ -75,12 +76,14 @@ class KnownVolume:
     grid, dtype : grid and dtype of its voxels
     layout : bricks of the volume itself, which the summary describes; their margin is at least `margin_of`'s
     summary : extremes of its bricks, and its histogram
+    source : its data if they have levels
     """
 
     grid: Grid
     dtype: np.dtype[Any]
     layout: BrickLayout
     summary: VolumeSummary
+    source: MultilevelSource | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +99,7 @@ class VolumeLayer:
     spread : samples beyond a cell's corners on which the field in it depends
     slab_units : length of a slab in its opacity unit distances
     preintegrated : its slabs are classified between their ends, not at their midpoints
+    levels : levels of its own bricks; None: the finest everywhere, as it is
     """
 
     cut: Cut
@@ -107,6 +111,7 @@ class VolumeLayer:
     spread: int
     slab_units: float
     preintegrated: bool = False
+    levels: LevelMap | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,12 +203,15 @@ def make_content(
     layout = domain_layout(domain, scene.cluster.brick, bool(geometry or grids), side)
     cost = np.zeros(layout.counts_zyx)
     volume_layers = []
-    for volume, known in zip(scene.volumes, volumes, strict=True):
+    for number, (volume, known) in enumerate(zip(scene.volumes, volumes, strict=True)):
         reach = reach_of(volume, scene.quality.classification)
         around = occlusion_reach(volume, known.grid)
         margin = margin_of(volume, has_layers=bool(scene.image.layers), around=around) - reach_of(volume)
         cut = make_cut(domain, layout, known.grid, margin, reach)
-        part = _volume_layer(volume, known, scene, cut, step_world)
+        levels = choose_levels(volume, known.source, f"volumes[{number}]")
+        if levels is not None:
+            raise SceneError("levels are not drawn yet", where=f"volumes[{number}].detail", allowed="full")
+        part = replace(_volume_layer(volume, known, scene, cut, step_world), levels=levels)
         hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
         cost += samples_in_bricks(part.cut, known.layout, hidden)
         volume_layers.append(part)

@@ -57,6 +57,13 @@ def cmap_tag(value: Any) -> str:
     return form
 
 
+def check_detail(value: Any) -> Any:
+    """Refuse what is neither a name nor a mapping."""
+    if value == "full" or hasattr(value, "keys") or hasattr(value, "model_fields_set"):
+        return value
+    raise InvalidValueError("not a detail", "full, or {level: n}")
+
+
 def check_path(value: str) -> str:
     """Refuse paths that are empty or contain NUL."""
     if not value.strip() or "\0" in value:

@@ -76,9 +76,12 @@ def check_several_volumes(
     ----------
     volumes, geometry, grids, quality, cluster : sections of a scene; geometry: meshes, lines and points
     """
-    if len(volumes) < 2 and not geometry and not grids:
+    has_levels = any(volume.detail != "full" for volume in volumes)
+    if len(volumes) < 2 and not geometry and not grids and not has_levels:
         return
     with_what, allowed = "for several volumes", "one volume with it"
+    if has_levels:
+        with_what, allowed = "with volumes[].detail", "detail: full with it"
     if geometry:
         with_what, allowed = "with meshes, lines or points", "one volume alone with it"
     elif grids:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING
 from clusterviz.scene.blend_modes import Blending as Blending
 from clusterviz.scene.checks import (
     check_attenuation,
     check_camera,
+    check_detail,
     check_light,
     check_path,
     check_view,
@@ -94,6 +95,14 @@ class AmbientOcclusion(Section):
     strength: Fraction = Field(default=1.0, description="Share of the ambient light that opaque surroundings take.")
 
 
+class Detail(Section):
+    """Detail: which levels of a store a picture uses."""
+
+    level: Annotated[int, Field(strict=True, ge=0, le=32), BeforeValidator(to_builtin)] = Field(
+        examples=[1], description="One level for the whole volume, from 0, the finest; each halves the samples."
+    )
+
+
 class Volume(Section):
     """Volume: data file, grid, transfer function, blend mode and shading."""
 
@@ -108,6 +117,15 @@ class Volume(Section):
     )
     channel: Channel | None = Field(
         default=None, description="Index from 0, or name, of the channel, for files with several channels."
+    )
+    detail: Annotated[
+        Annotated[Literal["full"], Tag("<name>")] | Annotated[Detail, Tag("<points>")],
+        Discriminator(lambda value: "<name>" if isinstance(value, str) else "<points>"),
+        BeforeValidator(check_detail),
+    ] = Field(
+        default="full",
+        examples=[{"level": 1}],
+        description="Which levels of a store are drawn: full, or {level: n}, one coarser level.",
     )
     spacing: Annotated[tuple[Positive, Positive, Positive], BeforeValidator(to_builtin)] | None = Field(
         default=None,

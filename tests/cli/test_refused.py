@@ -113,6 +113,10 @@ COMMANDS = [
 OPTIONS = [
     ("-D image.layers=[depth] -D blending=maximum", 'image.layers: not with blending: maximum; found ["depth"]'),
     ("-D image.layers=[depth] -D quality.borders=split", "image.layers: not with borders: split"),
+    ("-D detail=coarse", 'volumes[0].detail: not a detail; found "coarse"; allowed full, or {level: n}'),
+    ('-D detail={"level":-1}', "volumes[0].detail.level: too small; found -1"),
+    ('-D detail={"level":1}', "volumes[0].detail: the volume has no levels"),
+    ('-D detail={"level":1} -D blending=maximum', "volumes[0].blending: not with volumes[].detail: their values"),
     ("-D quality.stepp=1", "unknown key, did you mean step?"),
     ("-D quality.step", "not a key with a value"),
     ("-D cluster.compositing=magic", "not one of the choices"),

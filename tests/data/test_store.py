@@ -25,12 +25,12 @@ from hypothesis import strategies as some
 from zarr.codecs import ZstdCodec
 
 from clusterviz.comm import run_loopback
-from clusterviz.data import open_source
+from clusterviz.data import open_source, override_grid
 from clusterviz.data.axes import Subset
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.series import Series, open_series
-from clusterviz.data.source import Grid
+from clusterviz.data.source import Grid, levels_of
 from clusterviz.data.store.cache import CACHE, BrickCache, Owner
 from clusterviz.data.store.levels import coarser, difference, low_pass
 from clusterviz.data.store.shards import BrickCodec
@@ -38,6 +38,7 @@ from clusterviz.data.store.wavelet import decode_brick, encode_brick
 from clusterviz.data.store.writer import StoreWriter, write_store
 from clusterviz.data.summary import kept_summary, summarise
 from clusterviz.errors import DataError, InputError, OutputError
+from clusterviz.scene.values import Volume
 
 SHAPES = [(1, 1, 1), (1, 1, 2), (2, 1, 1), (1, 9, 4), (33, 1, 2), (5, 6, 7), (16, 17, 9), (1, 64, 80)]
 
@@ -214,6 +215,9 @@ def test_store_holds_the_volume_its_levels_and_their_errors(dtype: str, codec: B
     path = tmp_path / "a.ome.zarr"
     writer = write_store(source, path, codec, 16)
     opened = open_source(path)
+    levels = levels_of(override_grid(opened, Volume(path="-", origin=source.grid.origin)))
+    assert levels
+    assert (levels.levels, levels.brick) == (len(writer.arrays), 16)
     assert opened.grid == source.grid
     check_placed(opened, source.grid.world_from_index)
     stored = opened.read((0, 0, 0), shape)
@@ -229,7 +233,9 @@ def test_store_holds_the_volume_its_levels_and_their_errors(dtype: str, codec: B
         level = named.read((0, 0, 0), array.shape_zyx)
         np.testing.assert_array_equal(group[str(n)][:], level)
         lows, highs, errors = group[f"bricks/{n}"][:]
-        np.testing.assert_array_equal([lows, highs, errors], array.statistics())
+        np.testing.assert_array_equal([lows, highs, errors], levels.bounds(n))
+        assert levels.level(n).grid == named.grid
+        np.testing.assert_array_equal(levels.level(n).read((0, 0, 0), array.shape_zyx), level)
         assert scales["datasets"][n]["coordinateTransformations"][0]["scale"] == [2.0 * 2**n, 2**n, 0.5 * 2**n]
         away = np.abs(interpolated(level, shape, 2**n) - whole)
         for brick in np.ndindex(array.counts_zyx):

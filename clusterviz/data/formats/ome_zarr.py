@@ -10,9 +10,8 @@ OME-Zarr 0.5, ngff.openmicroscopy.org: multiscales, axes, coordinateTransformati
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,31 +36,49 @@ DISAGREE = "the levels disagree with their metadata"
 
 @dataclass(frozen=True)
 class LevelSource:
-    """Level of a store that clusterviz wrote; `paths` are those of all levels, the finest first."""
+    """Level of a store that clusterviz wrote, with the coarser ones; see `MultilevelSource`.
+
+    Attributes
+    ----------
+    paths : of the arrays of all levels of the store
+    number : of this level in the store; coarser ones are its levels
+    brick : samples along the side of a brick
+    """
 
     name: str
     grid: Grid
     array: ShardedArray
     paths: tuple[Path, ...]
     slab: Hyperslab
+    number: int
+    brick: int
+    opened: dict[int, LevelSource] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def dtype(self) -> np.dtype[Any]:
         return self.array.dtype
 
     @property
-    def levels(self) -> list[dict[str, Any]]:
-        """Samples, bricks and largest error of each level, as JSON values."""
-        arrays = [(path, _own_array(path).at(*self.array.index)) for path in self.paths]
-        return [
-            {
-                "array": path.name,
-                "shape_zyx": list(array.shape_zyx),
-                "bricks": math.prod(array.counts_zyx),
-                "error": float(array.statistics()[2].max()),
-            }
-            for path, array in arrays
-        ]
+    def levels(self) -> int:
+        """Number of levels."""
+        return len(self.paths) - self.number
+
+    def level(self, number: int) -> LevelSource:
+        """Return a level; see `MultilevelSource`."""
+        if number == 0:
+            return self
+        if number not in self.opened:
+            path, grid = self.paths[self.number + number], self.grid.coarser(number)
+            array = _own_array(path).at(*self.array.index)
+            if (array.shape_zyx, array.dtype) != (grid.shape_zyx, self.dtype):
+                raise DataError(DISAGREE, where=str(path), found=array.shape_zyx, allowed=grid.shape_zyx)
+            name, at = f"{self.name}:/{path.name}", self.number + number
+            self.opened[number] = replace(self, name=name, grid=grid, array=array, number=at, opened={})
+        return self.opened[number]
+
+    def bounds(self, number: int) -> NDArray[np.float64]:
+        """Return minimum, maximum and error of the bricks of a level; see `MultilevelSource`."""
+        return self.level(number).array.statistics()
 
     def summary(self, layout: BrickLayout) -> VolumeSummary | None:
         """Return the summary that the store keeps of its finest level; None of another level."""
@@ -129,9 +146,9 @@ def open_ome_zarr(path: Path, subset: Subset) -> LevelSource | ZarrSource:
         axes: Sequence[Any] = scales["axes"]
         slab = select(array.metadata["shape"], f"{array.axes}zyx".upper(), subset, where, _channels(attributes))
         name, grid = _name(path, wanted, datasets, slab), _grid(slab, axes, scales, described, own, where)
-        index = {"t": slab.time, "c": slab.channel}
-        volume = array.at(*(index[axis] for axis in array.axes))
-        return LevelSource(name, grid, volume, tuple(path / each["path"] for each in datasets), slab)
+        index, names = {"t": slab.time, "c": slab.channel}, [each["path"] for each in datasets]
+        volume, paths = array.at(*(index[axis] for axis in array.axes)), tuple(path / each for each in names)
+        return LevelSource(name, grid, volume, paths, slab, names.index(wanted), own["brick"])
     opened = _open_by_zarr(path, wanted)
     axes = scales.get("axes") or []
     dtype = check_dtype(np.dtype(opened.dtype), where)
