@@ -47,7 +47,7 @@ def command(
             grid = read_grid(file, time)
             found = {"name": file, "format": grid_format.name, "grid": describe_grid(grid)}
         else:
-            source = open_source(file, subset=Subset(array, time, channel, first=True, spaced=True))
+            source = open_source(file, subset=Subset(array, time, channel, first=True))
             found = describe(source, brick)
     if json:
         print(json_text.dumps(found, indent=2, ensure_ascii=False))
@@ -180,6 +180,7 @@ def describe(source: Source, brick: int) -> dict[str, Any]:
         "dtype": source.dtype.name,
         "shape_zyx": list(grid.shape_zyx),
         **_other_axes(source),
+        **_stored(source),
         "samples": samples,
         "bytes": samples * source.dtype.itemsize,
         "spacing": list(grid.spacing),
@@ -227,6 +228,14 @@ def _other_axes(source: Any) -> dict[str, Any]:
     return found
 
 
+def _stored(source: Any) -> dict[str, Any]:
+    """Return the samples of a file whose coordinates are uneven; see `clusterviz.data.rectilinear`."""
+    lattice = source.grid.shape_zyx
+    while hasattr(source, "source"):
+        source = source.source
+    return {} if source.grid.shape_zyx == lattice else {"stored_zyx": list(source.grid.shape_zyx)}
+
+
 def sparkline(counts: list[int], width: int = SPARK_WIDTH) -> str:
     """Return a histogram as one line of bars with logarithmic heights; empty bins are blank."""
     per_bar = max(1, -(-len(counts) // width))
@@ -254,6 +263,9 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("direction", "; ".join(_vector(row) for row in found["direction"])),
         ("bricks", f"{bricks['count']} of {bricks['side']}³ ({counts})"),
     ]
+    if "stored_zyx" in found:
+        stored = " × ".join(str(n) for n in found["stored_zyx"][::-1])
+        rows.insert(3, ("stored", f"{stored} samples at uneven coordinates; the others lie between them"))
     if "channels" in found:
         rows.insert(3, ("channels", f"{', '.join(map(str, found['channels']))}; this is {found['channel']}"))
     if "time_steps" in found:

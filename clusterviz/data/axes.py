@@ -97,7 +97,7 @@ def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_
         No samples, more than three axes of space, several time steps or channels and none named, or no such one.
     """
     sizes = [int(n) for n in shape]
-    check_shape([min(sizes, default=0), 1, 1], where)
+    check_shape([min(sizes), 1, 1] if sizes else [], where)
     if axes.count("T") > 1 or axes.count("C") > 1:
         raise DataError("not a scalar volume", where=where, found=f"axes {axes} {tuple(sizes)}", allowed="one channel")
     time_steps, channels = (sizes[axes.index(letter)] if letter in axes else 1 for letter in "TC")

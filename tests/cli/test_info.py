@@ -54,6 +54,14 @@ def test_nan_and_inf_are_counted_not_shown_as_range(cli: Callable[..., Any], tmp
     assert "1  to  4" in out
 
 
+def test_uneven_coordinates_show_what_is_stored(cli: Callable[..., Any], tmp_path: Path) -> None:
+    lines = {"z": np.array([0.0, 1, 4]), "y": np.arange(4.0), "x": np.arange(5.0)}
+    path = writers.netcdf(tmp_path / "a.nc", np.zeros((3, 4, 5)), lines)
+    out = cli("info", str(path)).out
+    assert "5 × 4 × 5 (x, y, z), float64" in out
+    assert "5 × 4 × 3 samples at uneven coordinates" in out
+
+
 def test_a_volume_of_nan_has_no_range(cli: Callable[..., Any], tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.full((2, 2, 2), math.nan))
     outcome = cli("info", str(tmp_path / "a.npy"), "--json")

@@ -120,6 +120,20 @@ def _netcdf(path: Path) -> None:
     writers.netcdf(path, SAMPLES, lines, **attributes)
 
 
+def _classic_netcdf(path: Path) -> None:
+    """Of records, which netCDF4 writes; uneven along one axis."""
+    import netCDF4
+
+    lines = {"time": np.arange(4.0), "lat": np.array([0.0, 1, 2, 3, 5]), "lon": np.arange(6) * 2.0}
+    with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC") as file:
+        for name, line in lines.items():
+            file.createDimension(name, None if name == "time" else len(line))
+            file.createVariable(name, "f8", (name,))[:] = line
+        variable = file.createVariable("t", "i2", tuple(lines), fill_value=7)
+        variable[:] = SAMPLES
+        variable.scale_factor = 0.5
+
+
 def _slices(path: Path) -> None:
     for z, layer in enumerate(SAMPLES):
         Image.fromarray(layer.astype("u1")).save(path.with_name(f"s{z}.png"))
@@ -205,6 +219,11 @@ READERS = {
     "hdf5": _data("a.h5", attributes={"spacing": [1.0, 2.0, 3.0]}),
     "hdf5-chunked": _data("a.h5", compression="gzip", shuffle=True, **CHUNKED),
     "netcdf": Reader("a.nc", _netcdf, lambda path: read_data(path, Subset(time=1))),
+    **(
+        {"netcdf-classic": Reader("a.nc", _classic_netcdf, lambda path: read_data(path, Subset(time=1)))}
+        if find_spec("netCDF4")
+        else {}
+    ),
     "hdf5-latest": _data("a.h5", libver="latest", compression="lzf", **CHUNKED),
     "hdf5-packed": _data("a.h5", libver="latest", chunks=(4, 5, 6), maxshape=(None, 5, 6), scaleoffset=0),
     "scene-yaml": Reader("a.yaml", _text(SCENE), load_scene),

@@ -10,7 +10,6 @@ L. A. Schoof, V. R. Yarberry: EXODUS II: a finite element data model, SAND92-213
 
 from __future__ import annotations
 
-import math
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import require_file
+from clusterviz.data.classic_netcdf import read_classic
+from clusterviz.data.files import require_file, start_of
 from clusterviz.data.grid_files import choose_step
-from clusterviz.data.header import check_size
 from clusterviz.data.unstructured import UnstructuredGrid, linearised
 from clusterviz.errors import DataError
 
@@ -55,7 +54,8 @@ def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
         netcdf: Any = import_module("netCDF4")
     except ImportError as error:
         raise DataError("needs the netCDF4 package", where=where, allowed="pip install 'clusterviz[grids]'") from error
-    _check_classic(path)
+    if start_of(path)[:3] == b"CDF":
+        read_classic(path)  # checks its size, since the library takes zeros for what is missing
     with netcdf.Dataset(where) as file:
         file.set_auto_mask(False)
         variables, sizes = file.variables, {name: len(size) for name, size in file.dimensions.items()}
@@ -85,61 +85,6 @@ def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
             parts.append({n: missing if v is None else v[step] for n, v in zip(names, found, strict=True)})
     of_cells = {name: np.concatenate([part[name] for part in parts]) for name in names if parts}
     return linearised(points, blocks, of_points, of_cells, where)
-
-
-SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 8, 7: 1, 8: 2, 9: 4, 10: 8, 11: 8}
-"""Bytes of a number of each type of classic netCDF."""
-
-
-def _check_classic(path: Path) -> None:
-    """Check the size of a classic netCDF file by its header, since the library takes zeros for what is missing."""
-    size = require_file(path)
-    with path.open("rb") as file:
-        start = file.read(4)
-        if start[:3] != b"CDF":
-            return
-        wide, far = 8 if start[3] == 5 else 4, 4 if start[3] == 1 else 8
-
-        def number(width: int = wide) -> int:
-            data = file.read(width)
-            check_size(file.tell(), file.tell() + width - len(data), str(path))
-            return int.from_bytes(data, "big")
-
-        def skip(count: int) -> None:
-            check_size(size, file.tell() + count, str(path))
-            file.seek(-(-count // 4) * 4, 1)
-
-        def attributes() -> None:
-            number(4)
-            for _ in range(number()):
-                skip(number())
-                kind = number(4)
-                skip(number() * SIZES.get(kind, 1))
-
-        records = number()
-        number(4)
-        lengths = list[int]()
-        for _ in range(number()):
-            skip(number())
-            lengths.append(number())
-        attributes()
-        number(4)
-        ends, steps = [0], [0]
-        for _ in range(number()):
-            skip(number())
-            axes = [number() for _ in range(number())]
-            attributes()
-            kind = number(4)
-            number()
-            begin = number(far)
-            shape = [lengths[axis] for axis in axes]
-            count = SIZES.get(kind, 1) * math.prod(length for length in shape if length)
-            if shape and not shape[0]:  # along the time steps
-                steps.append(-(-count // 4) * 4)
-                ends.append(begin + count if records else 0)
-            else:
-                ends.append(begin + (count if all(shape) else 0))
-    check_size(size, max(ends) + max(0, records - 1) * sum(steps), str(path))
 
 
 def _kind(stated: str, nodes: int, where: str) -> str:

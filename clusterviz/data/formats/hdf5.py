@@ -1,13 +1,16 @@
-"""HDF5 and netCDF-4 datasets (`file.h5:/path/to/dataset`, `file.nc:/temperature`), read box by box through h5py.
+"""HDF5 and netCDF datasets (`file.h5:/path/to/dataset`, `file.nc:/temperature`), read box by box.
 
-A file with a single volume needs no path. The names of dimensions say which axis is time. Axes without names are (time,
-z, y, x), (channel, z, y, x) if a channel is named, or (time, channel, z, y, x). Attributes of the dataset, where
-present: `spacing` and `origin`, world units along x, y, z; or `element_size_um`, the voxel's size along z, y, x, as
-Fiji and ilastik write it. Without them the coordinate variables of a netCDF file, which must be even, define the grid.
+h5py reads HDF5 and netCDF-4; classic netCDF is read by `clusterviz.data.classic_netcdf`. A file with a single volume
+needs no path. The names of dimensions say which axis is time. Axes without names are (time, z, y, x), (channel, z, y,
+x) if a channel is named, or (time, channel, z, y, x). Attributes of the dataset, where present: `spacing` and `origin`,
+world units along x, y, z; or `element_size_um`, the voxel's size along z, y, x, as Fiji and ilastik write it. Without
+them the coordinate variables of a netCDF file define the grid; uneven ones as in `clusterviz.data.rectilinear`.
 
-Of the CF conventions, `_FillValue`, `missing_value`, `valid_min`, `valid_max` and `valid_range` make samples NaN, and
-`scale_factor` and `add_offset` are applied. The samples are then float32, or float64 if float32 cannot hold the stored
-type.
+By the CF conventions an axis is x, y or z of the world, in whatever order a file has them, and a coordinate that is
+`positive` downwards is negated. Longitude and latitude stay degrees: there is no projection. `_FillValue`,
+`missing_value`, `valid_min`, `valid_max` and `valid_range` make samples NaN, and `scale_factor` and `add_offset` are
+applied. The samples are then float32, or float64 if float32 cannot hold the stored type. `_Unsigned` makes integers
+unsigned.
 
 Limit: a damaged file that crashes the HDF5 library ends the rank, and with it the job, without a DataError. 5 of
 144,000 damaged files did, all by a chunk shorter than its checksum. Chunks are therefore checked before they are read;
@@ -17,12 +20,14 @@ time in every rank at every start, and would not detect what reading the samples
 References
 ----------
 NetCDF Climate and Forecast (CF) Metadata Conventions 1.11, sections 2.5.1, 4 and 8.1.
+NetCDF User's Guide, appendix A, "Attribute Conventions" (`_Unsigned`).
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +35,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
+from clusterviz.data.classic_netcdf import read_classic
 from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
-from clusterviz.data.source import Grid, Index
+from clusterviz.data.rectilinear import Line, even_line, line_of, placed
+from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
 
 MAX_COORDINATES = 1 << 24  # samples along an axis whose coordinates are read
-MAX_UNEVENNESS = 0.01  # of a step; Gaussian latitudes and float32 coordinates are slightly uneven
+PRESSURES = ("pa", "hpa", "kpa", "bar", "mbar", "millibar", "mb", "dbar", "decibar", "atm", "pascal", "hectopascal")
+"""Units of coordinates that rise downwards."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +56,13 @@ class CfValues:
     missing : stored values that become NaN
     valid : least and largest valid stored value; others become NaN
     scale : (slope, intercept) applied to valid values
+    stored : dtype of the stored values, if not that of the dataset
     """
 
     missing: tuple[float, ...]
     valid: tuple[float, float]
     scale: tuple[float, float]
+    stored: np.dtype[Any] | None = None
 
     @property
     def changes(self) -> bool:
@@ -61,13 +71,14 @@ class CfValues:
 
     def decode(self, stored: NDArray[Any]) -> NDArray[Any]:
         """Return the data values; float64 if any may change."""
+        stored = stored if self.stored is None else stored.view(self.stored)
         if not self.changes:
             return stored
         slope, intercept = self.scale
         values = stored * np.float64(slope) + np.float64(intercept)
         invalid = (stored < self.valid[0]) | (stored > self.valid[1])
         for value in self.missing:
-            invalid |= stored == stored.dtype.type(value)
+            invalid |= stored == value
         values[invalid] = np.nan
         return values
 
@@ -118,51 +129,58 @@ def _check_chunks(dataset: Any, box: tuple[slice, ...], where: str) -> None:
             raise DataError("a damaged chunk", where=where, found=f"{chunk.size} bytes at {chunk.byte_offset}")
 
 
-def open_hdf5(path: Path, subset: Subset) -> Hdf5Source:
+def open_hdf5(path: Path, subset: Subset) -> Source:
     """Open the dataset that `subset` names, or the only volume.
 
     Raises
     ------
     DataError
-        Not HDF5, truncated, no such dataset, several and none named, uneven coordinates, or not a scalar volume.
+        Neither HDF5 nor netCDF, truncated, no such dataset, several and none named, not a scalar volume, or coordinates
+        that are refused as in `clusterviz.data.rectilinear`.
     """
-    import h5py
-
     require_file(path)
     with readable(path):
-        if not h5py.is_hdf5(path):
-            kind = kind_of(start_of(path))
-            allowed = "HDF5, or netCDF-4" + ("; nccopy -k nc4 converts classic netCDF" if kind == "netCDF 3" else "")
-            raise DataError("wrong magic: not what its name says", where=str(path), found=kind, allowed=allowed)
-        try:
-            file = h5py.File(path, "r", locking="best-effort")
-        except OSError as error:
-            raise DataError(f"damaged or truncated: {error}", where=str(path)) from error
-    dataset = _choose(file, subset.array, path)
+        start = start_of(path)
+    dataset = _choose(read_classic(path) if start.startswith(b"CDF") else _datasets(path, subset.array), subset, path)
     where = f"{path}:{dataset.name}"
     dtype = check_dtype(dataset.dtype, where)
-    shape = dataset.shape or ()
-    slab = select(shape, _letters(dataset, subset), subset, where)
-    values = _cf_values(dataset, where)
+    slab = select(dataset.shape or (), _letters(dataset, subset), subset, where)
+    values = _cf_values(dataset, dtype, where)
+    dtype = values.stored.newbyteorder("=") if values.stored else dtype
     if values.changes:
         dtype = np.result_type(dtype, np.float32)
-    grid = _grid_of(dataset, slab, subset, where)
-    return Hdf5Source(where + slab.label, grid, dtype, dataset, slab, values)
+    source = Hdf5Source(where + slab.label, Grid(slab.shape_zyx), dtype, dataset, slab, values)
+    return _on_grid(source, subset, where)
 
 
-def _choose(file: Any, array: str | None, path: Path) -> Any:
+def _datasets(path: Path, array: str | None) -> dict[str, Any]:
+    """Return the datasets of an HDF5 file by name; `array` may be a link."""
     import h5py
 
+    if not h5py.is_hdf5(path):
+        kind = kind_of(start_of(path))
+        raise DataError("wrong magic: not what its name says", where=str(path), found=kind, allowed="HDF5, or netCDF")
+    try:
+        file = h5py.File(path, "r", locking="best-effort")
+    except OSError as error:
+        raise DataError(f"damaged or truncated: {error}", where=str(path)) from error
     held: dict[str, Any] = {}
-    file.visititems(lambda name, item: held.update({f"/{name}": item}) if isinstance(item, h5py.Dataset) else None)
-    listed = ", ".join(f"{name} {item.shape}" for name, item in held.items()) or "none: the file holds no dataset"
-    if array is not None:
-        dataset = file.get(array)
-        if not isinstance(dataset, h5py.Dataset):
-            raise DataError("no such array", where=str(path), found=array, allowed=listed)
-        return dataset
-    volumes = [item for item in held.values() if item.shape and len(item.shape) == 3]
-    volumes = volumes or [item for item in held.values() if item.shape and len(item.shape) > 3]
+    if array is not None and isinstance(file.get(array), h5py.Dataset):
+        held[array.lstrip("/")] = file[array]
+    file.visititems(lambda name, item: held.update({name: item}) if isinstance(item, h5py.Dataset) else None)
+    return held
+
+
+def _choose(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
+    """Return the dataset that is named, or the only one with three axes of space."""
+    listed = ", ".join(f"{item.name} {item.shape}" for item in held.values()) or "none: the file holds no dataset"
+    if subset.array is not None:
+        if subset.array.lstrip("/") not in held:
+            raise DataError("no such array", where=str(path), found=subset.array, allowed=listed)
+        return held[subset.array.lstrip("/")]
+    volumes = [item for item in held.values() if item.shape and len(item.shape) > 2]
+    spatial = [item for item in volumes if _letters(item, subset).count("Z") == 3]
+    volumes = [item for item in spatial if len(item.shape) == 3] or spatial or volumes
     if len(volumes) != 1:
         what = f"several volumes: name one, as in {path.name}:/path" if volumes else "no 3-D dataset"
         raise DataError(what, where=str(path), allowed=listed)
@@ -171,17 +189,24 @@ def _choose(file: Any, array: str | None, path: Path) -> Any:
 
 def _letters(dataset: Any, subset: Subset) -> str:
     """Return the letters of the axes for `select`, by the names of dimensions."""
-    scales = [_scale(dataset, axis) for axis in range(dataset.ndim)]
-    names = [dataset.dims[axis].label or _text(scale, "name") for axis, scale in enumerate(scales)]
+    names, scales = _axes(dataset)
     if not any(names):
-        return unnamed_axes(dataset.ndim, subset)
-    letters = [
-        "T" if name.lower() in ("t", "time") or _is_time(scale) else "C" if name.lower() in ("c", "channel") else "Z"
+        letters = unnamed_axes(len(names), subset)
+        return letters.replace("Y", "Z").replace("X", "Z")
+    found = [
+        "T" if name in ("t", "time") or _is_time(scale) else "C" if name in ("c", "channel") else "Z"
         for name, scale in zip(names, scales, strict=True)
     ]
-    if letters.count("Z") > 3 and "C" not in letters:  # members of an ensemble, bands, …
-        letters[letters.index("Z")] = "C"
-    return "".join(letters)
+    if found.count("Z") > 3 and "C" not in found:  # members of an ensemble, bands, …
+        found[found.index("Z")] = "C"
+    return "".join(found)
+
+
+def _axes(dataset: Any) -> tuple[list[str], list[Any]]:
+    """Return the names of the axes in lower case, "" without one, and their coordinate variables or None."""
+    scales = [_scale(dataset, axis) for axis in range(len(dataset.shape or ()))]
+    names = [dataset.dims[axis].label or _text(scale, "name") for axis, scale in enumerate(scales)]
+    return [name.lower() for name in names], scales
 
 
 def _scale(dataset: Any, axis: int) -> Any:
@@ -203,44 +228,86 @@ def _text(scale: Any, key: str) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
-def _grid_of(dataset: Any, slab: Hyperslab, subset: Subset, where: str) -> Grid:
-    """Return the grid by attributes of the dataset, or by the coordinate variables of its axes."""
+AXES = {
+    "X": ("x", "lon", "longitude", "degrees_east", "projection_x_coordinate", "grid_longitude"),
+    "Y": ("y", "lat", "latitude", "degrees_north", "projection_y_coordinate", "grid_latitude"),
+    "Z": ("z", "lev", "level", "height", "altitude", "depth", "plev", "air_pressure"),
+}
+"""Names, standard names and units of the coordinates along each axis of the world."""
+
+
+def _world_axis(name: str, scale: Any) -> str:
+    """Return X, Y, Z, or "" if nothing tells which axis of the world it is."""
+    told = _text(scale, "axis").upper()
+    if told in AXES:
+        return told
+    words = (_text(scale, "standard_name"), _text(scale, "units"), name)
+    found = next((axis for word in words for axis, known in AXES.items() if word in known), "")
+    return found or ("Z" if _is_down(scale) or _text(scale, "positive") else "")
+
+
+def _is_down(scale: Any) -> bool:
+    """Return whether the coordinates of an axis rise downwards."""
+    told = _text(scale, "positive").lower()
+    return told == "down" or (not told and _text(scale, "units").lower().rstrip("s") in PRESSURES)
+
+
+def _on_grid(source: Hdf5Source, subset: Subset, where: str) -> Source:
+    """Return the volume on the grid that the dataset's attributes state, or the coordinate variables of its axes."""
+    dataset, slab = source.dataset, source.slab
     given = {key: dataset.attrs[key] for key in ("spacing", "origin", "element_size_um") if key in dataset.attrs}
     if given:
         spacing = given.get("spacing", np.asarray(given.get("element_size_um", (1, 1, 1)))[::-1])
-        return make_grid(slab.shape_zyx, np.diag(triple(spacing, where)), given.get("origin", (0, 0, 0)), where)
-    axes = [axis for axis, index in enumerate(slab.index) if index is None]
-    lines = [_line(_scale(dataset, axis), slab.shape[axis], subset.spaced, where) for axis in reversed(axes)]
-    origin, steps = np.array([*lines, (0.0, 1.0)][:3]).T
-    return make_grid(slab.shape_zyx, np.diag(steps), origin, where)
+        steps, origin = np.diag(triple(spacing, where)), given.get("origin", (0, 0, 0))
+        return replace(source, grid=make_grid(slab.shape_zyx, steps, origin, where))
+    names, scales = _axes(dataset)
+    kept = [axis for axis, index in enumerate(slab.index) if index is None][::-1]
+    lines = [_line(scales[axis], slab.shape[axis], subset.spaced, where) for axis in kept]
+    told = [_world_axis(names[axis], scales[axis]) for axis in kept]
+    signs = [-1.0 if _is_down(scales[axis]) else 1.0 for axis in kept]
+    if len(kept) == 2:
+        lines, told, signs = [*lines, even_line(1)], [*told, ""], [*signs, 1.0]
+    rest = [letter for letter in "XYZ" if letter not in told]
+    if len(rest) == 1 and told.count("") == 1:
+        told[told.index("")] = rest[0]
+    if sorted(told) != ["X", "Y", "Z"]:
+        told = ["X", "Y", "Z"]
+    axes = np.zeros((3, 3))
+    for column, (letter, sign) in enumerate(zip(told, signs, strict=True)):
+        axes["XYZ".index(letter), column] = sign
+    found: Source = placed(source, lines, axes)
+    return found
 
 
-def _line(scale: Any, count: int, spaced: bool, where: str) -> tuple[float, float]:
-    """Return the first coordinate of an axis and the step; 0 and 1 without coordinates."""
+def _line(scale: Any, count: int, spaced: bool, where: str) -> Line:
+    """Return the coordinates of an axis; 0, 1, … without a variable of them."""
     if scale is None or scale.shape != (count,) or scale.dtype.kind not in "iuf" or count > MAX_COORDINATES:
-        return 0.0, 1.0
+        return even_line(count)
     if _text(scale, "NAME").startswith("This is a netCDF dimension but not a netCDF variable"):
-        return 0.0, 1.0
-    coordinates = np.asarray(scale[()], float)
-    step = float(coordinates[-1] - coordinates[0]) / (count - 1) if count > 1 else 1.0
-    even = coordinates[0] + step * np.arange(count)
-    if not spaced and not (np.abs(coordinates - even) <= MAX_UNEVENNESS * abs(step)).all():
-        allowed = "even coordinates, or spacing: [x, y, z] of the volume"
-        raise DataError(f"the coordinates {scale.name} are not evenly spaced", where=where, allowed=allowed)
-    return float(coordinates[0]), step
+        return even_line(count)
+    return line_of(scale[()], spaced, scale.name, where)
 
 
-def _cf_values(dataset: Any, where: str) -> CfValues:
-    """Return the conversion that the attributes of the dataset define."""
+def _cf_values(dataset: Any, dtype: np.dtype[Any], where: str) -> CfValues:
+    """Return the conversion that the attributes of the dataset define.
+
+    Parameters
+    ----------
+    dtype : native dtype of the stored values
+    """
+    unsigned = dataset.dtype.kind == "i" and _text(dataset, "_Unsigned").lower() == "true"
+    stored = np.dtype(dataset.dtype.str.replace("i", "u")) if unsigned else None
 
     def numbers(key: str) -> list[float]:
         value = np.atleast_1d(np.asarray(dataset.attrs.get(key, ())))
         if value.size and value.dtype.kind not in "iuf":
             raise DataError(f"impossible {key}", where=where, found=value, allowed="numbers")
+        if stored is not None and value.dtype.kind == "i" and key not in ("scale_factor", "add_offset"):
+            value = value.astype(f"u{value.dtype.itemsize}")
         return value.ravel().tolist()
 
     lows, highs = numbers("valid_min"), numbers("valid_max")
     low, high = numbers("valid_range") or [lows[0] if lows else -np.inf, highs[0] if highs else np.inf]
     missing = tuple(numbers("_FillValue") + numbers("missing_value"))
     slope, intercept = (numbers("scale_factor") or [1.0])[0], (numbers("add_offset") or [0.0])[0]
-    return CfValues(missing, (low, high), (slope, intercept))
+    return CfValues(missing, (low, high), (slope, intercept), stored)

@@ -1,0 +1,180 @@
+"""Samples at uneven coordinates along each axis, as a volume on an even lattice that is computed when boxes are read.
+
+Between its samples a rectilinear grid is trilinear. So it is the same function on any finer lattice that holds all of
+its coordinates, and nothing else has to know about coordinates. The lattice's step is a whole part of the smallest
+distance. Where there is no such lattice, coordinates are moved to one by at most 1 % of the smallest distance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.axes import Hyperslab
+from clusterviz.data.header import check_box, make_grid
+from clusterviz.data.source import Grid, Index, Source
+from clusterviz.errors import DataError
+
+MAX_COORDINATES = 1 << 24
+MAX_UNEVENNESS = 0.01
+"""Of a step, by which coordinates may lie off the lattice; Gaussian latitudes and float32 are slightly uneven."""
+MAX_PARTS = 64
+"""Steps of the lattice in the smallest distance; from 50 on half a step is less than 1 % of that distance."""
+MAX_GROWTH = 64
+"""Samples of the lattice for each that is stored."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """Axis of a lattice, and the samples of it that are stored.
+
+    Attributes
+    ----------
+    first, step : coordinates of the lattice
+    places : int64, ascending; the lattice's samples that are stored
+    """
+
+    first: float
+    step: float
+    places: NDArray[np.int64]
+
+
+def even_line(count: int, first: float = 0.0, step: float = 1.0) -> Line:
+    """Return an axis all of whose samples are stored."""
+    return Line(first, step, np.arange(count, dtype=np.int64))
+
+
+def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> Line:
+    """Return the coarsest lattice that holds the coordinates of an axis, or else one that nearly does.
+
+    Parameters
+    ----------
+    coordinates : (n,), at least one
+    spaced : the spacing is given elsewhere, so the coordinates count as even
+    name : of the axis, for messages
+
+    Raises
+    ------
+    DataError
+        Not finite, neither ascending nor descending, or the smallest distance is tiny.
+    """
+    numbers = np.asarray(coordinates, np.float64)
+    first, count = float(numbers[0]), len(numbers)
+    if count < 2:
+        return even_line(count, first)
+    step = float(numbers[-1] - first) / (count - 1)
+    if spaced or (np.abs(numbers - first - step * np.arange(count)) <= MAX_UNEVENNESS * abs(step)).all():
+        return even_line(count, first, step)
+    gaps = np.diff(numbers) * np.sign(step)
+    if not (np.isfinite(numbers).all() and (gaps > 0).all()):
+        allowed = "numbers that ascend or descend"
+        raise DataError(f"impossible coordinates {name}", where=where, found=numbers[:8].tolist(), allowed=allowed)
+    whole, gap = float(numbers[-1] - first), float(gaps.min())
+    if abs(whole) / gap > MAX_COORDINATES:
+        found = f"{abs(whole) / gap:.3g} smallest distances"
+        raise DataError(f"the coordinates {name} need too fine a lattice", where=where, found=found)
+    for exact, parts in product((True, False), range(1, MAX_PARTS + 1)):
+        steps = round(abs(whole) / gap * parts)
+        places = np.rint((numbers - first) / (whole / steps)).astype(np.int64)
+        away = np.abs(numbers - first - whole / steps * places).max()
+        if away <= MAX_UNEVENNESS * (abs(whole) / steps if exact else gap):
+            break
+    return Line(first, whole / steps, places)
+
+
+@dataclass(frozen=True)
+class RectilinearSource:
+    """Volume on a lattice, of another one whose samples lie at some of its places.
+
+    Attributes
+    ----------
+    source : of the stored samples
+    grid : of the lattice
+    places_zyx : for each axis, the places of the stored samples
+    """
+
+    source: Source
+    grid: Grid
+    places_zyx: tuple[NDArray[np.int64], ...]
+
+    @property
+    def name(self) -> str:
+        return self.source.name
+
+    @property
+    def slab(self) -> Hyperslab | None:
+        return getattr(self.source, "slab", None)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Float32, or float64 if float32 cannot hold the stored type."""
+        return np.result_type(self.source.dtype, np.float32)
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """Read the samples of a box; see `Source.read`."""
+        shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
+        if 0 in shape:
+            return np.empty(shape, self.dtype)
+        below, weights, begin, end = [], [], [], []
+        for places, first, last in zip(self.places_zyx, begin_zyx, end_zyx, strict=True):
+            wanted = np.arange(first, last)
+            before = np.searchsorted(places, wanted, "right") - 1
+            after = np.minimum(before + 1, len(places) - 1)
+            weights.append((wanted - places[before]) / np.maximum(places[after] - places[before], 1))
+            begin.append(int(before[0]))
+            end.append(int(before[-1]) + (2 if weights[-1][-1] else 1))
+            below.append(before - begin[-1])
+        stored = self.source.read((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])).astype(np.float64)
+        for axis in range(3):
+            stored = interpolate(stored, below[axis], weights[axis], axis)
+        return np.ascontiguousarray(stored, self.dtype)
+
+
+def interpolate(
+    samples: NDArray[np.float64], below: NDArray[np.int64], weights: NDArray[np.float64], axis: int
+) -> NDArray[np.float64]:
+    """Return samples between neighbours along an axis: (1 − weight) of `below`, and weight of the next one.
+
+    Where the weight is 0 the sample itself is returned, whatever its neighbour is.
+    """
+    low = samples.take(below, axis)
+    if not weights.any():
+        return low
+    shape = [1, 1, 1]
+    shape[axis] = len(weights)
+    weight = weights.reshape(shape)
+    high = samples.take(np.minimum(below + 1, samples.shape[axis] - 1), axis)
+    with np.errstate(all="ignore"):
+        return np.where(weight == 0, low, (1 - weight) * low + weight * high)
+
+
+def placed(source: Any, lines_xyz: Sequence[Line], axes: NDArray[np.float64]) -> Any:
+    """Return a volume at the coordinates of three lines.
+
+    Parameters
+    ----------
+    source : the stored samples, a source that is a dataclass with a field `grid`, which is replaced
+    axes : float64 (3, 3); column a is the unit vector of the coordinates along index axis a (x, y, z) in the world
+
+    Raises
+    ------
+    DataError
+        The lattice has more than `MAX_GROWTH` times the samples of the volume, or a singular placement.
+    """
+    stored, shape = [len(line.places) for line in lines_xyz], [int(line.places[-1]) + 1 for line in lines_xyz]
+    if prod(shape) > MAX_GROWTH * prod(stored):
+        found = f"{' x '.join(map(str, shape))} steps for {' x '.join(map(str, stored))} samples"
+        allowed = f"at most {MAX_GROWTH} times as many; or spacing: [x, y, z] of the volume"
+        raise DataError("the coordinates need too fine a lattice", where=source.name, found=found, allowed=allowed)
+    x, y, z = shape
+    origin = axes @ np.array([line.first for line in lines_xyz])
+    grid = make_grid((z, y, x), axes * np.array([line.step for line in lines_xyz]), origin, source.name)
+    if shape == stored:
+        return replace(source, grid=grid)
+    return RectilinearSource(source, grid, tuple(line.places for line in reversed(lines_xyz)))
