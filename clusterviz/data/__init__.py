@@ -31,6 +31,7 @@ from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
+from clusterviz.data.remote import RemotePath, is_url, remote_path
 from clusterviz.data.series import files_of_pattern, open_step
 from clusterviz.data.source import Grid, Index, MultilevelSource, Source, levels_of
 from clusterviz.errors import DataError, guard
@@ -144,6 +145,8 @@ GRID_FORMATS = (
 GRID_EXTENSIONS: dict[str, Format] = {extension: each for each in GRID_FORMATS for extension in each.extensions}
 MESH_EXTENSIONS: dict[str, Format] = {extension: each for each in MESH_FORMATS for extension in each.extensions}
 EXTENSIONS: dict[str, Format] = {extension: each for each in FORMATS for extension in each.extensions}
+OWN_PART = re.compile(r"(volumes\W0\W{1,2})?(array|channel)=")
+"""Override that names a part of a file."""
 DECOMPOSED = re.compile(r"\.\d+\.\d+$")
 """Number of pieces and piece at the end of the names of files of Exodus II."""
 FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECASE | re.DOTALL)
@@ -155,7 +158,7 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
     Parameters
     ----------
     path : a file of a format in `FORMATS`, a folder of slices, `file.h5:/path/to/dataset`, `field:NAME[:SIZE]`, or a
-        pattern of names of files, which are time steps
+        URL of OME-Zarr, or a pattern of names of files, which are time steps
     array : name of the array, for files with several; short for `Subset(array=array)`
     subset : array, time step and channel
 
@@ -260,6 +263,10 @@ class GridOverride(_OfSource):
 def _open(text: str, part: Subset) -> Source:
     if text.startswith("field:"):
         return open_field(text)
+    if is_url(text):
+        from clusterviz.data.formats.ome_zarr import open_ome_zarr
+
+        return open_ome_zarr(remote_path(text), part)
     dataset = FILE_AND_DATASET.fullmatch(text)
     if dataset and not Path(text).exists():
         if part.array not in (None, dataset[2]):
@@ -269,8 +276,10 @@ def _open(text: str, part: Subset) -> Source:
     found = format_of(file)
     if file.is_dir():
         from clusterviz.data.formats.folder import open_folder
+        from clusterviz.data.formats.ome_zarr import METADATA, open_ome_zarr
 
-        return found.open(file, part) if found and found.name == "ome-zarr" else open_folder(file, part)
+        is_zarr = (found and found.name == "ome-zarr") or any((file / name).is_file() for name in METADATA)
+        return open_ome_zarr(file, part) if is_zarr else open_folder(file, part)
     files = files_of_pattern(text)
     if files != [text]:
         return open_step(files, part, lambda name, of_file: _open(name, of_file), text)
@@ -391,6 +400,8 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
 def open_scene(path: str | PathLike[str], overrides: Sequence[str] = ()) -> Scene:
     """Return the scene of a scene file, or a scene for a data file, depending on the suffix.
 
+    Channels of OME-Zarr with known colours and windows are a volume each; then the override `time=N` is for all.
+
     Raises
     ------
     SceneError, DataError
@@ -398,10 +409,26 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = ()) -> Scen
     """
     if Path(path).suffix.lower() in SUFFIXES:
         return load_scene(path, overrides)
+    if is_url(str(path)) or Path(path).is_dir():
+        return _scene_of_channels(str(path), overrides)
     if grid_format_of(Path(path)):
         return scene_of_data(path, overrides, ("grids",))
     found = mesh_format_of(Path(path))
     return scene_of_data(path, overrides, _sections_of(Path(path), found) if found else ("volumes",))
+
+
+def _scene_of_channels(path: str, overrides: Sequence[str]) -> Scene:
+    from clusterviz.data.formats.ome_zarr import METADATA, channel_sections
+
+    place, sections = remote_path(path) if is_url(path) else Path(path), list[dict[str, Any]]([{}])
+    is_zarr = isinstance(place, RemotePath) or any((place / name).is_file() for name in METADATA)
+    if is_zarr and not any(OWN_PART.match(each) for each in overrides):
+        with guard(DataError, path):
+            sections = channel_sections(place)
+    several = range(len(sections)) if len(sections) > 1 else ()
+    each = [f"volumes.{n}.{override}" for override in overrides if override.startswith("time=") for n in several]
+    kept = [override for override in overrides if not (several and override.startswith("time="))]
+    return scene_of_data(path, [*each, *kept], keys=sections)
 
 
 def _sections_of(path: Path, found: Format) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Protocol
 
 from clusterviz.errors import DataError
 
@@ -42,6 +43,13 @@ KINDS = (
 )
 """First bytes of files, and the kinds of file that they indicate."""
 START_BYTES = 348  # NIfTI-1's header, which ends with its magic
+
+
+class _Named(Protocol):
+    """Path of a file, local or remote."""
+
+    @property
+    def name(self) -> str: ...
 
 
 def kind_of(start: bytes) -> str:
@@ -100,7 +108,7 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
 
 
 @contextmanager
-def readable(path: Path) -> Iterator[None]:
+def readable(path: _Named) -> Iterator[None]:
     """Context that turns errors of the operating system about `path` into `DataError`."""
     try:
         yield
@@ -110,7 +118,7 @@ def readable(path: Path) -> Iterator[None]:
         raise DataError(f"the file cannot be read: {error.strerror or error}", where=str(path)) from error
 
 
-def _remedy(path: Path) -> str | None:
+def _remedy(path: _Named) -> str | None:
     """Return the option that sets the path of sample data, which examples name by the sample's name alone."""
     from clusterviz.data.samples import SAMPLES
 

@@ -50,16 +50,20 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
 
 
 def scene_of_data(
-    path: str | os.PathLike[str], overrides: Sequence[str] = (), sections: Sequence[str] = ("volumes",)
+    path: str | os.PathLike[str],
+    overrides: Sequence[str] = (),
+    sections: Sequence[str] = ("volumes",),
+    keys: Sequence[Mapping[str, Any]] = ({},),
 ) -> Scene:
     """Return a scene with automatic settings for one data file.
 
     Parameters
     ----------
     sections : what the file holds: volumes, meshes, lines, points, grids
+    keys : of each entry of a section
     """
     where = os.fspath(path)
-    found: dict[str, Any] = {name: [{"path": where}] for name in sections}
+    found: dict[str, Any] = {name: [{"path": where, **each} for each in keys] for name in sections}
     data, options = apply_overrides({**found, "automatic": True}, parse_overrides(overrides))
     return _checked(_absolute(data, Path.cwd()), where, options)
 
@@ -126,10 +130,10 @@ def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _is_path(key: str, text: str) -> bool:
-    """Return whether the value of a key is a file path; field:NAME and names of colour maps are not."""
+    """Return whether the value of a key is a file path; field:NAME, URLs and names of colour maps are not."""
     if key == "cmap":
         return text.lower().endswith(".json")
-    return bool(text.strip()) and not text.startswith("field:")
+    return bool(text.strip()) and not text.startswith("field:") and "://" not in text
 
 
 def _checked(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]) -> Scene:

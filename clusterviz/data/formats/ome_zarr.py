@@ -1,27 +1,35 @@
-"""OME-Zarr 0.4 and 0.5, and single Zarr arrays: the finest level of a volume, brick by brick.
+"""OME-Zarr 0.4 and 0.5, and single Zarr arrays, on disk or at a URL: the finest level of a volume, brick by brick.
 
 Stores that `clusterviz store` wrote are read without zarr-python, whose reading of a brick takes longer than decoding.
 A store of others is read by it. There a chunk that is absent is not an error: it holds the fill value.
 
+`array` names a level, or an image inside the store, such as `labels/NAME`, a series of bioformats2raw or a field of a
+plate, and its level: `labels/NAME/1`. Axes of space are placed by their names, in any order; those with different units
+are converted to that of x.
+
 References
 ----------
-OME-Zarr 0.5, ngff.openmicroscopy.org: multiscales, axes, coordinateTransformations.
+OME-Zarr 0.5, ngff.openmicroscopy.org: multiscales, axes, coordinateTransformations, omero, labels, plate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
+from clusterviz.data.axes import MAX_LISTED, Hyperslab, Subset, select, unnamed_axes
 from clusterviz.data.bricks import Box, BrickLayout
-from clusterviz.data.files import readable
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
+from clusterviz.data.remote import FilePath, find_range
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.store.levels import coarser
 from clusterviz.data.store.shards import PACKAGES, ShardedArray, open_array, read_json, require_packages
@@ -32,6 +40,38 @@ from clusterviz.errors import DataError
 METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
 """Files, one of which each folder of Zarr holds."""
 DISAGREE = "the levels disagree with their metadata"
+METRES = {
+    "angstrom": 1e-10,
+    "picometer": 1e-12,
+    "nanometer": 1e-9,
+    "micrometer": 1e-6,
+    "millimeter": 1e-3,
+    "centimeter": 1e-2,
+    "decimeter": 0.1,
+    "meter": 1.0,
+    "kilometer": 1e3,
+    "inch": 0.0254,
+    "foot": 0.3048,
+}
+"""Units of length."""
+
+
+@dataclass(frozen=True)
+class OmeroChannel:
+    """How a channel is shown.
+
+    Attributes
+    ----------
+    label : name
+    color : red, green and blue, 0 to 1; None if the file has none
+    window : the values that are black, and in full colour; None if the file has none
+    active : whether it is shown
+    """
+
+    label: str
+    color: tuple[float, float, float] | None = None
+    window: tuple[float, float] | None = None
+    active: bool = True
 
 
 @dataclass(frozen=True)
@@ -48,10 +88,11 @@ class LevelSource:
     name: str
     grid: Grid
     array: ShardedArray
-    paths: tuple[Path, ...]
+    paths: tuple[FilePath, ...]
     slab: Hyperslab
     number: int
     brick: int
+    omero: tuple[OmeroChannel, ...] = ()
     opened: dict[int, LevelSource] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -69,7 +110,7 @@ class LevelSource:
             return self
         if number not in self.opened:
             path, grid = self.paths[self.number + number], self.grid.coarser(number)
-            array = _own_array(path).at(*self.array.index)
+            array = _own_array(path, self.array.check).at(*self.array.index)
             if (array.shape_zyx, array.dtype) != (grid.shape_zyx, self.dtype):
                 raise DataError(DISAGREE, where=str(path), found=array.shape_zyx, allowed=grid.shape_zyx)
             name, at = f"{self.name}:/{path.name}", self.number + number
@@ -102,6 +143,7 @@ class ZarrSource:
     dtype: np.dtype[Any]
     array: Any
     slab: Hyperslab
+    omero: tuple[OmeroChannel, ...] = ()
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -112,103 +154,222 @@ class ZarrSource:
         return np.array(self.array[box], self.dtype, order="C").reshape(shape)
 
 
-def open_ome_zarr(path: Path, subset: Subset) -> LevelSource | ZarrSource:
-    """Open the finest level of a store, or the array that `subset` names.
+def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
+    """Open the finest level of a store, or the level or image that `subset` names.
 
     Raises
     ------
     DataError
         Not a store of Zarr, half written, no such array, or not a scalar volume.
     """
-    where = str(path)
-    with readable(path):
-        known = [name for name in METADATA if (path / name).is_file()]
-    if not known:
-        what = "a directory without a store of Zarr" if path.is_dir() else "not a store of Zarr"
-        raise DataError(what, where=where, allowed=f"a folder with {' or '.join(METADATA)}")
-    found = read_json(path / known[0])
-    attributes = found.get("attributes", {}) if known[0] == "zarr.json" else found
-    own = attributes.get("clusterviz")
+    path, attributes, level = find_image(path, subset.array)
+    where, own = str(path), attributes.get("clusterviz")
     if own and not own.get("complete"):
         raise DataError("half written", where=where, allowed="the same `clusterviz store` again, which continues it")
-    scales = (attributes.get("ome", attributes).get("multiscales") or [{}])[0]
+    scales = _multiscales(attributes) or {}
     datasets = scales.get("datasets") or [{"path": ""}]
-    wanted = subset.array or datasets[0]["path"]
+    wanted = level or datasets[0]["path"]
     described: Mapping[str, Any] = next((each for each in datasets if each["path"] == wanted), {})
     place = path / wanted
     if own:
         require_packages(where, *PACKAGES)
-        array, shape = _own_array(place), tuple(own.get("shape", ()))
+        array, shape = (
+            _own_array(place, partial(_check_same, path / "zarr.json", attributes)),
+            tuple(own.get("shape", ())),
+        )
         for _ in range(datasets.index(described) if described else 0):
             shape = coarser(shape)
         if (array.shape_zyx, array.dtype.name) != (shape, own.get("dtype")):
             raise DataError(DISAGREE, where=str(place), found=array.shape_zyx, allowed=shape)
-        axes: Sequence[Any] = scales["axes"]
-        slab = select(array.metadata["shape"], f"{array.axes}zyx".upper(), subset, where, _channels(attributes))
+        stored, omero = array.metadata["shape"], omero_channels(attributes)
+        axes = _axes(scales, stored, (), where)
+        letters, labels = f"{array.axes}zyx".upper(), [each.label for each in omero]
+        slab = select(stored, letters, subset, where, labels)
         name, grid = _name(path, wanted, datasets, slab), _grid(slab, axes, scales, described, own, where)
         index, names = {"t": slab.time, "c": slab.channel}, [each["path"] for each in datasets]
         volume, paths = array.at(*(index[axis] for axis in array.axes)), tuple(path / each for each in names)
-        return LevelSource(name, grid, volume, paths, slab, names.index(wanted), own["brick"])
+        return LevelSource(name, grid, volume, paths, slab, names.index(wanted), own["brick"], omero)
     opened = _open_by_zarr(path, wanted)
-    axes = scales.get("axes") or []
+    axes = _axes(scales, opened.shape, getattr(opened.metadata, "dimension_names", None) or (), str(place))
     dtype = check_dtype(np.dtype(opened.dtype), where)
-    slab = select(opened.shape, _letters(axes, opened, subset), subset, where, _channels(attributes))
+    omero = omero_channels(attributes)
+    letters = "".join(axis.letter for axis in axes) if axes else unnamed_axes(opened.ndim, subset)
+    slab = select(opened.shape, letters, subset, where, [each.label for each in omero])
     grid = _grid(slab, axes, scales, described, {}, where)
-    return ZarrSource(_name(path, wanted, datasets, slab), grid, dtype, opened, slab)
+    return ZarrSource(_name(path, wanted, datasets, slab), grid, dtype, opened, slab, omero)
 
 
-def _own_array(path: Path) -> ShardedArray:
-    array = open_array(path)
+def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, Any], str | None]:
+    """Return the folder of an image, its attributes, and the part of `array` that names its level, if any does.
+
+    Raises
+    ------
+    DataError
+        Not a store of Zarr, or it holds several images and none is named.
+    """
+    attributes, parts = _attributes(path), (array or "").split("/")
+    if attributes is None:
+        is_folder = isinstance(path, Path) and path.is_dir()
+        what = "a directory without a store of Zarr" if is_folder else "not a store of Zarr"
+        raise DataError(what, where=str(path), allowed=f"a folder with {' or '.join(METADATA)}")
+    scales = _multiscales(attributes)
+    if scales and (not array or any(each["path"] == array for each in scales["datasets"])):
+        return path, attributes, array
+    for count in range(len(parts), 0, -1) if array else ():
+        inner = path.joinpath(*parts[:count])
+        found = _attributes(inner)
+        if found and _multiscales(found):
+            return inner, found, "/".join(parts[count:]) or None
+    group = attributes.get("ome", attributes)
+    if array is None and "bioformats2raw.layout" in group:
+        if _attributes(path / "1") is None:
+            return find_image(path, "0")
+        raise DataError("several images: name one", where=str(path), allowed="array: 0, 1, …")
+    if array is None and "plate" in group:
+        wells = ", ".join(f"{each['path']}/0" for each in group["plate"].get("wells", [])[:MAX_LISTED])
+        raise DataError("a plate: name a field of a well", where=str(path), allowed=f"array: {wells}, …")
+    return path, attributes, array
+
+
+def _attributes(path: FilePath) -> dict[str, Any] | None:
+    """Return the attributes of a folder of Zarr 2 or 3; None if it is none."""
+    for name in METADATA:
+        if find_range(path / name):
+            found = read_json(path / name)
+            attributes = found.get("attributes", {}) if name == "zarr.json" else found
+            if not isinstance(attributes, dict):
+                raise DataError("damaged", where=str(path / name), found=type(attributes).__name__, allowed="an object")
+            return attributes
+    return None
+
+
+def _multiscales(attributes: Mapping[str, Any]) -> Any:
+    """Return the first description of levels; None without one."""
+    return next((each for each in attributes.get("ome", attributes).get("multiscales") or () if each["datasets"]), None)
+
+
+def omero_channels(attributes: Mapping[str, Any]) -> tuple[OmeroChannel, ...]:
+    """Return how the channels of an image are shown, by the attributes of its folder."""
+    found = (attributes.get("ome", attributes).get("omero") or {}).get("channels") or []
+    return tuple(_omero_channel(n, each) for n, each in enumerate(found))
+
+
+def _omero_channel(number: int, found: Mapping[str, Any]) -> OmeroChannel:
+    text, window = str(found.get("color", "")), found.get("window") or {}
+    digits = re.fullmatch(r"#?([0-9a-fA-F]{6})(?:[0-9a-fA-F]{2})?", text)
+    low, high = (window.get(key) for key in ("start", "end"))
+    ends = None
+    if isinstance(low, int | float) and isinstance(high, int | float) and -math.inf < low < high < math.inf:
+        ends = (float(high), float(low)) if found.get("inverted") else (float(low), float(high))
+    red, green, blue = (b / 255 for b in bytes.fromhex(digits[1])) if digits else (1.0, 1.0, 1.0)
+    color = (red, green, blue) if digits else None
+    label = str(found.get("label") or number)
+    return OmeroChannel(label, color, ends, bool(found.get("active", True)))
+
+
+def channel_sections(path: FilePath) -> list[dict[str, Any]]:
+    """Return keys of a scene's volumes, one a channel that is shown if the file says how, else one without keys.
+
+    Raises
+    ------
+    DataError
+        As of `find_image`.
+    """
+    shown = [(n, each) for n, each in enumerate(omero_channels(find_image(path, None)[1])) if each.active]
+    if len(shown) < 2 or not all(each.color and each.window for _, each in shown):
+        return [{}]
+    return [
+        {"channel": n, "clim": sorted(each.window or ()), "cmap": [[end, *colour] for end, colour in _ramp(each)]}
+        for n, each in shown
+    ]
+
+
+def _ramp(channel: OmeroChannel) -> list[tuple[float, tuple[float, ...]]]:
+    """Return the values and colours at the ends of a channel's window, in ascending order."""
+    assert channel.window
+    assert channel.color
+    return sorted(zip(channel.window, ((0.0, 0.0, 0.0), channel.color), strict=True))
+
+
+def _check_same(path: FilePath, attributes: Mapping[str, Any]) -> None:
+    """Check that a store of clusterviz is the one that was opened."""
+    found = find_range(path, fresh=True)
+    if found is None or json.loads(found[0]).get("attributes") != attributes:
+        raise DataError("the store was changed while it was in use", where=str(path.parent), allowed="start again")
+
+
+def _own_array(path: FilePath, check: Callable[[], None] = lambda: None) -> ShardedArray:
+    array = open_array(path, check)
     if array is None:
         raise DataError(DISAGREE, where=str(path))
     return array
 
 
-def _name(path: Path, wanted: str, datasets: Sequence[Any], slab: Hyperslab) -> str:
+def _name(path: FilePath, wanted: str, datasets: Sequence[Any], slab: Hyperslab) -> str:
     return f"{path}{'' if wanted == datasets[0]['path'] else ':/' + wanted}{slab.label}"
 
 
-def _open_by_zarr(path: Path, wanted: str) -> Any:
+def _open_by_zarr(path: FilePath, wanted: str) -> Any:
     require_packages(str(path), "zarr")
-    import zarr
-    from zarr.errors import UnknownCodecError
+    from clusterviz.data.store.zarr_files import open_zarr
 
-    try:
-        opened = zarr.open(str(path / wanted), mode="r")
-    except UnknownCodecError as error:
-        raise DataError(str(error), where=str(path), allowed="codecs of numcodecs and of installed packages") from error
-    if not isinstance(opened, zarr.Array):
-        held = ", ".join(f"{key} {array.shape}" for key, array in opened.arrays()) or "none"
-        raise DataError("no array is named", where=str(path), allowed=held)
-    return opened
-
-
-def _letters(axes: Sequence[Any], opened: Any, subset: Subset) -> str:
-    """Return the letters of the axes for `select`."""
-    names = [each if isinstance(each, str) else each.get("name", "") for each in axes]
-    if len(names) != opened.ndim:
-        names = [name or "" for name in getattr(opened.metadata, "dimension_names", None) or []]
-    if not any(names):
-        return unnamed_axes(opened.ndim, subset)
-    kinds = [each.get("type") if isinstance(each, dict) else None for each in axes] or [None] * len(names)
-    return "".join(
-        "T" if kind == "time" or name == "t" else "C" if kind == "channel" or name == "c" else "Z"
-        for name, kind in zip(names, kinds, strict=True)
-    )
+    place, kind = path / wanted, ""
+    if find_range(place / "zarr.json"):
+        kind = str(read_json(place / "zarr.json").get("node_type"))
+    elif find_range(place / ".zarray"):
+        kind = "array"
+    if kind != "array":
+        files = [file for name in METADATA for file in place.glob(f"*/{name}")] if isinstance(place, Path) else []
+        held = ", ".join(sorted({file.parent.name for file in files})) or None
+        what = "no array is named" if kind or held else "no such array"
+        raise DataError(what, where=str(place), allowed=held)
+    return open_zarr(place)
 
 
-def _channels(attributes: Mapping[str, Any]) -> list[str]:
-    omero = attributes.get("ome", attributes).get("omero") or {}
-    return [str(each.get("label", n)) for n, each in enumerate(omero.get("channels", []))]
+@dataclass(frozen=True)
+class _Axis:
+    """Axis of an array: its name, its letter for `select`, and its unit."""
+
+    name: str
+    letter: str
+    unit: str = ""
+
+
+def _axes(scales: Mapping[str, Any], shape: Sequence[int], names: Sequence[str | None], where: str) -> list[_Axis]:
+    """Return the axes of an array, whose own names are `names`; none if they have no names."""
+    axes: Sequence[Any] = scales.get("axes") or names
+    if scales.get("axes") and len(axes) != len(shape):
+        expected = [each if isinstance(each, str) else each.get("name") for each in axes]
+        raise DataError(DISAGREE, where=where, found=f"shape {tuple(shape)}", allowed=f"axes {expected}")
+    found = []
+    for axis in axes:
+        each = axis if isinstance(axis, dict) else {"name": axis or ""}
+        name, kind = str(each.get("name", "")), each.get("type")
+        is_time, is_channel = kind == "time" or name in ("t", "time"), kind == "channel" or name in ("c", "channel")
+        letter = "T" if is_time else "C" if is_channel else "Z"
+        found.append(_Axis(name, letter, str(each.get("unit") or "")))
+    return found if any(axis.name for axis in found) else []
+
+
+def _units(units: Sequence[str], world: Sequence[int], where: str) -> list[float]:
+    """Return the factors to the unit of x, or of the next axis that has one; 1 for axes without a unit."""
+    order = sorted(range(len(units)), key=lambda n: world[n])
+    first = next((units[n] for n in order if units[n]), "")
+    other = [unit for unit in units if unit and unit != first]
+    if other and (unknown := [unit for unit in (first, *other) if unit not in METRES]):
+        raise DataError("units that differ and are not known", where=where, found=unknown, allowed=", ".join(METRES))
+    return [METRES[unit] / METRES[first] if unit and unit != first else 1.0 for unit in units]
 
 
 def _grid(
-    slab: Hyperslab, axes: Sequence[Any], scales: Mapping[str, Any], level: Mapping[str, Any], own: Any, where: str
+    slab: Hyperslab, axes: Sequence[_Axis], scales: Mapping[str, Any], level: Mapping[str, Any], own: Any, where: str
 ) -> Grid:
     """Return the grid of a level: its transforms, then those of all levels."""
     count = len(slab.shape)
     scale, shift = np.ones(count), np.zeros(count)
     for each in [*level.get("coordinateTransformations", ()), *scales.get("coordinateTransformations", ())]:
+        if each.get("type") == "identity":
+            continue
         numbers = np.asarray(each.get("scale", each.get("translation", ())), float)
         if each.get("type") not in ("scale", "translation") or numbers.shape != (count,):
             allowed = f"scale and translation of {count} numbers"
@@ -218,10 +379,18 @@ def _grid(
         else:
             shift = shift + numbers
     kept = [axis for axis, index in enumerate(slab.index) if index is None][::-1]
-    spacing, origin = np.ones(3), np.zeros(3)
-    spacing[: len(kept)], origin[: len(kept)] = scale[kept], shift[kept]
+    world = [*range(3)]  # axis of the world by axis of the volume, both x, y, z
+    named = [axes[axis].name.lower() for axis in kept] if axes else []
+    if named and len({*named} & {*"xyz"}) == len(kept):
+        world = ["xyz".index(name) for name in named]
+        world += [axis for axis in range(3) if axis not in world]
+    units = _units([axes[axis].unit if axes else "" for axis in kept], world, where)
+    placed, origin = np.eye(3)[:, world], np.zeros(3)
+    for n, (axis, unit) in enumerate(zip(kept, units, strict=True)):
+        placed[:, n] *= scale[axis] * unit
+        origin[world[n]] = shift[axis] * unit
     direction = np.asarray(own.get("direction", np.eye(3)) if own else np.eye(3), float)
     if direction.shape != (3, 3):
         raise DataError("singular placement", where=where, found=direction.tolist(), allowed="3 × 3 numbers")
-    grid = make_grid(slab.shape_zyx, direction * spacing, triple(origin, where), where)
+    grid = make_grid(slab.shape_zyx, direction @ placed, triple(origin, where), where)
     return replace(grid, orientation=str(own.get("orientation", ""))) if own else grid

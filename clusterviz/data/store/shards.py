@@ -17,19 +17,19 @@ from __future__ import annotations
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box
-from clusterviz.data.files import readable
 from clusterviz.data.header import check_box
+from clusterviz.data.remote import FilePath, Version, read_range
 from clusterviz.data.source import Index
 from clusterviz.data.store.cache import CACHE, Owner, for_each
 from clusterviz.data.store.wavelet import (
@@ -106,7 +106,7 @@ class ShardedArray:
 
     Attributes
     ----------
-    path : of the folder
+    path : of the folder; a `RemotePath` of what is only read
     shape_zyx : samples
     brick_zyx : samples of a brick
     shard_zyx : bricks of a shard
@@ -115,6 +115,7 @@ class ShardedArray:
     axes : letters of the axes before z: t, c, both, or none
     counts : time steps and channels, along these axes
     index : of the volume along these axes
+    check : raises `DataError` if the store was changed since it was opened
     """
 
     path: Path
@@ -126,7 +127,10 @@ class ShardedArray:
     axes: str = ""
     counts: tuple[int, ...] = ()
     index: tuple[int, ...] = ()
-    _indices: dict[tuple[int, ...], NDArray[np.uint64]] = field(default_factory=dict, compare=False, repr=False)
+    check: Callable[[], None] = field(default=lambda: None, compare=False, repr=False)
+    _indices: dict[tuple[int, ...], tuple[NDArray[np.uint64], Version]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
     _owner: Owner = field(default_factory=Owner, compare=False, repr=False)
 
     def at(self, *index: int) -> ShardedArray:
@@ -231,10 +235,10 @@ class ShardedArray:
         values = np.empty((rows, *(s * n for s, n in zip(self.shards_zyx, self.shard_zyx, strict=True))))
         for z, y, x in self.shards:
             path = self.statistics_path((z, y, x))
-            with readable(path):
-                found = np.fromfile(path, "<f8")
-            if found.size != rows * nz * ny * nx:
-                raise DataError("damaged statistics of bricks", where=str(path), found=f"{found.nbytes} bytes")
+            data, _ = read_range(path)
+            if len(data) != 8 * rows * nz * ny * nx:
+                raise DataError("damaged statistics of bricks", where=str(path), found=f"{len(data)} bytes")
+            found = np.frombuffer(data, "<f8")
             here = values[:, z * nz : (z + 1) * nz, y * ny : (y + 1) * ny, x * nx : (x + 1) * nx]
             here[...] = found.reshape(here.shape)
         nz, ny, nx = self.counts_zyx
@@ -324,14 +328,14 @@ class ShardedArray:
         """Return the bytes of a brick, whose checksum is right."""
         z, y, x = (i // n for i, n in zip(brick, self.shard_zyx, strict=True))
         path, where, key = self.shard_path((z, y, x)), f"{self.path}: brick {brick}", (*self.index, z, y, x)
-        with readable(path), path.open("rb") as file:
-            if key not in self._indices:
-                self._indices[key] = self._read_index(file, where)
-            offset, count = (int(n) for n in self._indices[key][self._slot(brick)])
-            if (offset, count) == (_ABSENT, _ABSENT):
-                raise DataError("a brick is missing", where=where)
-            file.seek(offset)
-            data = file.read(count)
+        if key not in self._indices:
+            self.check()
+            self._indices[key] = self._read_index(path, where)
+        index, version = self._indices[key]
+        offset, count = (int(n) for n in index[self._slot(brick)])
+        if (offset, count) == (_ABSENT, _ABSENT):
+            raise DataError("a brick is missing", where=where)
+        data, _ = read_range(path, offset, count, version)
         CACHE.count(len(data))
         if len(data) < max(count, _CRC_BYTES):
             raise DataError("a brick ends early", where=where, found=f"{len(data)} bytes", allowed=count)
@@ -340,17 +344,17 @@ class ShardedArray:
             raise DataError("a brick has a wrong checksum: damaged, or written meanwhile", where=where)
         return data
 
-    def _read_index(self, file: Any, where: str) -> NDArray[np.uint64]:
-        size, wanted = file.seek(0, 2), 16 * math.prod(self.shard_zyx) + _CRC_BYTES
-        file.seek(max(0, size - wanted))
-        data = file.read()
+    def _read_index(self, path: FilePath, where: str) -> tuple[NDArray[np.uint64], Version]:
+        wanted = 16 * math.prod(self.shard_zyx) + _CRC_BYTES
+        data, version = read_range(path, -wanted)
+        size = version.size
         if len(data) < wanted or _checksum(data[:-_CRC_BYTES]) != data[-_CRC_BYTES:]:
             raise DataError("the shard is damaged or truncated", where=where, found=f"{size} bytes")
         index = np.frombuffer(data[:-_CRC_BYTES], "<u8").reshape(-1, 2)
         present = index[index[:, 0] != _ABSENT].astype(np.float64)
-        if (present.sum(axis=1) > size).any():
+        if size >= 0 and (present.sum(axis=1) > size).any():
             raise DataError("the shard is truncated, or its index damaged", where=where, found=f"{size} bytes")
-        return index
+        return index, version
 
     def _slot(self, brick: Index) -> int:
         """Return the number of a brick in its shard."""
@@ -378,8 +382,12 @@ def make_array(
     return ShardedArray(path, shape_zyx, (z, y, x), (nz, ny, nx), dtype, codec, axes, counts, index)
 
 
-def open_array(path: Path) -> ShardedArray | None:
+def open_array(path: FilePath, check: Callable[[], None] = lambda: None) -> ShardedArray | None:
     """Return the array in a folder, at its first time step and channel; None if its layout is not one read here.
+
+    Parameters
+    ----------
+    check : see `ShardedArray`
 
     Raises
     ------
@@ -398,8 +406,8 @@ def open_array(path: Path) -> ShardedArray | None:
             codec = BrickCodec("wavelet", **first["configuration"])
         else:
             codec = BrickCodec("zstd", 0.0, codecs[1]["configuration"]["level"])
-        sizes, dtype = ((z, y, x), (bz, by, bx), (nz, ny, nx)), np.dtype(found["data_type"])
-        array = ShardedArray(path, *sizes, dtype, codec, axes, tuple(counts), first_volume)
+        sizes, dtype, folder = ((z, y, x), (bz, by, bx), (nz, ny, nx)), np.dtype(found["data_type"]), cast(Path, path)
+        array = ShardedArray(folder, *sizes, dtype, codec, axes, tuple(counts), first_volume, check)
         return array if array.metadata == found and axes in ("", "t", "c", "tc") else None
     except (KeyError, IndexError, TypeError, ValueError, InputError):
         return None
@@ -443,7 +451,7 @@ def require_packages(where: str, *names: str) -> None:
             raise DataError(f"needs the {name} package", where=where, allowed="pip install 'clusterviz[store]'")
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: FilePath) -> dict[str, Any]:
     """Return what a JSON file holds.
 
     Raises
@@ -451,10 +459,8 @@ def read_json(path: Path) -> dict[str, Any]:
     DataError
         Missing, or not an object of JSON.
     """
-    with readable(path):
-        text = path.read_bytes()
     try:
-        found = json.loads(text)
+        found = json.loads(read_range(path)[0])
     except ValueError as error:
         raise DataError(f"damaged: {error}", where=str(path)) from error
     if not isinstance(found, dict):

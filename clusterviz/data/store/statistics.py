@@ -5,6 +5,7 @@ OUT.ome.zarr/bricks/statistics.npz   the arrays of a `VolumeSummary`, as of nump
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.files import readable
+from clusterviz.data.remote import FilePath, read_range
 from clusterviz.data.summary import Categories, VolumeSummary, block_counts
 from clusterviz.errors import DataError, guard
 from clusterviz.image.replace import replacing
@@ -30,7 +31,7 @@ def write_statistics(path: Path, summary: VolumeSummary, layout: BrickLayout) ->
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-def read_statistics(path: Path, layout: BrickLayout) -> VolumeSummary:
+def read_statistics(path: FilePath, layout: BrickLayout) -> VolumeSummary:
     """Return the summary of a volume; extremes of other bricks than those written are bounds.
 
     Raises
@@ -38,7 +39,8 @@ def read_statistics(path: Path, layout: BrickLayout) -> VolumeSummary:
     DataError
         Missing, damaged, or of another volume.
     """
-    with guard(DataError, path), readable(path), np.load(path) as found:
+    data, _ = read_range(path)
+    with guard(DataError, path), np.load(BytesIO(data)) as found:
         side, margin = found["layout"].tolist()
         written = BrickLayout(layout.shape_zyx, side, margin)
         shapes = found["minimum"].shape, found["maximum"].shape, found["blocks"].shape
