@@ -313,8 +313,9 @@ def _open_by_zarr(path: FilePath, wanted: str) -> Any:
     require_packages(str(path), "zarr")
     from clusterviz.data.store.zarr_files import open_zarr
 
-    place, kind = path / wanted, ""
+    place, kind, is_newer = path / wanted, "", False
     if find_range(place / "zarr.json"):
+        is_newer = True
         kind = str(read_json(place / "zarr.json").get("node_type"))
     elif find_range(place / ".zarray"):
         kind = "array"
@@ -323,7 +324,7 @@ def _open_by_zarr(path: FilePath, wanted: str) -> Any:
         held = ", ".join(sorted({file.parent.name for file in files})) or None
         what = "no array is named" if kind or held else "no such array"
         raise DataError(what, where=str(place), allowed=held)
-    return open_zarr(place)
+    return open_zarr(place, 3 if is_newer else 2)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import re
 from collections.abc import AsyncIterator, Iterable
 from threading import Lock
 from time import monotonic
-from typing import Any
+from typing import Any, Literal
 
 from zarr import Array, open_array
 from zarr.abc.store import OffsetByteRequest, RangeByteRequest, Store, SuffixByteRequest
@@ -25,7 +25,7 @@ CHECKED_SECONDS = 1.0
 _INSTALL = {"imagecodecs": "imagecodecs", "pcodec": "pcodec", "zfpy": "zfpy", "wavpack": "wavpack-numcodecs"}
 
 
-def open_zarr(path: FilePath) -> Array[Any]:
+def open_zarr(path: FilePath, zarr_format: Literal[2, 3]) -> Array[Any]:
     """Open an array for reading.
 
     Raises
@@ -35,7 +35,7 @@ def open_zarr(path: FilePath) -> Array[Any]:
     """
     where = str(path)
     try:
-        opened = open_array(ZarrFiles(path), mode="r")
+        opened = open_array(ZarrFiles(path), mode="r", zarr_format=zarr_format)
     except Exception as error:
         if type(error).__name__ != "UnknownCodecError":
             raise
