@@ -23,6 +23,7 @@ import numpy as np
 from clusterviz.codec import CODECS, Rows, pack, unpack
 from clusterviz.composite.over.blend import over_into
 from clusterviz.composite.over.layers import Layer, blend_layers
+from clusterviz.data.store import wavelet
 from clusterviz.composite.fragment import Patch
 from clusterviz.image.partial import Rect
 for codec in CODECS:

@@ -40,7 +40,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.codec import intrinsics, kernels
+from clusterviz.codec import kernels
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 from clusterviz.kernels.compiled import CompiledKernel
@@ -58,7 +58,7 @@ _REFERS = b"cvr1"
 _PLAIN, _LIFTED = 0, 1
 _MULTIPLES = 127
 """Largest error of a brick of floats, in the multiples to which they are rounded first."""
-_SOURCES = [Path(__file__).with_name("wavelet_kernels.py"), Path(str(intrinsics.__file__))]
+_SOURCES = [Path(__file__).with_name("wavelet_kernels.py"), Path(str(kernels.__file__)).with_name("intrinsics.py")]
 
 
 def _kernel(dtype: str) -> CompiledKernel:
