@@ -1,9 +1,9 @@
-"""ParaView's volume rendering of its Wavelet: `pvbatch benchmarks/pvbatch_pictures.py ORDER.json OUT_PREFIX`.
+"""ParaView's volume rendering of its Wavelet or a file: `pvbatch benchmarks/pvbatch_pictures.py ORDER.json OUT_PREFIX`.
 
-It runs under ParaView's own Python and needs nothing of clusterviz. The order holds `size` (samples a side), `scene`
-(complete, of clusterviz), `frames` (positions of the camera) and `samples`. pvbatch runs it on rank 0 alone. It prints
-the seconds of each frame as JSON, and writes the last frame as `OUT_PREFIX.png`; where `samples` is true, the volume
-too, as `OUT_PREFIX.npy`, float32 (z, y, x).
+It runs under ParaView's own Python and needs nothing of clusterviz. The order holds `file`, or `size` (samples a side),
+`scene` (complete, of clusterviz), `frames` (positions of the camera) and `samples`. pvbatch runs it on rank 0 alone. It
+prints the seconds of each frame as JSON, and writes the last frame as `OUT_PREFIX.png`; where `samples` is true, the
+volume too, as `OUT_PREFIX.npy`, float32 (z, y, x).
 """
 
 import json
@@ -16,6 +16,7 @@ from paraview.simple import (
     CreateRenderView,
     GetColorTransferFunction,
     GetOpacityTransferFunction,
+    OpenDataFile,
     Render,
     SaveScreenshot,
     Show,
@@ -26,12 +27,17 @@ from vtk.util.numpy_support import vtk_to_numpy
 
 with open(sys.argv[1]) as file:
     order = json.load(file)
-scene, size, prefix = order["scene"], order["size"], sys.argv[2]
+scene, prefix = order["scene"], sys.argv[2]
 volume, width_height = scene["volumes"][0], scene["image"]["size"]
-source = Wavelet(WholeExtent=[-size // 2, size // 2 - 1] * 3)
+if "file" in order:
+    source = OpenDataFile(order["file"])
+else:
+    size = order["size"]
+    source = Wavelet(WholeExtent=[-size // 2, size // 2 - 1] * 3)
 source.UpdatePipeline()
-if order["samples"]:
-    samples = vtk_to_numpy(servermanager.Fetch(source).GetPointData().GetArray("RTData"))
+name = source.PointData.GetArray(0).Name
+if order.get("samples"):
+    samples = vtk_to_numpy(servermanager.Fetch(source).GetPointData().GetArray(name))
     np.save(prefix + ".npy", samples.reshape(size, size, size))
 view = CreateRenderView()
 view.UseColorPaletteForBackground = 0
@@ -40,8 +46,8 @@ view.OrientationAxesVisibility = 0
 view.ViewSize = width_height
 display = Show(source, view)
 display.SetRepresentationType("Volume")
-ColorBy(display, ("POINTS", "RTData"))
-colours, opacity = GetColorTransferFunction("RTData"), GetOpacityTransferFunction("RTData")
+ColorBy(display, ("POINTS", name))
+colours, opacity = GetColorTransferFunction(name), GetOpacityTransferFunction(name)
 colours.ColorSpace = "RGB"
 colours.RGBPoints = [number for point in volume["cmap"] for number in point]
 opacity.Points = [number for point in volume["opacity"] for number in (*point, 0.5, 0.0)]
