@@ -94,6 +94,7 @@ FORMATS = (
     Format("hdf5", (".h5", ".hdf5", ".he5"), (), "hdf5.open_hdf5"),
     Format("netcdf", (".nc", ".nc4"), (), "hdf5.open_hdf5"),
     Format("ome-zarr", (".ome.zarr", ".zarr"), (), "ome_zarr.open_ome_zarr"),
+    Format("dicom", (".dcm", ".dicom", ".ima"), (), "dicom.open_dicom"),
     Format("picture", PICTURES, (), "folder.open_picture"),
 )
 MESH_FORMATS = (

@@ -143,6 +143,38 @@ def netcdf(path: Path, array: np.ndarray, lines: dict[str, np.ndarray | int], **
     return path
 
 
+DICOM_TURNED = np.array([[0.0, 1, 0], [0, 0, -1]])  # directions of rows and columns
+
+
+def dicom(array: np.ndarray, position: np.ndarray, **elements: Any) -> Any:
+    """A picture, as a scanner writes it; an element of None is left out."""
+    from pydicom import uid
+    from pydicom.dataset import Dataset, FileMetaDataset
+
+    found = Dataset()
+    found.file_meta = FileMetaDataset()
+    found.file_meta.TransferSyntaxUID = elements.pop("syntax", uid.ExplicitVRLittleEndian)
+    big = found.file_meta.TransferSyntaxUID == uid.ExplicitVRBigEndian
+    bits = array.dtype.itemsize * 8
+    known = {"SOPClassUID": uid.CTImageStorage, "SOPInstanceUID": uid.generate_uid(), "SeriesInstanceUID": "1.2.3"}
+    known |= {"SamplesPerPixel": 1, "PhotometricInterpretation": "MONOCHROME2", "BitsAllocated": bits}
+    known |= {"Rows": array.shape[-2], "Columns": array.shape[-1], "PixelSpacing": [0.75, 0.5], "BitsStored": bits}
+    known |= {"ImagePositionPatient": list(position), "ImageOrientationPatient": DICOM_TURNED.ravel().tolist()}
+    known |= {"HighBit": bits - 1, "PixelRepresentation": int(array.dtype.kind == "i")}
+    for key, value in (known | elements).items():
+        if value is not None:
+            setattr(found, key, value)
+    found.add_new("PixelData", "OB" if bits == 8 else "OW", array.astype(array.dtype.newbyteorder("<>"[big])).tobytes())
+    return found
+
+
+def save_dicom(found: Any, path: Path) -> Path:
+    import pydicom
+
+    pydicom.dcmwrite(path, found, enforce_file_format=True)
+    return path
+
+
 def _vtk_packed(array: np.ndarray, form: str) -> bytes:
     """Text has nine numbers a line, as VTK writes it."""
     if form == "BINARY":

@@ -139,6 +139,12 @@ def _slices(path: Path) -> None:
         Image.fromarray(layer.astype("u1")).save(path.with_name(f"s{z}.png"))
 
 
+def _dicom(path: Path, **elements: Any) -> None:
+    for z, layer in enumerate(SAMPLES):
+        made = writers.dicom(layer, np.array([2.5 * z, 0, 0]), RescaleSlope=0.5, RescaleIntercept=1, **elements)
+        writers.save_dicom(made, path.with_name(f"{z}.dcm"))
+
+
 def _preset(path: Path) -> None:
     points = [0.0, 0.0, 0.0, 0.0, 0.5, 1.0, 0.5, 0.0, 1.0, 1.0, 1.0, 1.0]
     preset = {"Name": "a", "ColorSpace": "Lab", "RGBPoints": points, "Points": [0.0, 0.0, 0.5, 0.0, 1.0, 1.0, 0.5, 0.0]}
@@ -211,6 +217,7 @@ READERS = {
     "metaimage-files": Reader("a.mhd", _mhd),
     "vtk-ascii": _data("a.vtk", form="ASCII"),
     "vtk-binary": _data("a.vtk", form="BINARY"),
+    **({"dicom": Reader("2.dcm", _dicom)} if find_spec("pydicom") else {}),
     "slices": Reader("s0.png", _slices, lambda path: read_data(path.parent), damaged="s2.png"),
     "vti-ascii": _data("a.vti", form="ascii"),
     "vti-binary": _data("a.vti", form="binary", **ZLIB),

@@ -1,5 +1,7 @@
 """Folder of slices as a volume, one picture a layer in the order of the numbers in their names; and single pictures.
 
+A folder without pictures may hold a DICOM series: see `clusterviz.data.formats.dicom`.
+
 All slices must have the same size and type. The spacing within a slice is that of the first one; between slices it is 1
 unless the scene sets it. Hidden files and files that are not pictures are ignored. Pillow reads pictures other than
 TIFF: samples are grey values or palette indices, or the `channel` of colours, which Pillow reduces from 16 to 8 bits.
@@ -17,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select
-from clusterviz.data.files import PICTURES, kind_of, readable, refuse_array, require_file, start_of
+from clusterviz.data.files import PICTURES, readable, refuse_array, require_file
+from clusterviz.data.formats.dicom import is_dicom, open_series
 from clusterviz.data.formats.tiff import open_tiff
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.header import check_box, check_packed
@@ -77,7 +80,6 @@ def open_picture(path: Path, subset: Subset) -> PictureSource:
     return PictureSource(f"{path}{slab.label}", Grid(slab.shape_zyx), dtype, path, slab)
 
 
-DICOM_PROBES = 8  # files of a folder without slices that are checked for DICOM
 SLICES: dict[str, Callable[[Path, Subset], Source]] = {
     **dict.fromkeys((".tif", ".tiff"), open_tiff),
     **dict.fromkeys(PICTURES, open_picture),
@@ -113,7 +115,7 @@ class FolderSource:
         return voxels
 
 
-def open_folder(path: Path, subset: Subset) -> FolderSource:
+def open_folder(path: Path, subset: Subset) -> Source:
     """Open the slices in a folder as one volume.
 
     Raises
@@ -125,13 +127,14 @@ def open_folder(path: Path, subset: Subset) -> FolderSource:
     with readable(path):
         held = [file for file in path.iterdir() if not file.name.startswith(".")]
         files = [file for file in held if file.suffix.lower() in SLICES]
-        if not files and any(file.is_file() and kind_of(start_of(file)) == "DICOM" for file in held[:DICOM_PROBES]):
-            raise DataError("a DICOM series", where=where, allowed="one file: dcm2niix makes .nii.gz of a series")
+        dicom = [] if files else sorted(filter(is_dicom, held))
+    if dicom:
+        return open_series(dicom, subset, where)
     kinds = Counter(file.suffix.lower() for file in files)
     if len(kinds) != 1:
         found = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         what = "a directory with slices of several kinds" if kinds else "a directory without slices"
-        raise DataError(what, where=where, found=found or None, allowed=f"files of one kind: {' '.join(SLICES)}")
+        raise DataError(what, where=where, found=found or None, allowed=f"files of one kind: {' '.join(SLICES)} .dcm")
     files.sort(key=by_numbers)
     first = _open_slice(files[0], subset)
     _, y, x = first.grid.shape_zyx

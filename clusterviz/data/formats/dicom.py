@@ -1,0 +1,346 @@
+"""DICOM series (a folder, or one file of it) and files with several frames; pydicom decodes them.
+
+Slices are sorted by their positions along their normal. The world is DICOM's: x to the left, y to the posterior, z to
+the superior, in mm. Slope and intercept are applied; samples stay integers if the slope is 1 and the intercept whole.
+Of several series in a folder, `array` is one, by number, description or UID. What is not one even stack of slices is
+refused: missing and double slices, slices that are shifted along themselves (gantry tilt), and slices of several sizes
+or orientations.
+
+References
+----------
+DICOM PS3.3 2024, C.7.6.2 "Image Plane Module", C.7.6.16 "Multi-frame Functional Groups Module", C.11.1 "Modality LUT".
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.axes import Subset, select
+from clusterviz.data.files import kind_of, readable, refuse_array, require_file, start_of
+from clusterviz.data.header import check_box, check_packed, check_size, make_grid
+from clusterviz.data.source import Grid, Index
+from clusterviz.errors import DataError
+
+EXTENSIONS = (".dcm", ".dicom", ".ima")
+TAGS = (
+    *("SeriesInstanceUID", "SeriesNumber", "SeriesDescription", "Rows", "Columns", "BitsAllocated", "BitsStored"),
+    *("PixelRepresentation", "SamplesPerPixel", "PhotometricInterpretation", "NumberOfFrames", "PixelSpacing"),
+    *("ImagePositionPatient", "ImageOrientationPatient", "RescaleSlope", "RescaleIntercept"),
+    *("SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence", "GridFrameOffsetVector", "DoseGridScaling"),
+)
+DIRECTORY = "1.2.840.10008.1.3.10"
+"""Class of lists of files (DICOMDIR)."""
+TOLERANCE = 0.02
+"""Of the distance of slices, by which positions may be off; files state a few decimals."""
+CACHE_BYTES = 1 << 27
+MAX_LISTED = 8
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Frame of a file.
+
+    Attributes
+    ----------
+    kind : of rows, columns, bits allocated, bits stored, and whether they are signed
+    position : float64 (3,), world position of the first sample
+    axes : float64 (3, 2), world steps from column to column and from row to row
+    scale : (slope, intercept)
+    """
+
+    path: Path
+    frame: int
+    kind: tuple[int, int, int, int, bool]
+    position: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    scale: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class DicomSource:
+    """Volume of slices, which are decoded when they are read; `layer` returns one with its data values."""
+
+    name: str
+    grid: Grid
+    dtype: np.dtype[Any]
+    layer: Callable[[int], NDArray[Any]]
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """Read the samples of a box; see `Source.read`."""
+        voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
+        (z, y, x), (_, y_end, x_end) = begin_zyx, end_zyx
+        if voxels.size:
+            for number, layer in enumerate(voxels, z):
+                layer[:] = self.layer(number)[y:y_end, x:x_end]
+        return voxels
+
+
+def is_dicom(path: Path) -> bool:
+    """Return whether a file is DICOM, by its extension or its magic."""
+    return path.is_file() and (path.suffix.lower() in EXTENSIONS or kind_of(start_of(path)) == "DICOM")
+
+
+def open_dicom(path: Path, subset: Subset) -> DicomSource:
+    """Open a file of several frames, or the series in its folder that a file belongs to.
+
+    Raises
+    ------
+    DataError
+        As `open_series`.
+    """
+    require_file(path)
+    header = _header(path)
+    if int(header.get("NumberOfFrames") or 1) > 1:
+        refuse_array(subset.array, path)
+        return _stack(_frames(path, header), subset, str(path))
+    with readable(path.parent):
+        beside = sorted(file for file in path.parent.iterdir() if file.suffix == path.suffix and file.is_file())
+        files = [file for file in beside if file == path or kind_of(start_of(file)) == "DICOM"]
+    return open_series(files, replace(subset, array=subset.array or str(header.get("SeriesInstanceUID"))), str(path))
+
+
+def open_series(files: Sequence[Path], subset: Subset, where: str) -> DicomSource:
+    """Open a series of DICOM files.
+
+    Parameters
+    ----------
+    files : of one or more series
+    subset : its `array` names the series
+    where : the folder or file, for messages
+
+    Raises
+    ------
+    DataError
+        pydicom or a decoder is not installed, damaged files, several series and none named, no such series, colours,
+        or slices that are no even stack.
+    """
+    series = dict[str, list[tuple[Path, Any]]]()
+    for file in files:
+        header = _header(file)
+        if header.file_meta.get("MediaStorageSOPClassUID") != DIRECTORY:
+            series.setdefault(str(header.get("SeriesInstanceUID", "")), []).append((file, header))
+    for uid, members in list(series.items()):
+        if not uid:
+            raise DataError("damaged: no SeriesInstanceUID", where=str(members[0][0]))
+        if len(series) > 1 and not any("Rows" in header for _, header in members):  # reports, plans
+            del series[uid]
+    names = {uid: _names(members[0][1]) for uid, members in series.items()}
+    told = [f"{' '.join(names[uid]) or uid} ({len(members)})" for uid, members in series.items()]
+    listed = ", ".join(told[:MAX_LISTED]) + (", …" if len(told) > MAX_LISTED else "")
+    found = [uid for uid in series if subset.array is None or subset.array in (uid, *names[uid], " ".join(names[uid]))]
+    if not found:
+        raise DataError("no such series", where=where, found=subset.array, allowed=listed)
+    if len(found) > 1:
+        raise DataError("several series: name one as `array`", where=where, allowed=listed)
+    return _stack([each for file, header in series[found[0]] for each in _frames(file, header)], subset, where)
+
+
+def _names(header: Any) -> list[str]:
+    """Return number and description of a series, as far as it has them."""
+    return [text for key in ("SeriesNumber", "SeriesDescription") if (text := str(header.get(key) or "").strip())]
+
+
+def _pydicom(where: str) -> Any:
+    try:
+        package: Any = import_module("pydicom")
+    except ImportError as error:
+        raise DataError("needs the pydicom package", where=where, allowed="pip install 'clusterviz[dicom]'") from error
+    _silence(package)
+    return package
+
+
+@lru_cache
+def _silence(package: Any) -> None:
+    """Keep pydicom from writing to the terminal what is an error of clusterviz, or is no obstacle."""
+    package.config.settings.reading_validation_mode = package.config.IGNORE
+    logging.getLogger("pydicom").setLevel(logging.CRITICAL)
+    warnings.filterwarnings("ignore", module="pydicom")
+
+
+def _header(path: Path) -> Any:
+    """Return the elements of `TAGS` that a file has, and its transfer syntax."""
+    require_file(path)
+    package = _pydicom(str(path))
+    try:
+        return package.dcmread(path, stop_before_pixels=True, specific_tags=list(TAGS))
+    except Exception as error:  # a damaged header makes pydicom raise many kinds
+        found = kind_of(start_of(path))
+        raise DataError(
+            f"wrong magic or damaged header: {error}", where=str(path), found=found, allowed="DICOM"
+        ) from error
+
+
+def _frames(path: Path, header: Any) -> list[Slice]:
+    """Return the frames of a file."""
+    where, count = str(path), int(header.get("NumberOfFrames") or 1)
+    if "Rows" not in header or "BitsAllocated" not in header:
+        raise DataError("no picture", where=where, allowed="Rows, Columns and BitsAllocated")
+    samples, colours = header.get("SamplesPerPixel", 1), str(header.get("PhotometricInterpretation", ""))
+    if samples != 1 or not colours.startswith("MONOCHROME"):
+        found = f"{colours}, {samples} samples a pixel"
+        raise DataError("not a scalar volume", where=where, found=found, allowed="MONOCHROME1, MONOCHROME2")
+    bits = int(header.BitsAllocated)
+    if bits not in (8, 16, 32):
+        raise DataError("unsupported", where=where, found=f"{bits} bits allocated", allowed="8, 16, 32")
+    stored, signed = int(header.get("BitsStored") or bits), bool(header.get("PixelRepresentation"))
+    form = int(header.Rows), int(header.Columns), bits, min(stored, bits), signed
+    shared = (header.get("SharedFunctionalGroupsSequence") or [{}])[0]
+    offsets = [float(offset) for offset in header.get("GridFrameOffsetVector") or ()] or [0.0]  # of doses
+    frames = header.get("PerFrameFunctionalGroupsSequence") or [{}] * len(offsets)
+    if len(frames) != count:
+        found, allowed = f"{count} frames and {len(frames)} positions", "a position for each"
+        raise DataError("frames without positions", where=where, found=found, allowed=allowed)
+
+    def element(frame: Any, group: str, key: str) -> Any:
+        """Return an element of the functional groups of a frame or of all, or of the file itself."""
+        for groups in (frame, shared):
+            if groups.get(group) and key in groups.get(group)[0]:
+                return groups.get(group)[0].get(key)
+        return header.get(key)
+
+    def numbers(value: Any, key: str, count: int) -> NDArray[np.float64]:
+        found = np.array([float(number) for number in value or ()])
+        if len(found) != count or not np.isfinite(found).all():
+            raise DataError(f"impossible {key}", where=where, found=value or "nothing", allowed=f"{count} numbers")
+        return found
+
+    slices = []
+    for number, frame in enumerate(frames):
+        position = element(frame, "PlanePositionSequence", "ImagePositionPatient")
+        turned = element(frame, "PlaneOrientationSequence", "ImageOrientationPatient")
+        spacing = numbers(element(frame, "PixelMeasuresSequence", "PixelSpacing"), "PixelSpacing", 2)
+        scale = [
+            float(value if value not in (None, "") else default)
+            for key, default in (("RescaleSlope", header.get("DoseGridScaling", 1)), ("RescaleIntercept", 0))
+            for value in (element(frame, "PixelValueTransformationSequence", key),)
+        ]
+        axes = numbers(turned, "ImageOrientationPatient", 6).reshape(2, 3).T * spacing[::-1]
+        place = numbers(position, "ImagePositionPatient", 3)
+        if len(offsets) == count:
+            place += offsets[number] * _unit(np.cross(axes[:, 0], axes[:, 1]))
+        slices.append(Slice(path, number, form, place, axes, (scale[0], scale[1])))
+    _check_data(path, header, len(frames), form)
+    return slices
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vector / (float(np.linalg.norm(vector)) or 1.0)
+
+
+def _check_data(path: Path, header: Any, frames: int, form: tuple[int, ...]) -> None:
+    """Check that a file can hold its samples, and that something can decode them."""
+    where, size, needed = str(path), require_file(path), frames * form[0] * form[1] * form[2] // 8
+    syntax = header.file_meta.get("TransferSyntaxUID") if hasattr(header, "file_meta") else None
+    if syntax is None or not syntax.is_compressed:
+        check_size(size, needed, where)
+        return
+    check_packed(size, needed, "TIFF", where)
+    pixels = import_module("pydicom.pixels")
+    try:
+        decoder = pixels.get_decoder(syntax)
+    except NotImplementedError as error:
+        raise DataError("unsupported compression", where=where, found=syntax.name) from error
+    if not decoder.is_available:
+        allowed = "pip install pylibjpeg pylibjpeg-libjpeg pylibjpeg-openjpeg"
+        raise DataError("no decoder is installed", where=where, found=syntax.name, allowed=allowed)
+
+
+def _stack(slices: list[Slice], subset: Subset, where: str) -> DicomSource:
+    """Return the volume of slices, which are sorted here."""
+    first = slices[0]
+    rows, columns, bits, stored, signed = first.kind
+    for each in slices[1:]:
+        if each.kind != first.kind:
+            raise DataError(
+                "not of one size and type with the first slice",
+                where=str(each.path),
+                found="{1} x {0}, {3} of {2} bits, signed {4}".format(*each.kind),
+                allowed="{1} x {0}, {3} of {2} bits, signed {4}".format(*first.kind),
+            )
+        if np.abs(each.axes - first.axes).max() > 1e-3 * np.abs(first.axes).max():
+            raise DataError(
+                "not of one orientation and spacing with the first slice",
+                where=str(each.path),
+                found=each.axes.T.round(4).tolist(),
+                allowed=first.axes.T.round(4).tolist(),
+            )
+    normal = _unit(np.cross(first.axes[:, 0], first.axes[:, 1]))
+    slices = sorted(slices, key=lambda each: float(each.position @ normal))
+    step = _step(slices, normal, where) if len(slices) > 1 else normal
+    grid = make_grid((len(slices), rows, columns), np.column_stack([first.axes, step]), slices[0].position, where)
+    select(grid.shape_zyx, "ZYX", subset, where)
+    dtype = _dtype([each.scale for each in slices], bits, stored, signed)
+    layer_bytes = max(1, rows * columns * max(dtype.itemsize, bits // 8))
+    layer = lru_cache(max(1, CACHE_BYTES // layer_bytes))(lambda number: _decode(slices[number], dtype))
+    return DicomSource(where, replace(grid, orientation="LPS"), dtype, layer)
+
+
+def _step(slices: Sequence[Slice], normal: NDArray[np.float64], where: str) -> NDArray[np.float64]:
+    """Return the world step from slice to slice, after checks that all steps are equal."""
+    places = np.stack([each.position for each in slices])
+    gaps = np.diff(places @ normal)
+    usual = float(np.median(gaps))
+    double = np.flatnonzero(gaps <= TOLERANCE * usual)
+    if usual <= 0 or len(double):
+        one, other = (slices[int(double[0] if len(double) else np.argmin(gaps)) + n] for n in (0, 1))
+        found = f"{max(1, len(double))} of {len(slices)}, as {_named(one)} and {_named(other)}"
+        raise DataError("double slices", where=where, found=found, allowed="one slice at each position")
+    uneven = np.flatnonzero(np.abs(gaps - usual) > TOLERANCE * usual)
+    if len(uneven):
+        at = int(uneven[np.argmax(gaps[uneven])])
+        found = f"{gaps[at]:g} mm between {_named(slices[at])} and {_named(slices[at + 1])}"
+        what = "missing slices" if gaps[at] > 1.5 * usual else "uneven slices"
+        raise DataError(what, where=where, found=found, allowed=f"{usual:g} mm between slices")
+    step: NDArray[np.float64] = (places[-1] - places[0]) / (len(slices) - 1)
+    aside, off_line = step - normal * (step @ normal), places - places[0] - step * np.arange(len(slices))[:, None]
+    if max(np.linalg.norm(aside), np.abs(off_line).max()) > TOLERANCE * usual:
+        lateral = places - places[0] - np.outer((places - places[0]) @ normal, normal)
+        found = f"slices up to {np.linalg.norm(lateral, axis=1).max():.3g} mm beside the normal through the first one"
+        allowed = "slices above one another; dcm2niix and 3D Slicer correct a gantry tilt"
+        raise DataError("shifted slices (gantry tilt)", where=where, found=found, allowed=allowed)
+    return step
+
+
+def _named(each: Slice) -> str:
+    return f"{each.path.name}:{each.frame}" if each.frame else each.path.name
+
+
+def _dtype(scales: Sequence[tuple[float, float]], bits: int, stored: int, signed: bool) -> np.dtype[Any]:
+    """Return the type of data values: the smallest integers that hold them, or float32 (float64 for 32 bits)."""
+    kept = np.dtype(f"{'i' if signed else 'u'}{bits // 8}")
+    if all(slope == 1 and shift == int(shift) for slope, shift in scales):
+        shifts = [int(shift) for _, shift in scales]
+        low = -(1 << (stored - 1)) if signed else 0
+        for dtype in (kept, *map(np.dtype, ("i2", "i4", "i8"))):
+            limits = np.iinfo(dtype)
+            if limits.min <= low + min(shifts) and low + (1 << stored) - 1 + max(shifts) <= limits.max:
+                return dtype
+    return np.result_type(kept, np.float32)
+
+
+def _decode(one: Slice, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return a slice with its data values, (rows, columns)."""
+    pixels = import_module("pydicom.pixels")
+    rows, columns, bits, stored, signed = one.kind
+    try:
+        # `raw` leaves the values as they are stored.
+        found = np.asarray(pixels.pixel_array(one.path, index=one.frame, raw=True)).reshape(rows, columns)
+    except Exception as error:  # decoders raise many kinds
+        raise DataError(f"the picture cannot be decoded: {error}", where=str(one.path)) from error
+    if stored < bits:  # other bits may hold an overlay
+        integer = np.dtype(f"{'i' if signed else 'u'}{bits // 8}")
+        found = (found.astype(integer) << (bits - stored)) >> (bits - stored)
+    slope, shift = one.scale
+    if dtype.kind in "iu":
+        return found.astype(np.int64) + int(shift) if shift else found
+    return found * slope + shift
