@@ -29,7 +29,7 @@ def command(
     ],
     output: Annotated[Path, typer.Argument(metavar="OUT.ome.zarr", help="The store, a folder.")],
     codec: Annotated[
-        str, typer.Option(help="wavelet, or zstd, which other programs read without clusterviz.")
+        str, typer.Option(help="wavelet; zstd or zfp, which other programs read without clusterviz.")
     ] = "wavelet",
     error: Annotated[float, typer.Option(help="Largest error of a sample; 0: bit for bit.", min=0.0)] = 0.0,
     brick: Annotated[int, typer.Option(help="Samples along the side of a brick.", min=8, max=512)] = 64,

@@ -31,6 +31,7 @@ from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.series import Series, open_series
 from clusterviz.data.source import Grid, levels_of
+from clusterviz.data.store import zfp
 from clusterviz.data.store.cache import CACHE, BrickCache, Owner
 from clusterviz.data.store.levels import coarser, difference, low_pass
 from clusterviz.data.store.shards import BrickCodec
@@ -206,6 +207,8 @@ def make_source(dtype: str = "u1", shape: tuple[int, int, int] = (40, 70, 51)) -
         ("i2", BrickCodec("wavelet", 2.0)),
         ("f4", BrickCodec("wavelet", 0.25)),
         ("f8", BrickCodec("zstd")),
+        ("f4", BrickCodec("zfp", 0.25)),
+        ("i4", BrickCodec("zfp")),
     ],
 )
 def test_store_holds_the_volume_its_levels_and_their_errors(dtype: str, codec: BrickCodec, tmp_path: Path) -> None:
@@ -495,6 +498,39 @@ def test_missing_package_is_named(package: str, tmp_path: Path, monkeypatch: pyt
         refused(lambda: open_source(ours), text)
         refused(lambda: write_store(source, tmp_path / "new.zarr", BrickCodec()), text)
         check_source(open_source(theirs), source.read((0, 0, 0), (4, 5, 6)))
+
+
+@pytest.mark.parametrize(
+    ("dtype", "error", "text"),
+    [("u1", 0.0, r"codec.*does not pack this type.*uint8.*float32.*wavelet"), ("i4", 1.0, "error.*floats only.*1.0")],
+)
+def test_zfp_refuses_what_it_does_not_pack(dtype: str, error: float, text: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=text):
+        write_store(make_source(dtype), tmp_path / "a.zarr", BrickCodec("zfp", error))
+    assert not (tmp_path / "a.zarr").exists()
+
+
+def test_floats_are_rounded_within_the_error_even_where_their_type_rounds_too() -> None:
+    samples = np.random.default_rng(3).uniform(-1, 1, (16, 16, 16)).astype("f4")
+    data = encode_brick(samples, 0.01)
+    assert np.abs(decode_brick(data, samples.shape, samples.dtype) - samples.astype(float)).max() <= 0.01
+    assert len(data) < 0.3 * samples.nbytes
+
+
+def test_bricks_of_zfp_are_exact_where_asked_and_never_read_beyond_their_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    samples, dtype = make_source("f4").read((0, 0, 0), (8, 9, 10)), np.dtype("f4")
+    samples[1, 2, 3] = np.nan
+    packed = zfp.encode_brick(samples, 0.5)
+    assert zfp.decode_brick(packed, (8, 9, 10), dtype, "here").tobytes() == samples.tobytes()
+    for shape, kind in [((8, 9, 11), "f4"), ((8, 9, 10), "f8"), ((8, 90, 1), "f4")]:
+        refused(lambda: zfp.decode_brick(packed, shape, np.dtype(kind), "here"), "here", "damaged brick of zfp")  # noqa: B023
+    refused(lambda: zfp.decode_brick(packed[:4], (8, 9, 10), dtype, "here"), "damaged brick of zfp")
+    assert zfp.decode_brick(packed[:40], (8, 9, 10), dtype, "here").shape == (8, 9, 10)
+    write_store(make_source("f4"), tmp_path / "a.zarr", BrickCodec("zfp"))
+    monkeypatch.setitem(sys.modules, "zfpy", None)
+    refused(lambda: open_source(tmp_path / "a.zarr"), r"needs the zfpy package.*clusterviz\[zfp\]")
 
 
 def moving(step: int, channel: int = 0, shape: tuple[int, int, int] = (20, 48, 35)) -> np.ndarray:

@@ -37,7 +37,9 @@ def imported(folder: str) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize(("folder", "extras"), [("clusterviz", ["report", "movie", "store"]), ("tests", ["test"])])
+@pytest.mark.parametrize(
+    ("folder", "extras"), [("clusterviz", ["report", "movie", "store", "zfp"]), ("tests", ["test"])]
+)
 def test_what_is_imported_is_asked_for(folder: str, extras: list[str]) -> None:
     wanted = PROJECT["dependencies"] + [name for extra in extras for name in PROJECT["optional-dependencies"][extra]]
     declared = {canonical(requirement) for requirement in wanted} | {"clusterviz"}

@@ -302,6 +302,7 @@ def _own_array(path: FilePath, check: Callable[[], None] = lambda: None) -> Shar
     array = open_array(path, check)
     if array is None:
         raise DataError(DISAGREE, where=str(path))
+    array.codec.require(str(path))
     return array
 
 

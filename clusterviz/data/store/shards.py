@@ -31,6 +31,7 @@ from clusterviz.data.bricks import Box
 from clusterviz.data.header import check_box
 from clusterviz.data.remote import FilePath, Version, read_range
 from clusterviz.data.source import Index
+from clusterviz.data.store import zfp
 from clusterviz.data.store.cache import CACHE, Owner, for_each
 from clusterviz.data.store.wavelet import (
     EFFORT,
@@ -48,7 +49,7 @@ SHARD_BYTES = 32 << 20
 """Samples of a shard, at most, unless a brick is larger."""
 PACKAGES = ("zstandard", "google_crc32c")
 """What bricks and their checksums need."""
-CODECS = ("wavelet", "zstd")
+CODECS = ("wavelet", "zstd", "zfp")
 _LITTLE = {"name": "bytes", "configuration": {"endian": "little"}}
 _CRC = {"name": "crc32c"}
 _CRC_BYTES = 4
@@ -62,8 +63,8 @@ class BrickCodec:
     Attributes
     ----------
     name : one of `CODECS`
-    error : largest difference of a sample; 0 without wavelets
-    effort : level of zstd
+    error : largest difference of a sample; 0 with zstd
+    effort : level of zstd; zfp has none
     """
 
     name: str = "wavelet"
@@ -73,21 +74,43 @@ class BrickCodec:
     def __post_init__(self) -> None:
         if self.name not in CODECS:
             raise InputError("no such codec", where="codec", found=self.name, allowed=", ".join(CODECS))
-        if not (0 <= self.error < math.inf) or (self.error > 0 and self.name != "wavelet"):
-            raise InputError("impossible error", where="error", found=self.error, allowed="0; more with wavelets")
+        if not (0 <= self.error < math.inf) or (self.error > 0 and self.name == "zstd"):
+            allowed = "0; more with wavelets or zfp"
+            raise InputError("impossible error", where="error", found=self.error, allowed=allowed)
         if not 1 <= self.effort <= MOST_EFFORT:
             raise InputError("no such level of zstd", where="effort", found=self.effort, allowed=f"1 to {MOST_EFFORT}")
+
+    def require(self, where: str) -> None:
+        """Check that the packages of the codec are installed."""
+        if self.name == "zfp":
+            require_packages(where, "zfpy", extra="zfp")
+
+    def check(self, dtype: np.dtype[Any]) -> None:
+        """Refuse a type of samples that is not packed so."""
+        if self.name != "zfp":
+            return
+        self.require("codec")
+        if dtype.name not in zfp.DTYPES:
+            allowed = f"{', '.join(zfp.DTYPES)}; wavelet for others"
+            raise InputError("zfp does not pack this type", where="codec", found=dtype.name, allowed=allowed)
+        if self.error > 0 and dtype.kind != "f":
+            text = "zfp bounds the error of floats only"
+            raise InputError(text, where="error", found=self.error, allowed="0; --codec wavelet")
 
     def encode(self, samples: NDArray[Any]) -> bytes:
         """Return a brick as bytes."""
         if self.name == "wavelet":
             return encode_brick(samples, self.error, self.effort)
+        if self.name == "zfp":
+            return zfp.encode_brick(samples, self.error)
         return compress(np.ascontiguousarray(samples), self.effort)
 
     def decode(self, data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
         """Return the samples of a brick."""
         if self.name == "wavelet":
             return decode_brick(data, shape, dtype, where)
+        if self.name == "zfp":
+            return zfp.decode_brick(data, shape, dtype, where)
         samples = decompress(memoryview(data), math.prod(shape) * dtype.itemsize, where)
         return np.frombuffer(samples, dtype.newbyteorder("<")).astype(dtype, copy=False).reshape(shape)
 
@@ -97,6 +120,8 @@ class BrickCodec:
         if self.name == "wavelet":
             configuration = {"error": self.error, "effort": self.effort}
             return [{"name": "clusterviz.wavelet", "configuration": configuration}, _CRC]
+        if self.name == "zfp":
+            return [zfp.metadata(self.error), _CRC]
         return [_LITTLE, {"name": "zstd", "configuration": {"level": self.effort, "checksum": False}}, _CRC]
 
 
@@ -404,6 +429,8 @@ def open_array(path: FilePath, check: Callable[[], None] = lambda: None) -> Shar
         axes, first_volume = "".join(found["dimension_names"][:-3]), (0,) * len(counts)
         if first["name"] == "clusterviz.wavelet":
             codec = BrickCodec("wavelet", **first["configuration"])
+        elif first["name"] == zfp.NAME:
+            codec = BrickCodec("zfp", first["configuration"].get("tolerance", 0.0))
         else:
             codec = BrickCodec("zstd", 0.0, codecs[1]["configuration"]["level"])
         sizes, dtype, folder = ((z, y, x), (bz, by, bx), (nz, ny, nx)), np.dtype(found["data_type"]), cast(Path, path)
@@ -438,7 +465,7 @@ def write_values(path: Path, values: NDArray[Any]) -> None:
         temporary.write_bytes(values.astype(values.dtype.newbyteorder("<")).tobytes())
 
 
-def require_packages(where: str, *names: str) -> None:
+def require_packages(where: str, *names: str, extra: str = "store") -> None:
     """Check that packages are installed.
 
     Raises
@@ -448,7 +475,7 @@ def require_packages(where: str, *names: str) -> None:
     """
     for name in names:
         if find_spec(name) is None:
-            raise DataError(f"needs the {name} package", where=where, allowed="pip install 'clusterviz[store]'")
+            raise DataError(f"needs the {name} package", where=where, allowed=f"pip install 'clusterviz[{extra}]'")
 
 
 def read_json(path: FilePath) -> dict[str, Any]:

@@ -150,8 +150,11 @@ def _few_values(keys: NDArray[Any]) -> NDArray[Any] | None:
 
 def _encode_rounded(samples: NDArray[Any], error: float, effort: int) -> bytes | None:
     """Return a brick of floats within an error; None if that is not possible."""
-    spacing, values = error / (_MULTIPLES + 0.5), samples.ravel().astype(np.float64)
+    values = samples.ravel().astype(np.float64)
     low, high = float(values.min()), float(values.max())
+    # Decoded samples are rounded to their type.
+    rounding = float(np.finfo(samples.dtype).eps) * max(abs(low), abs(high))
+    spacing = (error - rounding) / (_MULTIPLES + 0.5)
     if not (math.isfinite(high - low) and spacing > 0 and high - low < spacing * ((1 << 32) - 1)):
         return None
     numbers = np.rint((values - low) / spacing)

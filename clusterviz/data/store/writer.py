@@ -99,9 +99,12 @@ class StoreWriter:
 
         Raises
         ------
+        InputError
+            The codec does not pack the type of the samples.
         OutputError
             Something else is there, another process writes it, or it cannot be written.
         """
+        self.codec.check(self.source.dtype)
         try:
             self.path.mkdir(exist_ok=True)
             handle = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
