@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.shader import ShaderSource
-from clusterviz.kernels.objects import function_address, has_features, load_function, optimized_object
+from clusterviz.kernels.objects import function_address, has_features, load_function, optimized_object, optimizes
 from clusterviz.spmd.ir import BUFFERS, PROFILE_BLOCK, SYSTEM_BLOCK, TEXTURES, Program
 
 if TYPE_CHECKING:
@@ -78,8 +78,8 @@ def _compiled(source: ShaderSource, name: str, lanes: int) -> Callable[[int], No
 
 
 def code_sources(source: ShaderSource, lanes: int) -> tuple[bytes, ...]:
-    """Return what decides which machine code a shader becomes: the shader, and the files of the compiler."""
-    return (source.text.encode(), str(lanes).encode(), *compiler_files())
+    """Return what decides which machine code a shader becomes: the shader, the passes and the compiler's files."""
+    return (source.text.encode(), f"{lanes} {optimizes()}".encode(), *compiler_files())
 
 
 @cache

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.shader import ShaderSource
-from clusterviz.kernels.objects import function_address, optimized_object
+from clusterviz.kernels.objects import function_address, optimized_object, optimizes
 from clusterviz.spmd.analysis import Facts, children
 from clusterviz.spmd.codegen import CHEAP, Generator
 from clusterviz.spmd.ir import PROFILE_BLOCK, Block, Expression, Function, Leave, Loop, Program, Statement, Variable
@@ -208,5 +208,5 @@ def instrument(source: ShaderSource, name: str, lanes: int, mode: Mode) -> Instr
     for function, at in made[0].keys:
         file, line, column = places.where(at).rsplit(":", 2) if at else ("", "0", "0")
         sites.append(Site(function, file, int(line), int(column)))
-    address = function_address(name, (text.encode(),), lambda: optimized_object(text))
+    address = function_address(name, (text.encode(), str(optimizes()).encode()), lambda: optimized_object(text))
     return Instrumented(ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address), tuple(sites))

@@ -35,10 +35,13 @@ from render.scenes import (
 
 from clusterviz.data.source import Grid
 from clusterviz.image.merge import ORDER_FREE
+from clusterviz.kernels.objects import OPTIMIZE_VARIABLE
 from clusterviz.reference import render_reference
+from clusterviz.render.cpu.caster import compiled_variant
 from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.values import Cluster, Scene
+from clusterviz.spmd import machine_code
 
 
 @dataclass(frozen=True)
@@ -405,3 +408,16 @@ NARROW = [*(width for width in WIDTHS if width.lanes != 16), Width(1, "one lane"
 @pytest.mark.parametrize("row", NARROWER, ids=str)
 def test_narrower_vectors_draw_the_same(row: Row, width: Width, tmp_path: Path) -> None:
     check(None, row, tmp_path, width=width)
+
+
+@pytest.mark.parametrize("row", NARROWER, ids=str)
+def test_all_passes_of_llvm_draw_the_same_bits(row: Row, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As users draw; other tests compile with one pass."""
+    scene, grid, voxels = made(row, tmp_path)
+    prepared, pictures = prepare(scene, voxels, grid, row.split[0]), []
+    for asked in ("1", "0"):
+        monkeypatch.setenv(OPTIMIZE_VARIABLE, asked)
+        compiled_variant.cache_clear()
+        machine_code._compiled.cache_clear()
+        pictures.append(drawn(None, prepared)[0])
+    assert np.array_equal(*pictures)

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clusterviz.errors import InputError
 from clusterviz.gl.shader import ShaderSource
-from clusterviz.kernels.objects import CPU_VARIABLE, has_features, machine
+from clusterviz.kernels.objects import CPU_VARIABLE, OPTIMIZE_VARIABLE, has_features, machine, optimizes
 from clusterviz.render.storage import HEADER_WORDS
 from clusterviz.scene.values import Scene
 from clusterviz.spmd import calls
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.intrinsics import BELOW
-from clusterviz.spmd.machine_code import addresses, code_of, function_of, object_code, texture_block
+from clusterviz.spmd.machine_code import addresses, code_of, code_sources, function_of, object_code, texture_block
 from clusterviz.spmd.parser import parse
 
 PROGRAM = """
@@ -200,6 +201,17 @@ def test_lanes_that_part_do_what_each_would_do_alone(name: str, lanes: int) -> N
         pytest.skip("like OpenGL, the interpreter and CPUs without FMA round every product")
     given = np.random.default_rng(3).permutation(64)
     assert run(text, given, lanes).tolist() == [expected(int(x)) for x in given]
+
+
+def test_all_passes_of_llvm_find_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    source, given = ShaderSource("", ()), np.arange(64)
+    sources, found = code_sources(source, 16), [run(text, given) for text, _ in FUNCTIONS.values()]
+    monkeypatch.setenv(OPTIMIZE_VARIABLE, "1")
+    assert code_sources(source, 16) != sources
+    assert np.array_equal([run(text, given) for text, _ in FUNCTIONS.values()], found)
+    monkeypatch.setenv(OPTIMIZE_VARIABLE, "fast")
+    with pytest.raises(InputError, match="CLUSTERVIZ_OPTIMIZE: neither 0 nor 1; found fast; allowed 0, 1"):
+        optimizes()
 
 
 def test_any_cpu_of_a_kind_draws(monkeypatch: pytest.MonkeyPatch) -> None:
