@@ -17,7 +17,6 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 from urllib.parse import urlsplit
-from urllib.request import getproxies, proxy_bypass
 
 from clusterviz.data.files import readable
 from clusterviz.errors import DataError
@@ -272,6 +271,8 @@ def _described(error: Exception) -> str:
 
 def _proxy(address: str) -> str | None:
     """Return the proxy of a URL by the environment."""
+    from urllib.request import getproxies, proxy_bypass  # slow to import
+
     parts = urlsplit(address)
     return None if proxy_bypass(parts.hostname or "") else getproxies().get(parts.scheme.lower())
 
