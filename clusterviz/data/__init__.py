@@ -87,6 +87,8 @@ FORMATS = (
     Format("nifti", (".nii",), (), "nifti.open_nifti"),
     Format("nifti", (".nii.gz",), GZIP, "nifti.open_nifti"),
     Format("vti", (".vti",), (), "vti.open_vti"),
+    Format("vtr", (".vtr",), (), "vti.open_vti"),
+    Format("pvti", (".pvti", ".pvtr"), (), "vti.open_pvti"),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.open_vtk"),
     Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), "tiff.open_tiff"),
     Format("mrc", (".mrc", ".map", ".ccp4"), (), "mrc.open_mrc"),

@@ -1,16 +1,17 @@
-"""Image data in VTK files, XML or legacy: choice of an array, and its grid."""
+"""Image data and rectilinear grids in VTK files: choice of an array, and its grid."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.header import check_shape, make_grid
-from clusterviz.data.source import Grid
+from clusterviz.data.rectilinear import line_of, placed
+from clusterviz.data.source import Grid, Source
 from clusterviz.errors import DataError
 
 
@@ -92,3 +93,24 @@ def image_grid(
         samples = np.where(points > 1, points - 1, points)
         first = first + np.where(points > 1, 0.5, 0.0)
     return make_grid(check_shape(samples[::-1].tolist(), where), steps, origin + steps @ first, where)
+
+
+def rectilinear(
+    source: Any, coordinates_xyz: Sequence[NDArray[Any]], on_cells: bool, spaced: bool, where: str
+) -> Source:
+    """Return a volume at the coordinates of points, or between them if it is cell data; see `rectilinear.placed`.
+
+    Parameters
+    ----------
+    source : the stored samples, a source that is a dataclass with a field `grid`
+    coordinates_xyz : of the points along x, y and z
+    spaced : the spacing is given elsewhere, so the coordinates count as even
+    """
+    lines = []
+    for coordinates, name in zip(coordinates_xyz, "xyz", strict=True):
+        places = np.asarray(coordinates, float)
+        if on_cells and len(places) > 1:
+            places = (places[1:] + places[:-1]) / 2
+        lines.append(line_of(places, spaced, name, where))
+    found: Source = placed(source, lines, np.eye(3))
+    return found

@@ -36,7 +36,7 @@ CHUNK = 1 << 16
 Attributes = Mapping[str, str]
 
 
-SECTIONS = ("PointData", "CellData", "Points", "Verts", "Lines", "Strips", "Polys", "Cells")
+SECTIONS = ("PointData", "CellData", "Points", "Verts", "Lines", "Strips", "Polys", "Cells", "Coordinates")
 """Tags whose arrays are noted."""
 
 

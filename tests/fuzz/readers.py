@@ -145,6 +145,25 @@ def _dicom(path: Path, **elements: Any) -> None:
         writers.save_dicom(made, path.with_name(f"{z}.dcm"))
 
 
+def _pieces(path: Path) -> None:
+    """An image in two pieces that overlap."""
+    tags = ""
+    for name, begin, end in (("a.vti", 0, 2), ("b.vti", 2, 3)):
+        extent = f"0 5 0 4 {begin} {end}"
+        writers.vti(path.with_name(name), SAMPLES[begin : end + 1], image='WholeExtent="0 5 0 4 0 3"', piece=extent)
+        tags += f'<Piece Extent="{extent}" Source="{name}"/>'
+    tags = f'<PImageData WholeExtent="0 5 0 4 0 3" Spacing="1 2 3">{tags}</PImageData>'
+    path.write_text(f'<VTKFile type="PImageData">{tags}</VTKFile>')
+
+
+def _vtr(path: Path) -> None:
+    writers.vti(path, SAMPLES, "ascii")
+    lines = ("0 1 2 3 4 5.5", "0 1 2 3 4", "0 1 2 8")
+    arrays = "".join(f'<DataArray type="Float64" format="ascii">{line}</DataArray>' for line in lines)
+    text = path.read_text().replace("ImageData", "RectilinearGrid")
+    path.write_text(text.replace("</Piece>", f"<Coordinates>{arrays}</Coordinates></Piece>"))
+
+
 def _preset(path: Path) -> None:
     points = [0.0, 0.0, 0.0, 0.0, 0.5, 1.0, 0.5, 0.0, 1.0, 1.0, 1.0, 1.0]
     preset = {"Name": "a", "ColorSpace": "Lab", "RGBPoints": points, "Points": [0.0, 0.0, 0.5, 0.0, 1.0, 1.0, 0.5, 0.0]}
@@ -219,6 +238,8 @@ READERS = {
     "vtk-binary": _data("a.vtk", form="BINARY"),
     **({"dicom": Reader("2.dcm", _dicom)} if find_spec("pydicom") else {}),
     "slices": Reader("s0.png", _slices, lambda path: read_data(path.parent), damaged="s2.png"),
+    "pvti": Reader("a.pvti", _pieces),
+    "vtr": Reader("a.vtr", _vtr),
     "vti-ascii": _data("a.vti", form="ascii"),
     "vti-binary": _data("a.vti", form="binary", **ZLIB),
     "vti-raw": _data("a.vti"),

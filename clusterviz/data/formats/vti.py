@@ -1,63 +1,218 @@
-"""VTK image files in XML (.vti), as ParaView, PyVista and many simulations write them; see `clusterviz.data.vtk_xml`.
+"""VTK image and rectilinear files in XML (.vti, .vtr), as ParaView, PyVista and many simulations write them, and
+those in pieces (.pvti, .pvtr); see `clusterviz.data.vtk_xml`.
 
 Point data lies on the samples; cell data is point data at the cells' centres. Without a name the active scalars are
-taken, or the only scalar array.
+taken, or the only scalar array. Of files in pieces only the pieces are read that a box meets; where pieces overlap, the
+first one counts. Uneven coordinates are those of `clusterviz.data.rectilinear`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import prod
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import require_file
-from clusterviz.data.header import check_dtype
-from clusterviz.data.source import Grid
+from clusterviz.data.header import check_box, check_dtype, check_packed, check_shape
+from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.strided import StridedSource
-from clusterviz.data.vtk_image import choose_array, image_grid
-from clusterviz.data.vtk_xml import XmlLayout, scan_xml, storage_of, stored_dtype
+from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear
+from clusterviz.data.vtk_xml import PACKINGS, XmlLayout, load_array, scan_xml, storage_of, stored_dtype
 from clusterviz.errors import DataError
 
+MAX_PIECES = 1 << 16
 
-def open_vti(path: Path, subset: Subset) -> StridedSource:
-    """Open one scalar array of a VTK image file.
+
+@dataclass(frozen=True)
+class Piece:
+    """Array of a file with one piece.
+
+    Attributes
+    ----------
+    source : its samples, on a grid without a place
+    array : its name
+    on_cells : whether it is cell data
+    extent : int64 (3, 2), first and last point along x, y, z
+    whole : extent of the dataset
+    coordinates : of the points along x, y and z, in a rectilinear file; else empty
+    layout : of the file
+    """
+
+    source: StridedSource
+    array: str
+    on_cells: bool
+    extent: NDArray[np.int64]
+    whole: NDArray[np.int64]
+    coordinates: tuple[NDArray[Any], ...]
+    layout: XmlLayout
+
+
+@dataclass(frozen=True)
+class PiecesSource:
+    """Volume in pieces, which are opened when a box meets them.
+
+    Attributes
+    ----------
+    boxes : int64 (n, 2, 3), first sample and end of each piece along z, y, x
+    open_piece : function of a piece's number
+    """
+
+    name: str
+    grid: Grid
+    dtype: np.dtype[Any]
+    boxes: NDArray[np.int64]
+    open_piece: Callable[[int], StridedSource]
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """Read the samples of a box; see `Source.read`."""
+        shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
+        voxels, missing = np.empty(shape, self.dtype), np.ones(shape, bool)
+        begins, ends = np.maximum(self.boxes[:, 0], begin_zyx), np.minimum(self.boxes[:, 1], end_zyx)
+        for number in np.flatnonzero((begins < ends).all(axis=1)).tolist():
+            begin, end = begins[number], ends[number]
+            part = tuple(slice(b, e) for b, e in zip(begin - begin_zyx, end - begin_zyx, strict=True))
+            if missing[part].any():
+                first = self.boxes[number, 0]
+                samples = self.open_piece(number).read(_index(begin - first), _index(end - first))
+                np.copyto(voxels[part], samples, where=missing[part])
+                missing[part] = False
+        if missing.any():
+            found = f"{np.count_nonzero(missing)} samples in no piece"
+            raise DataError("the pieces leave gaps", where=self.name, found=found)
+        return voxels
+
+
+def _index(numbers: NDArray[np.int64]) -> Index:
+    z, y, x = numbers.tolist()
+    return z, y, x
+
+
+def open_vti(path: Path, subset: Subset) -> Source:
+    """Open one scalar array of a VTK image or rectilinear file.
 
     Raises
     ------
     DataError
         Not such a file, damaged or truncated, several pieces, no such array, several and none named, or vectors.
     """
+    piece = _open_piece(path, subset, _kind(path))
+    if (piece.extent != piece.whole).any():
+        found, allowed = piece.extent.tolist(), piece.whole.tolist()
+        raise DataError("unsupported: the piece is not the whole", where=str(path), found=found, allowed=allowed)
+    return _placed(piece.source, piece.layout.dataset, piece.whole, piece.on_cells, piece.coordinates, subset.spaced)
+
+
+def open_pvti(path: Path, subset: Subset) -> Source:
+    """Open one scalar array of a VTK image or rectilinear file in pieces.
+
+    Raises
+    ------
+    DataError
+        As `open_vti`, no pieces, or pieces that do not fit.
+    """
+    where, kind = str(path), _kind(path)
+    require_file(path)
+    layout = scan_xml(path, f"P{kind}")
+    if not 0 < len(layout.pieces) <= MAX_PIECES:
+        raise DataError("no pieces", where=where, found=len(layout.pieces), allowed=f"1 to {MAX_PIECES}")
+    whole = _extent(layout.dataset, "WholeExtent", where)
+    extents = [_extent(piece, "Extent", where) for piece in layout.pieces]
+    files = [path.parent / piece.get("Source", "") for piece in layout.pieces]
+    first = _open_piece(files[0], subset, kind)
+
+    def opened(number: int) -> Piece:
+        piece = _open_piece(files[number], replace(subset, array=first.array), kind)
+        found = piece.source.dtype.name, piece.on_cells, piece.extent.tolist()
+        allowed = first.source.dtype.name, first.on_cells, extents[number].tolist()
+        if found != allowed:
+            raise DataError("the piece does not fit", where=str(files[number]), found=found, allowed=allowed)
+        return piece
+
+    begins = np.stack([extent[::-1, 0] - whole[::-1, 0] for extent in extents])
+    boxes = np.stack([begins, begins + [_samples(extent, first.on_cells, where) for extent in extents]], axis=1)
+    shape = _samples(whole, first.on_cells, where)
+    packing = PACKINGS.get(first.layout.file.get("compressor", ""), "text")
+    check_packed(sum(map(require_file, files)), prod(shape) * first.source.stored_dtype.itemsize, packing, where)
+    coordinates = (
+        tuple(np.full(last - begin + 1, np.nan) for begin, last in whole.tolist()) if first.coordinates else ()
+    )
+    for number in range(len(files)) if coordinates else ():
+        for line, part, begin in zip(
+            coordinates, opened(number).coordinates, begins[number, ::-1].tolist(), strict=True
+        ):
+            line[max(0, begin) : begin + len(part)] = part[max(0, -begin) : len(line) - begin]
+    name = f"{where}:{first.array}" if len(first.layout.arrays) > 1 else where
+    source = PiecesSource(name, Grid(shape), first.source.dtype, boxes, lru_cache(64)(lambda n: opened(n).source))
+    image = {**first.layout.dataset, **layout.dataset}  # VTK writes the direction into the pieces only
+    return _placed(source, image, whole, first.on_cells, coordinates, subset.spaced)
+
+
+def _kind(path: Path) -> str:
+    return "RectilinearGrid" if path.suffix.lower().endswith("vtr") else "ImageData"
+
+
+def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
     size = require_file(path)
-    layout = scan_xml(path, "ImageData")
-    scalars = [a for a in layout.arrays if a.components == 1]
+    layout = scan_xml(path, kind)
+    scalars = [a for a in layout.arrays if a.components == 1 and a.section in ("PointData", "CellData")]
     chosen = choose_array(scalars, subset.array, "scalar array", path)
     where = f"{path}:{chosen.name}" if len(layout.arrays) > 1 else str(path)
     stored = stored_dtype(layout, chosen, where)
-    grid = _grid_of(layout, chosen.on_cells, path)
-    select(grid.shape_zyx, "ZYX", subset, where)
-    count = int(np.prod(grid.shape_zyx, dtype=object))
-    storage, offset = storage_of(path, size, layout, chosen, stored, count, where)
-    return StridedSource(where, grid, check_dtype(stored, where), storage, stored, offset)
-
-
-def _grid_of(layout: XmlLayout, on_cells: bool, path: Path) -> Grid:
-    """Return the grid of the samples; the origin belongs to index 0, and the extent may begin elsewhere."""
-    where, image = str(path), layout.dataset
     if len(layout.pieces) != 1:
         raise DataError("unsupported", where=where, found=f"{len(layout.pieces)} pieces", allowed="one piece")
-    extent = _numbers(layout.pieces[0], "Extent", image.get("WholeExtent", ""), 6, where).reshape(3, 2)
-    if "WholeExtent" in image and (extent != _numbers(image, "WholeExtent", "", 6, where).reshape(3, 2)).any():
-        raise DataError(
-            "unsupported: the piece is not the whole", where=where, found=extent.tolist(), allowed=image["WholeExtent"]
-        )
+    image, piece = layout.dataset, layout.pieces[0]
+    extent = _extent(piece if "Extent" in piece else image, "Extent" if "Extent" in piece else "WholeExtent", where)
+    whole = _extent(image, "WholeExtent", where) if "WholeExtent" in image else extent
+    shape = _samples(extent, chosen.on_cells, where)
+    select(shape, "ZYX", replace(subset, array=None), where)
+    storage, offset = storage_of(path, size, layout, chosen, stored, prod(shape), where)
+    source = StridedSource(where, Grid(shape), check_dtype(stored, where), storage, stored, offset)
+    coordinates: tuple[NDArray[Any], ...] = ()
+    if kind == "RectilinearGrid":
+        arrays = [a for a in layout.arrays if a.section == "Coordinates"]
+        if len(arrays) != 3:
+            raise DataError("no coordinates", where=where, found=len(arrays), allowed="Coordinates of three arrays")
+        counts = (extent[:, 1] - extent[:, 0] + 1).tolist()
+        coordinates = tuple(load_array(path, size, layout, a, n) for a, n in zip(arrays, counts, strict=True))
+    return Piece(source, chosen.name, chosen.on_cells, extent, whole, coordinates, layout)
+
+
+def _extent(attributes: Mapping[str, str], key: str, where: str) -> NDArray[np.int64]:
+    return _numbers(attributes, key, "", 6, where).astype(np.int64).reshape(3, 2)
+
+
+def _samples(extent: NDArray[np.int64], on_cells: bool, where: str) -> Index:
+    """Return the samples along z, y and x of points or cells."""
     points = extent[:, 1] - extent[:, 0] + 1
+    return check_shape((np.where(points > 1, points - 1, points) if on_cells else points)[::-1].tolist(), where)
+
+
+def _placed(
+    source: Any,
+    image: Mapping[str, str],
+    extent: NDArray[np.int64],
+    on_cells: bool,
+    coordinates: tuple[NDArray[Any], ...],
+    spaced: bool,
+) -> Source:
+    """Return the volume on its grid; the origin of an image belongs to index 0, and the extent may begin elsewhere."""
+    where = source.name
+    if coordinates:
+        return rectilinear(source, coordinates, on_cells, spaced, where)
     spacing = _numbers(image, "Spacing", "1 1 1", 3, where)
     steps = _numbers(image, "Direction", "1 0 0 0 1 0 0 0 1", 9, where).reshape(3, 3) * spacing
     origin = _numbers(image, "Origin", "0 0 0", 3, where)
-    return image_grid(points, steps, origin, extent[:, 0], on_cells, where)
+    points = extent[:, 1] - extent[:, 0] + 1
+    grid = image_grid(points, steps, origin, extent[:, 0].astype(float), on_cells, where)
+    found: Source = replace(source, grid=grid)
+    return found
 
 
 def _numbers(attributes: Mapping[str, str], key: str, default: str, count: int, where: str) -> NDArray[np.float64]:

@@ -1,6 +1,7 @@
 """Legacy VTK files (.vtk), ASCII or BINARY (big endian): images and polygonal data.
 
-Point data of images (DATASET STRUCTURED_POINTS) lies on the samples; cell data is point data at the cells' centres.
+Point data of images (DATASET STRUCTURED_POINTS, RECTILINEAR_GRID) lies on the samples; cell data is point data at the
+cells' centres. Uneven coordinates are those of `clusterviz.data.rectilinear`.
 Without a name the first SCALARS are taken, or the only array; of vectors and tensors, `channel` is one component.
 Binary images are read box by box. Polygonal data (POLYDATA) is read as a whole, from files of any version.
 
@@ -11,6 +12,7 @@ VTK File Formats, "Simple Legacy Formats", https://docs.vtk.org/en/latest/vtk_fi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,12 +25,12 @@ from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Attributes, Geometry
 from clusterviz.data.header import check_dtype, check_packed, check_size
-from clusterviz.data.source import Grid
+from clusterviz.data.source import Grid, Source
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
 from clusterviz.data.strided import StridedSource
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid
 from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
-from clusterviz.data.vtk_image import choose_array, image_grid
+from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear
 from clusterviz.data.vtk_polydata import Cells, polydata
 from clusterviz.errors import DataError
 
@@ -47,6 +49,7 @@ TYPES = {
     "float": "f4",
     "double": "f8",
 }
+COORDINATES = ("X_COORDINATES", "Y_COORDINATES", "Z_COORDINATES")
 CELLS = {"VERTICES": "Verts", "LINES": "Lines", "POLYGONS": "Polys", "TRIANGLE_STRIPS": "Strips", "CELLS": "Cells"}
 VECTORS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
 MAX_LINE, MAX_ARRAYS = 1 << 16, 1 << 12
@@ -79,6 +82,7 @@ class _Scan:
     on_cells: bool | None = None
     tuples: int = 0
     points: VtkArray | None = None
+    coordinates: dict[str, VtkArray] = field(default_factory=dict)
     cells: dict[str, list[VtkArray]] = field(default_factory=dict)
     types: VtkArray | None = None
 
@@ -113,6 +117,8 @@ class _Scan:
                 self.numbers[key] = self.floats(rest, 3)
             elif key == "POINTS":
                 self.points = self.skipped("POINTS", self.word(rest, 1), 3, self.counts(rest[:1], 1)[0])
+            elif key in COORDINATES:
+                self.coordinates[key] = self.skipped(key, self.word(rest, 1), 1, self.counts(rest[:1], 1)[0])
             elif key in CELLS:
                 self.cells[CELLS[key]] = self.cell_arrays(*self.counts(rest, 2))
             elif key == "CELL_TYPES":
@@ -237,15 +243,18 @@ class _Scan:
         return numbers
 
 
-def _scan(path: Path, dataset: str, noun: str) -> _Scan:
-    """Return the keywords of a file with the given kind of dataset."""
+def _scan(path: Path, datasets: Sequence[str], noun: str) -> _Scan:
+    """Return the keywords of a file with one of the given kinds of dataset."""
     size = require_file(path, (b"# vtk DataFile",))
     with readable(path), path.open("rb") as file:
         scan = _Scan(file, str(path), size)
         kind = scan.dataset()
-        if kind != ["DATASET", dataset]:
-            raise DataError(f"not {noun}", where=str(path), found=" ".join(kind), allowed=f"DATASET {dataset}")
+        if kind[:1] != ["DATASET"] or kind[1:] not in [[each] for each in datasets]:
+            allowed = f"DATASET {' or '.join(datasets)}"
+            raise DataError(f"not {noun}", where=str(path), found=" ".join(kind), allowed=allowed)
         scan.run()
+    if kind[1:] == ["RECTILINEAR_GRID"] and len(scan.coordinates) != 3:
+        raise DataError("no coordinates", where=str(path), found=[*scan.coordinates], allowed=", ".join(COORDINATES))
     return scan
 
 
@@ -260,7 +269,7 @@ def _kind_of(path: Path) -> list[str]:
         return _Scan(file, str(path), size).dataset()[1:]
 
 
-def open_vtk(path: Path, subset: Subset) -> StridedSource:
+def open_vtk(path: Path, subset: Subset) -> Source:
     """Open one array, or one component of one, of a legacy VTK file.
 
     Raises
@@ -268,7 +277,7 @@ def open_vtk(path: Path, subset: Subset) -> StridedSource:
     DataError
         Not such a file, not image data, damaged or truncated, no such array, several and none named.
     """
-    scan = _scan(path, "STRUCTURED_POINTS", "image data")
+    scan = _scan(path, ("STRUCTURED_POINTS", "RECTILINEAR_GRID"), "image data")
     chosen = choose_array(scan.arrays, subset.array, "array", path)
     where = f"{path}:{chosen.name}" if len(scan.arrays) > 1 else str(path)
     stored = np.dtype(scan.type_of(chosen.kind)).newbyteorder(">" if scan.binary else "=")
@@ -282,9 +291,15 @@ def open_vtk(path: Path, subset: Subset) -> StridedSource:
     else:
         storage = LoadedBytes(lambda: numbers_from_text(data.read_at(0, end - begin), stored, count, where), where)
     offset, strides = slab.strides(stored.itemsize)
-    return StridedSource(
-        where + slab.label, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab
-    )
+    name, dtype = where + slab.label, check_dtype(stored, where)
+    source = StridedSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
+    if not scan.coordinates:
+        return source
+    lines = [_load(path, scan, scan.coordinates[key]) for key in COORDINATES if key in scan.coordinates]
+    if [len(line) for line in lines] != scan.numbers["DIMENSIONS"]:
+        found, allowed = f"{[len(line) for line in lines]}", scan.numbers["DIMENSIONS"]
+        raise DataError("the coordinates do not fit", where=where, found=found, allowed=allowed)
+    return rectilinear(source, lines, chosen.on_cells, subset.spaced, where)
 
 
 def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
@@ -304,7 +319,7 @@ def read_polydata(path: Path) -> Geometry:
     DataError
         Not such a file, not polygonal data, damaged or truncated, or indices out of range.
     """
-    scan = _scan(path, "POLYDATA", "polygonal data")
+    scan = _scan(path, ("POLYDATA",), "polygonal data")
     points, cells, of_points, of_cells = _parts(path, scan)
     cells.pop("Cells", None)
     return polydata(points, cells, of_points, of_cells, str(path))
@@ -323,7 +338,7 @@ def read_unstructured(path: Path) -> UnstructuredGrid:
     DataError
         Not such a file, not an unstructured grid, damaged or truncated, or indices out of range.
     """
-    where, scan = str(path), _scan(path, "UNSTRUCTURED_GRID", "an unstructured grid")
+    where, scan = str(path), _scan(path, ("UNSTRUCTURED_GRID",), "an unstructured grid")
     points, cells, of_points, of_cells = _parts(path, scan)
     if scan.types is None or "Cells" not in cells:
         raise DataError("no cells", where=where, allowed="CELLS and CELL_TYPES")

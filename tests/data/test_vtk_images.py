@@ -1,0 +1,142 @@
+"""VTK's images in pieces, and its rectilinear grids: XML and legacy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data import writers
+from data.checks import check_placed, check_source, cut, refused, values
+
+from clusterviz.data import open_source, open_volume
+from clusterviz.scene import Volume
+
+ARRAY = values("<i2")
+IMAGE = 'Origin="10 20 30" Spacing="2 3 4" WholeExtent='
+PLACED = np.array([[0, -3, 0, 10], [2, 0, 0, 24], [0, 0, 4, 34], [0, 0, 0, 1]])
+X, Y, Z = np.array([0.0, 1, 2, 3, 4, 5, 7]), np.arange(6.0), np.array([0.0, 1, 2, 4, 8])
+PARTS = {"a.vti": ((0, 3), (0, 5)), "b.vti": ((2, 6), (0, 3)), "c.vti": ((3, 6), (2, 5))}  # points along x and y
+
+
+def pvti(path: Path, on_cells: bool = False, parts: dict[str, tuple[tuple[int, int], ...]] = PARTS) -> Path:
+    """Three pieces, two of which overlap; the extent begins at index 2 0 1."""
+    section, array = ("CellData", ARRAY[:-1, :-1, :-1]) if on_cells else ("PointData", ARRAY)
+    whole, tags = "2 8 0 5 1 5", ""
+    for name, ((x, x_end), (y, y_end)) in parts.items():
+        extent, last = f"{x + 2} {x_end + 2} {y} {y_end} 1 5", 0 if on_cells else 1
+        part = array[:, y : y_end + last, x : x_end + last].copy()
+        image = f'Direction="0 -1 0 1 0 0 0 0 1" {IMAGE}"{whole}"'  # VTK writes it into the pieces only
+        writers.vti(path.with_name(name), {"s": part}, where=section, image=image, piece=extent)
+        tags += f'<Piece Extent="{extent}" Source="{name}"/>'
+    image = f'<PImageData GhostLevel="1" {IMAGE}"{whole}"><P{section} Scalars="s"><PDataArray Name="s"/></P{section}>'
+    path.write_text(f'<VTKFile type="PImageData">{image}{tags}</PImageData></VTKFile>')
+    return path
+
+
+@pytest.mark.parametrize("on_cells", [False, True])
+def test_pieces_are_one_image(tmp_path: Path, on_cells: bool) -> None:
+    source = open_source(pvti(tmp_path / "a.pvti", on_cells))
+    check_source(source, ARRAY[:-1, :-1, :-1] if on_cells else ARRAY)
+    moved = PLACED.astype(float)
+    moved[:3, 3] += np.array([-1.5, 1, 2]) * on_cells
+    check_placed(source, moved)
+
+
+def test_only_pieces_are_read_that_a_box_meets(tmp_path: Path) -> None:
+    path = pvti(tmp_path / "a.pvti")
+    (tmp_path / "c.vti").write_text("damaged")
+    source = open_source(path)
+    np.testing.assert_array_equal(source.read((0, 0, 0), (5, 3, 7)), ARRAY[:, :3])
+    refused(lambda: source.read((0, 0, 0), (5, 6, 7)), "c.vti", "damaged XML")
+
+
+def test_pieces_that_do_not_fit(tmp_path: Path) -> None:
+    path = pvti(tmp_path / "a.pvti", parts={name: PARTS[name] for name in ("a.vti", "b.vti")})
+    refused(lambda: open_source(path).read((0, 0, 0), (5, 6, 7)), "a.pvti: the pieces leave gaps", "30 samples")
+    path = pvti(tmp_path / "a.pvti")
+    writers.vti(tmp_path / "b.vti", ARRAY)
+    refused(lambda: open_source(path).read((0, 0, 0), (5, 6, 7)), "b.vti: the piece does not fit")
+    (tmp_path / "b.vti").unlink()
+    refused(lambda: open_source(path), "no such file", "b.vti")
+    path.write_text(path.read_text().replace("2 8 0 5 1 5", "2 8000 0 5000 1 5000"))
+    pvti(tmp_path / "b.pvti")
+    refused(lambda: open_source(path), "lies about its size")
+    path.write_text('<VTKFile type="PImageData"><PImageData WholeExtent="0 1 0 1 0 1"/></VTKFile>')
+    refused(lambda: open_source(path), "no pieces")
+    refused(lambda: open_source(tmp_path / "a.vti"), "the piece is not the whole")
+
+
+def vtr(
+    path: Path, array: np.ndarray, x: np.ndarray = X, extent: str = "0 6 0 5 0 4", whole: str = "0 6 0 5 0 4"
+) -> Path:
+    section = "PointData" if array.shape == ARRAY[..., : len(x)].shape else "CellData"
+    writers.vti(path, array, "ascii", where=section, image=f'WholeExtent="{whole}"', piece=extent)
+    lines = (f'<DataArray type="Float64" format="ascii">{" ".join(map(str, line))}</DataArray>' for line in (x, Y, Z))
+    text = path.read_text().replace("ImageData", "RectilinearGrid")
+    path.write_text(text.replace("</Piece>", f"<Coordinates>{''.join(lines)}</Coordinates></Piece>"))
+    return path
+
+
+def legacy(path: Path, array: np.ndarray, form: str) -> Path:
+    lines = [
+        part
+        for name, line in zip("XYZ", (X, Y, Z), strict=True)
+        for part in (f"{name}_COORDINATES {len(line)} double", line)
+    ]
+    head = "# vtk DataFile Version 3.0\na title\n{form}\nDATASET RECTILINEAR_GRID\nDIMENSIONS {size}\n"
+    kind = "POINT_DATA" if array.shape == ARRAY.shape else "CELL_DATA"
+    parts = (*lines, f"{kind} {array.size}", "SCALARS s short 1", "LOOKUP_TABLE default", array)
+    return writers.vtk_parts(path, form, *parts, head=head)
+
+
+def pvtr(path: Path) -> Path:
+    tags = ""
+    for name, begin, end in (("a.vtr", 0, 4), ("b.vtr", 4, 6)):
+        extent = f"{begin} {end} 0 5 0 4"
+        vtr(path.with_name(name), ARRAY[:, :, begin : end + 1].copy(), X[begin : end + 1], extent)
+        tags += f'<Piece Extent="{extent}" Source="{name}"/>'
+    tags = f'<PRectilinearGrid WholeExtent="0 6 0 5 0 4">{tags}</PRectilinearGrid>'
+    path.write_text(f'<VTKFile type="PRectilinearGrid">{tags}</VTKFile>')
+    return path
+
+
+def test_rectilinear_grids(tmp_path: Path) -> None:
+    points = [
+        vtr(tmp_path / "p.vtr", ARRAY),
+        pvtr(tmp_path / "q.pvtr"),
+        legacy(tmp_path / "a.vtk", ARRAY, "ASCII"),
+        legacy(tmp_path / "b.vtk", ARRAY, "BINARY"),
+    ]
+    expected = np.apply_along_axis(lambda line: np.interp(np.arange(8), X, line), 2, ARRAY.astype(float))
+    expected = np.apply_along_axis(lambda line: np.interp(np.arange(9), Z, line), 0, expected)
+    for path in points:
+        source = open_source(path)
+        found = source.read((0, 0, 0), (9, 6, 8))
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-2)
+        check_source(source, found)
+        check_placed(source, np.eye(4))
+    refused(lambda: open_source(cut(points[3], 9)), "b.vtk", "lies about its size")
+    check_source(open_volume(Volume(path=str(points[0]), spacing=(1, 2, 3))), ARRAY)
+    # Cells' centres: x 0.5 to 4.5 and 6, z 0.5, 1.5, 3 and 6.
+    for path in (
+        vtr(tmp_path / "c.vtr", ARRAY[:-1, :-1, :-1].copy()),
+        legacy(tmp_path / "c.vtk", ARRAY[:-1, :-1, :-1], "BINARY"),
+    ):
+        source = open_source(path)
+        assert source.grid.shape_zyx == (12, 5, 12)
+        np.testing.assert_array_equal(
+            source.read((0, 0, 0), (12, 5, 12))[[0, 2, 5, 11]][:, :, [0, 2, 4, 6, 8, 11]], ARRAY[:-1, :-1, :-1]
+        )
+
+
+def test_coordinates_that_are_none(tmp_path: Path) -> None:
+    path = vtr(tmp_path / "a.vtr", ARRAY)
+    text = path.read_text()
+    path.write_text(text.replace("0.0 1.0 2.0 4.0 8.0", "0.0 1.0 2.0 2.0 8.0"))
+    refused(lambda: open_source(path), "impossible coordinates z")
+    path.write_text(text.replace("Coordinates", "Other"))
+    refused(lambda: open_source(path), "no coordinates")
+    path = legacy(tmp_path / "a.vtk", ARRAY, "ASCII")
+    path.write_text(path.read_text().replace("X_COORDINATES", "Y_COORDINATES"))
+    refused(lambda: open_source(path), "no coordinates")
