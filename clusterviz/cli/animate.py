@@ -1,4 +1,4 @@
-"""`clusterviz animate`: render an orbit or a path of key frames as numbered pictures or as a movie.
+"""`clusterviz animate`: render an orbit, a path of key frames or time steps as numbered pictures or as a movie.
 
 A record beside the pictures serves `--resume`.
 """
@@ -34,7 +34,8 @@ from clusterviz.cli.arguments import (
 from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.instrumentation import Tracing, check_reports, slowest_startup, start, write_statistics
 from clusterviz.comm import Channel, agree
-from clusterviz.data import open_scene
+from clusterviz.data import open_scene, open_source
+from clusterviz.data.axes import Subset
 from clusterviz.errors import InputError, OutputError
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.image.files import LAYERED, check_writable, read_image, write_image
@@ -258,8 +259,12 @@ def command(
     path: Annotated[
         Path | None, typer.Option(metavar="PATH.yaml", help="Key frames of camera and transfer function.")
     ] = None,
+    time_steps: Annotated[
+        bool, typer.Option("--time", help="Show the time steps of the volumes, one after the other.")
+    ] = False,
     frames: Annotated[
-        int | None, typer.Option(min=1, help="Number of frames; default with a path: its duration.")
+        int | None,
+        typer.Option(min=1, help="Number of frames; default with a path: its duration; with time steps: theirs."),
     ] = None,
     define: Define = None,
     size: Size = None,
@@ -271,13 +276,14 @@ def command(
     device: DeviceOption = None,
     overlap: Annotated[bool, typer.Option(help="Composite each frame while the next one is drawn.")] = True,
 ) -> None:
-    """Render an orbit or a path as a movie or as numbered pictures; under mpirun, on all ranks."""
+    """Render an orbit, a path or time steps as a movie or as numbered pictures; under mpirun, on all ranks."""
     channel, startup = start(several_threads=overlap)
     with agree(channel, 0, "scene"):
         opened, device_choice = open_scene(scene, overrides_of(define, size, layers)), parse_device(device)
         keys = load_path(path) if path else None
         opened = opened if orbit is None else fit_to_orbit(opened)
-        count = frame_count(orbit, keys, frames, fps, str(path))
+        opened, steps = with_time_steps(opened, time_steps)
+        count = frame_count(orbit, keys, frames, fps, str(path), max(steps.values(), default=0))
     with agree(channel, 0, "output"):
         files = FrameFiles(output, resume, bool(opened.image.layers)) if channel.rank == 0 else None
         if channel.rank == 0:
@@ -292,8 +298,9 @@ def command(
     )
     with FrameLoop(opened, channel, options=options) as loop:
         with agree(channel, 0, "path"):
-            scenes = scenes_along(loop.scene, count, orbit, keys, str(path or "--orbit"))
-            description = {"orbit": orbit, "keys": keys.model_dump(mode="json") if keys else None}
+            scenes = scenes_along(loop.scene, count, orbit, keys, str(path or "--orbit"), steps)
+            description: dict[str, Any] = {"orbit": orbit, "keys": keys.model_dump(mode="json") if keys else None}
+            description |= {"time steps": steps} if steps else {}
             missing = files.begin(loop.scene, count, description) if files else []
         missing = channel.broadcast(missing)
         movie.draw(loop, scenes, missing)
@@ -320,21 +327,50 @@ def fit_to_orbit(scene: Scene) -> Scene:
     return scene.model_copy(update={"camera": scene.camera.model_copy(update={"fit": "orbit"})})
 
 
-def frame_count(orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float, where: str) -> int:
+def with_time_steps(scene: Scene, asked_for: bool) -> tuple[Scene, dict[int, int]]:
+    """Return a scene whose volumes show all time steps, and the number of these steps by the number of the volume.
+
+    Parameters
+    ----------
+    asked_for : whether volumes with several steps of which the scene names none show all
+
+    Raises
+    ------
+    DataError
+        A file cannot be read.
+    InputError
+        No volume has several time steps.
+    """
+    volumes, steps = list(scene.volumes), dict[int, int]()
+    for n, volume in enumerate(volumes):
+        if volume.time == "all" or (asked_for and volume.time is None):
+            subset = Subset(volume.array, None, volume.channel, first=True, spaced=True)
+            slab = getattr(open_source(volume.path, subset=subset), "slab", None)
+            if slab is not None and slab.time_steps > 1:
+                steps[n] = slab.time_steps
+            volumes[n] = volume.model_copy(update={"time": "all" if n in steps else None})
+    if asked_for and not steps:
+        raise InputError("no volume has several time steps", where="--time", allowed="a series or store with some")
+    return scene.model_copy(update={"volumes": tuple(volumes)}), steps
+
+
+def frame_count(
+    orbit: float | None, keys: KeyFrames | None, frames: int | None, fps: float, where: str, time_steps: int = 0
+) -> int:
     """Return the number of frames.
 
     Raises
     ------
     InputError
-        Neither an orbit nor a path is given, or an orbit without `--frames`.
+        Nothing moves: there are no orbit, path and time steps; or an orbit alone without `--frames`.
     """
     if orbit is not None and not math.isfinite(orbit):
         raise InputError("not finite", where="--orbit", found=orbit, allowed="degrees, as in 360")
-    if orbit is None and keys is None:
-        raise InputError("nothing moves", where="animate", allowed="--orbit DEGREES, --path PATH.yaml, or both")
-    if frames is None and keys is None:
+    if orbit is None and keys is None and not time_steps:
+        raise InputError("nothing moves", where="animate", allowed="--orbit DEGREES, --path PATH.yaml, --time")
+    if frames is None and keys is None and not time_steps:
         raise InputError("missing", where="--frames", allowed="1 or more")
-    return frames or (keys.frames(fps, where) if keys else 1)
+    return frames or (keys.frames(fps, where) if keys else time_steps)
 
 
 class _Animation:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from clusterviz.data.files import PICTURES, kind_of, readable, require_file, sta
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.remote import RemotePath, is_url, remote_path
-from clusterviz.data.series import files_of_pattern, open_step
+from clusterviz.data.series import check_same, files_of_pattern, open_step
 from clusterviz.data.source import Grid, Index, MultilevelSource, Source, levels_of
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.files import SUFFIXES, load_scene, scene_of_data
@@ -150,6 +150,7 @@ MESH_EXTENSIONS: dict[str, Format] = {extension: each for each in MESH_FORMATS f
 EXTENSIONS: dict[str, Format] = {extension: each for each in FORMATS for extension in each.extensions}
 OWN_PART = re.compile(r"(volumes\W0\W{1,2})?(array|channel)=")
 """Override that names a part of a file."""
+ONE_STEP, ALL_STEPS = "a picture shows one time step", "time: its number, from 0; `animate` shows all"
 DECOMPOSED = re.compile(r"\.\d+\.\d+$")
 """Number of pieces and piece at the end of the names of files of Exodus II."""
 FILE_AND_DATASET = re.compile(r"(.+\.(?:h5|hdf5|he5|nc|nc4)):(/.*)", re.IGNORECASE | re.DOTALL)
@@ -193,6 +194,11 @@ class _OfSource:
         return self.source.dtype
 
     @property
+    def slab(self) -> Hyperslab | None:
+        """The volume's part of the stored array, if the format has one."""
+        return getattr(self.source, "slab", None)
+
+    @property
     def levels(self) -> int:
         """Number of levels; 0: it is no `MultilevelSource`."""
         return getattr(self.source, "levels", 0)
@@ -206,6 +212,18 @@ class _OfSource:
         """Return minimum, maximum and error of the bricks of a level; see `MultilevelSource`."""
         with guard(DataError, self.name):
             return self._multilevel.bounds(number)
+
+    def at_time(self, time: int) -> Source | None:
+        """Return the volume at another time step; None if the source is no `SeriesSource`."""
+        with guard(DataError, self.name):
+            found = getattr(self.source, "at_time", lambda step: None)(time)
+            return cast("Source", replace(self, source=found)) if found is not None else None
+
+    def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
+        """Return whether a box of samples is known to be the same at another time step; see `SeriesSource`."""
+        known, there = getattr(self.source, "is_same", None), getattr(other, "source", None)
+        with guard(DataError, self.name):
+            return bool(known and there and known(there, begin_zyx, end_zyx))
 
     @property
     def _multilevel(self) -> MultilevelSource:
@@ -221,11 +239,6 @@ class GuardedSource(_OfSource):
     @property
     def grid(self) -> Grid:
         return self.source.grid
-
-    @property
-    def slab(self) -> Hyperslab | None:
-        """The volume's part of the stored array, if the format has one."""
-        return getattr(self.source, "slab", None)
 
     def level(self, number: int) -> Source:
         """Return a level; see `MultilevelSource`."""
@@ -451,8 +464,24 @@ def open_volume(volume: Volume) -> Source:
     DataError
         As `open_source`.
     """
+    if volume.time == "all":
+        raise DataError(ONE_STEP, where=volume.path, found="time: all", allowed=ALL_STEPS)
     subset = Subset(volume.array, volume.time, volume.channel, spaced=volume.spacing is not None)
     return override_grid(open_source(volume.path, subset=subset), volume)
+
+
+def open_time_step(source: Source, volume: Volume) -> Source:
+    """Open a scene's volume, of which another time step is open.
+
+    Raises
+    ------
+    DataError
+        As `open_source`, or the shape, type or grid is another one.
+    """
+    known = getattr(source, "at_time", lambda time: None)(volume.time) if isinstance(volume.time, int) else None
+    found: Source = known if known is not None else open_volume(volume)
+    check_same(source, found)
+    return found
 
 
 def override_grid(source: Source, volume: Volume) -> Source:

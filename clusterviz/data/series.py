@@ -155,7 +155,7 @@ def open_series(names: Sequence[str], along: str, subset: Subset, opener: Open) 
         time = t if within["t"] > 1 else subset.time
         channel = c if within["c"] > 1 else subset.channel
         sources.append(opener(file, replace(subset, time=time, channel=channel)))
-        _check_same(sources[0], sources[-1])
+        check_same(sources[0], sources[-1])
     axes = "".join(axis for axis in "tc" if counts[axis] > 1)
     channels = tuple(slab.channel_names) if slab and within["c"] > 1 else ()
     if counts["c"] > 1 and not channels:
@@ -164,8 +164,14 @@ def open_series(names: Sequence[str], along: str, subset: Subset, opener: Open) 
     return Series(tuple(sources), axes, tuple(counts[axis] for axis in axes), channels)
 
 
-def _check_same(first: Source, other: Source) -> None:
-    """Refuse a volume of another shape, type or grid."""
+def check_same(first: Source, other: Source) -> None:
+    """Refuse a volume of another shape, type or grid.
+
+    Raises
+    ------
+    DataError
+        It names both volumes.
+    """
     if first.grid.shape_zyx != other.grid.shape_zyx or first.dtype != other.dtype:
         each = [f"{' × '.join(map(str, s.grid.shape_zyx[::-1]))} {s.dtype}" for s in (other, first)]
         what = "volumes of different shape or type"

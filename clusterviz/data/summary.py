@@ -101,6 +101,50 @@ def kept_summary(source: Source, layout: BrickLayout) -> VolumeSummary | None:
     return found
 
 
+def summary_over_time(summaries: Sequence[VolumeSummary]) -> VolumeSummary:
+    """Return one summary of a volume's time steps, for colours and a camera that suit all of them.
+
+    Extremes are those of all steps, and so are percentiles: the least below 50, the greatest from there on. The samples
+    of a bin of a histogram count as its middle.
+    """
+    first = summaries[0]
+    low, high = min(each.value_range[0] for each in summaries), max(each.value_range[1] for each in summaries)
+    histogram = np.zeros(len(first.histogram), np.int64)
+    for each in summaries:
+        edges = np.linspace(*each.value_range, len(each.histogram) + 1)
+        np.add.at(histogram, _linear_bins((edges[1:] + edges[:-1]) / 2, (low, high), len(histogram)), each.histogram)
+    found = zip(*(each.percentiles for each in summaries), strict=True)
+    percentiles = tuple(
+        (q, (min if q < 50 else max)(value for _, value in pairs)) for pairs in found for q, _ in pairs[:1]
+    )
+    return VolumeSummary(
+        np.min([each.minimum for each in summaries], axis=0),
+        np.max([each.maximum for each in summaries], axis=0),
+        histogram,
+        (low, high),
+        percentiles,
+        _blocks_over_time([each.blocks for each in summaries if each.blocks is not None]),
+        _categories_over_time([each.categories for each in summaries if each.categories is not None], len(summaries)),
+    )
+
+
+def _blocks_over_time(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | None:
+    lows, highs = ([each[side] for each in blocks] for side in (0, 1))
+    return np.stack([np.min(lows, axis=0), np.max(highs, axis=0)]) if blocks else None
+
+
+def _categories_over_time(each: Sequence[Categories], steps: int) -> Categories | None:
+    if len(each) < steps:
+        return None
+    values, places = np.unique(np.concatenate([one.values for one in each]), return_inverse=True)
+    if len(values) > MAX_VALUES:
+        return None
+    counts, equal = np.zeros((2, len(values)), np.int64)
+    np.add.at(counts, places, np.concatenate([one.counts for one in each]))
+    np.add.at(equal, places, np.concatenate([one.equal for one in each]))
+    return Categories(values, counts, equal, sum(one.pairs for one in each), sum(one.jumps for one in each))
+
+
 def summarise(
     source_dtype: np.dtype[Any],
     layout: BrickLayout,

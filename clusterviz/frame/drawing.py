@@ -86,6 +86,16 @@ class Drawing:
         else:
             self._received[brick] = stamp_of(plan), stored
 
+    @property
+    def held(self) -> set[Index]:
+        """Indices of the renderer's bricks."""
+        return self._renderers.bricks if self._renderers else set()
+
+    def drop(self, bricks: Set[Index]) -> None:
+        """Drop bricks that have changed."""
+        if self._renderers is not None:
+            self._renderers.keep(self.held - bricks)
+
     def stored(self, bricks: Sequence[Index]) -> dict[Index, Stored]:
         """Return bricks of this rank, as they lie in GPU memory."""
         return self._renderers.stored(bricks) if self._renderers else {}

@@ -17,10 +17,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from clusterviz.comm import Channel
+from clusterviz.data import ALL_STEPS, ONE_STEP
 from clusterviz.errors import SceneError
 from clusterviz.frame.compositing import Compositing, open_async_compositing
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import BrickReader, Bricks, Given, open_volumes
+from clusterviz.frame.opening import BrickReader, Bricks, Given, open_time_steps, open_volumes
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Options, Progress, Run
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
@@ -118,6 +119,7 @@ class FrameLoop:
         with run.clock.stage("total", "open"):
             self.scene, opened, bricks = open_volumes(run, scene, source)
         self._infos = opened.infos if opened else ()
+        self._opened, self._is_given = opened, source is not None
         self._reader = BrickReader(opened, bricks)
         self._drawing = Drawing(self._reader)
         self._planner = FramePlanner(run, self._drawing, opened, self.scene, several)
@@ -127,7 +129,8 @@ class FrameLoop:
 
         Parameters
         ----------
-        scene : may differ from the loop's scene in camera, transfer function and quality; None: the loop's scene
+        scene : may differ from the loop's scene in camera, time steps, transfer function and quality; None: the loop's
+            scene
         number : of the frame, for errors and statistics
         """
         run = self._run.numbered(number)
@@ -169,6 +172,7 @@ class FrameLoop:
                 yield last
 
     def _draw(self, run: Run, scene: Scene) -> DrawnFrame:
+        self._open_time_steps(run, scene)
         work, hooks = self._planner.plan(run, scene), self._planner.auto_mode.hooks
         if run.options.check:
             check_cover(run, work)
@@ -184,6 +188,24 @@ class FrameLoop:
             self._drawing.release()
         found = self._infos, self._changes(run, work), layers, self._drawing.fragments
         return DrawnFrame(run.frame, work, partials, counts, *found)
+
+    def _open_time_steps(self, run: Run, scene: Scene) -> None:
+        """Open the time steps of a frame, and drop the bricks that may differ from those of the last frame."""
+        if every := [n for n, volume in enumerate(scene.volumes) if volume.time == "all"]:
+            raise SceneError(ONE_STEP, where=f"volumes[{every[0]}].time", found="all", allowed=ALL_STEPS)
+        before, plan = self._opened, self._planner.last_plan
+        times = [volume.time for volume in scene.volumes]
+        if before is None or len(times) != len(before.volumes) or times == [each.time for each in before.volumes]:
+            return
+        if self._is_given:
+            raise SceneError("data that are given have one time step", found="another time", allowed="files")
+        opened, bricks = open_time_steps(run, scene, before)
+        with run.local("load", "load"):
+            held = self._reader.held | self._drawing.held
+            changed = opened.changed(plan, before, held) if plan is not None else held
+            self._opened = self._planner.opened = opened
+            self._reader.replace(opened, changed, bricks)
+            self._drawing.drop(changed)
 
     def _changes(self, run: Run, work: RankWork) -> tuple[Change, ...]:
         """Return settings of a frame that are not used as given; rank 0 warns of each once."""

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
-from clusterviz.data import open_volume, override_grid, read_geometry, read_piece
-from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data import open_time_step, open_volume, override_grid, read_geometry, read_piece
+from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.grid_files import GridFile, grid_files
 from clusterviz.data.source import Grid, Index, Source, levels_of
-from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise
+from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
@@ -52,12 +52,14 @@ class OpenedVolume:
     layout : of its bricks
     summary : of its values
     infos : information on it, which completes a scene
+    time : step of the scene's volume
     """
 
     source: Source
     layout: BrickLayout
     summary: VolumeSummary
     infos: tuple[VolumeInfo, ...]
+    time: int | None = None
 
     @property
     def grid(self) -> Grid:
@@ -84,6 +86,23 @@ class OpenedVolume:
     def suiting(self, plan: Plan, held: Bricks) -> Bricks:
         """Return those of the bricks in memory that suit a plan: all of them."""
         return held
+
+    @property
+    def volumes(self) -> tuple[OpenedVolume, ...]:
+        """The volume alone, as of `OpenedContent`."""
+        return (self,)
+
+    def with_volumes(self, volumes: Sequence[OpenedVolume]) -> OpenedVolume:
+        """Return the volume at another time step."""
+        return volumes[0]
+
+    def changed(self, plan: Plan, before: Opened, bricks: Set[Index]) -> set[Index]:
+        """Return those of some bricks that may differ from those of another time step."""
+        return {
+            index
+            for index in bricks
+            if not _is_same(self.source, before.volumes[0].source, self.layout.sample_box(index))
+        }
 
 
 @dataclass(frozen=True)
@@ -147,6 +166,23 @@ class OpenedContent:
         around = plan.content.around if plan.content else ()
         return {index: brick for index, brick in held.items() if brick.around == around}
 
+    def with_volumes(self, volumes: Sequence[OpenedVolume]) -> OpenedContent:
+        """Return the content with its volumes at other time steps."""
+        return replace(self, volumes=tuple(volumes))
+
+    def changed(self, plan: Plan, before: Opened, bricks: Set[Index]) -> set[Index]:
+        """Return those of some bricks of a plan that may differ from those of other time steps."""
+        assert plan.content is not None, "the plan has content"
+        found = set[Index]()
+        for now, earlier, part in zip(self.volumes, before.volumes, plan.content.volume_layers, strict=True):
+            if now.source is earlier.source:
+                continue
+            met = part.cut.bricks_met()
+            for index in (index for index in bricks - found if met[index]):
+                if part.levels is not None or not _is_same(now.source, earlier.source, part.cut.sample_box(index)):
+                    found.add(index)
+        return found
+
 
 Opened = OpenedVolume | OpenedContent
 
@@ -190,8 +226,10 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     summaries, held = _summarised(run, sources, layouts)
     with run.local("plan", "plan"):
         opened = tuple(
-            OpenedVolume(each, layout, summary, (_info(each, summary),))
-            for each, layout, summary in zip(sources, layouts, summaries, strict=True)
+            OpenedVolume(
+                each, layout, summary, (_info(each, _over_time(volume, each, layout, summary)),), _first_step(volume)
+            )
+            for volume, each, layout, summary in zip(scene.volumes, sources, layouts, summaries, strict=True)
         )
         has_levels = any(volume.detail != "full" for volume in scene.volumes)
         if len(opened) > 1 or geometry or grids or has_levels:
@@ -201,6 +239,40 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         if scene.cluster.largest_brick in (None, scene.cluster.brick):
             return scene, opened[0], held[0]
         return scene, _with_larger_bricks(opened[0], scene, run.channel.size), {}
+
+
+def open_time_steps(run: Run, scene: Scene, opened: Opened) -> tuple[Opened, Bricks]:
+    """Open those volumes of a scene whose time steps differ from the opened ones; collective.
+
+    Returns
+    -------
+    opened : the same content if no time step differs
+    bricks : that were read and can be drawn, as of `open_volumes`
+
+    Raises
+    ------
+    DataError
+        There is no such step, or its shape, type or grid is another one.
+    """
+    volumes = list(opened.volumes)
+    moved = [n for n, each in enumerate(volumes) if scene.volumes[n].time != each.time]
+    if not moved:
+        return opened, {}
+    with run.local("open", "load"):
+        sources = [open_time_step(volumes[n].source, scene.volumes[n]) for n in moved]
+        layouts = [replace(volumes[n].layout, edges_zyx=None) for n in moved]
+    summaries, held = _summarised(run, sources, layouts)
+    for n, source, summary in zip(moved, sources, summaries, strict=True):
+        edges, time = volumes[n].layout.edges_zyx, _first_step(scene.volumes[n])
+        summary = _with_joined_bricks(summary, edges) if edges else summary
+        volumes[n] = replace(volumes[n], source=source, summary=summary, time=time)
+    can_be_drawn = isinstance(opened, OpenedVolume) and not opened.layout.edges_zyx
+    return opened.with_volumes(volumes), held[0] if can_be_drawn else {}
+
+
+def _is_same(source: Source, other: Source, box: Box) -> bool:
+    known = getattr(source, "is_same", None)
+    return bool(known and known(other, *box))
 
 
 def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
@@ -256,14 +328,19 @@ def _with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opene
     tree = build_tree(opened.plan(scene).cost, ranks)
     edges, summary = refined_edges(tree, largest // brick), opened.summary
 
+    return replace(opened, layout=replace(opened.layout, edges_zyx=edges), summary=_with_joined_bricks(summary, edges))
+
+
+def _with_joined_bricks(summary: VolumeSummary, edges: Edges) -> VolumeSummary:
+    """Return the summary of a volume with the extremes of larger bricks."""
+
     def joined(pick: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
         for axis, inner in enumerate(edges):
             values = pick.reduceat(values, [0, *inner], axis)
         return values
 
     found = joined(np.minimum, summary.minimum), joined(np.maximum, summary.maximum)
-    summary = replace(summary, minimum=found[0], maximum=found[1])
-    return replace(opened, layout=replace(opened.layout, edges_zyx=edges), summary=summary)
+    return replace(summary, minimum=found[0], maximum=found[1])
 
 
 def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
@@ -299,7 +376,26 @@ def _divided(scene: Scene, given: Given) -> tuple[list[Any], list[Any], list[Any
 def _sources(scene: Scene, given: Sequence[Source | None]) -> list[Source]:
     """Open the source of each volume."""
     pairs = zip(given, scene.volumes, strict=True)
-    return [open_volume(volume) if each is None else override_grid(each, volume) for each, volume in pairs]
+    return [_source(volume) if each is None else override_grid(each, volume) for each, volume in pairs]
+
+
+def _source(volume: Volume) -> Source:
+    return open_volume(volume.model_copy(update={"time": _first_step(volume)}))
+
+
+def _first_step(volume: Volume) -> int | None:
+    """Return the time step of a volume with which a row of frames begins."""
+    return 0 if volume.time == "all" else volume.time
+
+
+def _over_time(volume: Volume, source: Source, layout: BrickLayout, summary: VolumeSummary) -> VolumeSummary:
+    """Return the summary of all time steps if all are to be shown and the source keeps them, else that of the first."""
+    slab = getattr(source, "slab", None)
+    if volume.time != "all" or slab is None:
+        return summary
+    steps = [source.at_time(n) if hasattr(source, "at_time") else None for n in range(slab.time_steps)]
+    kept = [each and kept_summary(each, layout) for each in steps]
+    return summary_over_time([each for each in kept if each]) if all(kept) else summary
 
 
 def _known(section: GeometrySection, key: str, given: Geometry | None, channel: Channel) -> KnownGeometry:
@@ -383,6 +479,22 @@ class BrickReader:
             if run.options.keep_bricks:
                 self._held = kept | bricks
             return bricks
+
+    @property
+    def held(self) -> set[Index]:
+        """Indices of the bricks in memory."""
+        return set(self._held)
+
+    def replace(self, opened: Opened, changed: Set[Index], bricks: Bricks) -> None:
+        """Read from other time steps.
+
+        Parameters
+        ----------
+        changed : bricks in memory that may differ
+        bricks : of the other time steps that have been read
+        """
+        self._opened = opened
+        self._held = {index: brick for index, brick in self._held.items() if index not in changed} | bricks
 
     def clear(self) -> None:
         """Free the bricks in memory."""

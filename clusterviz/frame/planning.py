@@ -43,11 +43,12 @@ class FramePlanner:
 
     Attributes
     ----------
+    opened : volumes, if any, at the time steps of the frame
     auto_mode : present mode and distribution
     """
 
     def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
-        self._drawing, self._opened, self._scene = drawing, opened, scene
+        self.opened, self._drawing, self._scene = opened, drawing, scene
         self._error_bound: ErrorBoundController | None = None
         self._last: RankWork | None = None
         self.auto_mode = AutoMode(run, drawing, opened, scene, several)
@@ -65,21 +66,26 @@ class FramePlanner:
             The same on every rank.
         """
         with run.local("plan", "plan"):
-            scene = scene if scene is self._scene else complete(self._opened, scene)
+            scene = scene if scene is self._scene else complete(self.opened, scene)
             if self._last is not None:
                 check_same_volume(self._last.scene, scene)
             plan = self._plan(scene) if scene.quality.max_error is None else None
         accuracy = None
-        if scene.quality.max_error is not None and self._opened is not None:
+        if scene.quality.max_error is not None and self.opened is not None:
             scene, accuracy = self._settled(run, scene)
             with run.local("plan", "plan"):
                 plan = self._plan(scene)
         self._last = self._work(run, scene, plan, accuracy)
         return self._last
 
+    @property
+    def last_plan(self) -> Plan | None:
+        """Plan of the last frame; None without one."""
+        return self._last.plan if self._last else None
+
     def _plan(self, scene: Scene) -> Plan | None:
         """Plan the drawing of a scene; where only the camera moved, reuse all but the view of the last plan."""
-        opened, last = self._opened, self._last
+        opened, last = self.opened, self._last
         if opened is None:
             return None
         if last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
@@ -107,7 +113,7 @@ class FramePlanner:
     def _small_picture(self, run: Run, scene: Scene) -> SmallPicture:
         """Draw a picture for a calibration."""
         with run.local("plan", "plan"):
-            plan = self._opened.plan(scene) if self._opened else None
+            plan = self.opened.plan(scene) if self.opened else None
         assert plan is not None, "only what shows a volume has settings to choose"
         # A copy, since the distribution must not learn from these pictures.
         work = _assigned(run, scene, plan, deepcopy(self.auto_mode.distribution))

@@ -108,6 +108,7 @@ class Plan:
     cost : float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
     content : the content of a scene with several volumes or with geometry, else None. If given, index space and
         bricks are the domain's, and encoding, transfer function and segments are the first volume's
+    times : time steps of the volumes
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
 
@@ -122,6 +123,7 @@ class Plan:
     cost: NDArray[np.float64]
     content: Content | None = None
     layers: tuple[LayeredContent, ...] = ()
+    times: tuple[int | str | None, ...] = ()
 
     @property
     def crossing(self) -> Plan:
@@ -210,6 +212,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         layout,
         brick_cost(layout, hidden),
         layers=make_layers(scene, [grid], [blend_mode]),
+        times=(volume.time,),
     )
 
 
@@ -275,6 +278,7 @@ def make_content_plan(
         np.where(clipped_bricks(beyond, layout), 0.0, cost),
         content,
         make_layers(scene, [known.grid for known in volumes], [part.blend_mode for part in content.volume_layers]),
+        tuple(volume.time for volume in scene.volumes),
     )
 
 

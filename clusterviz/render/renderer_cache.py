@@ -87,6 +87,11 @@ class RendererCache:
             self._caster.pool.put(bricks, lambda _, stored: stored)
             self._encodings = _encodings_of(plan)
 
+    @property
+    def bricks(self) -> set[Index]:
+        """Indices of the stored bricks."""
+        return set(self._caster.pool.bricks) if self._caster is not None else set()
+
     def keep(self, wanted: Collection[Index]) -> None:
         """Drop all other bricks."""
         if self._caster is not None:

@@ -60,11 +60,11 @@ def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
 
 
 def stamp_of(plan: Plan) -> int:
-    """Return a checksum of the format in which a plan's bricks are stored; bricks of another format do not suit it."""
+    """Return a checksum of the format and time steps of a plan's bricks; bricks with another one do not suit it."""
     encodings = [part.encoding for part in plan.content.volume_layers] if plan.content else [plan.encoding]
     # Integers are stored unchanged, with any encoding.
     reach = plan.content.reach if plan.content else 0
-    stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings], reach
+    stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings], reach, plan.times
     return zlib.crc32(repr(stored).encode())
 
 

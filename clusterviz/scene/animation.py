@@ -1,4 +1,4 @@
-"""Animation paths: one scene a frame, from an orbit or from key frames of camera and transfer function.
+"""Animation paths: one scene a frame, from an orbit, key frames of camera and transfer function, and time steps.
 
 An orbit rotates the eye about view_up through the focal point. Between key frames positions follow centripetal
 Catmull-Rom curves, directions are interpolated and normalised, and numbers follow monotone cubics. Values that a key
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, TypeVar
 
@@ -245,7 +245,12 @@ def orbit(camera: Camera, degrees: float, frames: int) -> list[Camera]:
 
 
 def scenes_along(
-    scene: Scene, frames: int, degrees: float | None = None, keys: KeyFrames | None = None, where: str = "path"
+    scene: Scene,
+    frames: int,
+    degrees: float | None = None,
+    keys: KeyFrames | None = None,
+    where: str = "path",
+    time_steps: Mapping[int, int] | None = None,
 ) -> list[Scene]:
     """Return the scenes of all frames, at equal time steps from the first to the last key frame.
 
@@ -256,6 +261,7 @@ def scenes_along(
     degrees : total angle of an orbit; None for no orbit
     keys : key frames; without camera key frames if there is an orbit
     where : the file named in errors
+    time_steps : number of time steps of each volume that shows all of them, by its number; they last equally long
 
     Raises
     ------
@@ -273,9 +279,14 @@ def scenes_along(
         update: dict[str, Any] = {"camera": camera}
         if keys.camera:
             update["camera"] = _camera_at(scene.camera, keys.camera, time, f"{where}: frame {number}")
+        changes = [
+            {"time": number * time_steps[n] // frames} if time_steps and n in time_steps else {}
+            for n in range(len(scene.volumes))
+        ]
         if keys.transfer and scene.volumes:
-            changed = _transfer_at(scene, keys.transfer, time, where)
-            update["volumes"] = (scene.volumes[0].model_copy(update=changed), *scene.volumes[1:])
+            changes[0] |= _transfer_at(scene, keys.transfer, time, where)
+        pairs = zip(scene.volumes, changes, strict=True)
+        update["volumes"] = tuple(volume.model_copy(update=each) if each else volume for volume, each in pairs)
         scenes.append(scene.model_copy(update=update))
     return scenes
 

@@ -64,6 +64,14 @@ def check_detail(value: Any) -> Any:
     raise InvalidValueError("not a detail", "full, or {level: n}")
 
 
+def check_time(value: Any) -> Any:
+    """Refuse what is neither the number of a time step nor all of them."""
+    value = to_builtin(value)
+    if value == "all" or (type(value) is int and value >= 0):
+        return value
+    raise InvalidValueError("not a time step", "its number, a whole number from 0 on, or all")
+
+
 def check_path(value: str) -> str:
     """Refuse paths that are empty or contain NUL."""
     if not value.strip() or "\0" in value:

@@ -9,7 +9,7 @@ from clusterviz.scene.geometry import as_sections
 from clusterviz.scene.validation_messages import format_value
 from clusterviz.scene.values import Camera, Quality, Scene
 
-CHANGING = ("cmap", "clim", "opacity", "opacity_unit_distance", "threshold")
+CHANGING = ("time", "cmap", "clim", "opacity", "opacity_unit_distance", "threshold")
 """Keys of a volume that may differ between frames, like all keys of camera and quality."""
 GEOMETRY_CHANGING = (
     "color",

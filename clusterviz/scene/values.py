@@ -17,6 +17,7 @@ from clusterviz.scene.checks import (
     check_detail,
     check_light,
     check_path,
+    check_time,
     check_view,
     to_builtin,
 )
@@ -112,8 +113,10 @@ class Volume(Section):
         "field:NAME.",
     )
     array: str | None = Field(default=None, description="Name of the array, for files with several arrays.")
-    time: Annotated[int, Field(strict=True, ge=0), BeforeValidator(to_builtin)] | None = Field(
-        default=None, description="Index of the time step, from 0, for files with several time steps."
+    time: Annotated[int | Literal["all"], BeforeValidator(check_time)] | None = Field(
+        default=None,
+        description="Number of the time step, from 0, for files with several time steps; all: `animate` shows one "
+        "after the other.",
     )
     channel: Channel | None = Field(
         default=None, description="Index from 0, or name, of the channel, for files with several channels."

@@ -89,6 +89,12 @@ COMMANDS = [
     (f"profile {FIELD} -o images", "would overwrite other files"),
     (f"profile {FIELD} -o file", "cannot be a folder"),
     (f"profile {FIELD} -o out --size 9x9 --by cpu -D volumes.0.opacity=[[0,0],[1,0]]", "nothing to draw"),
+    (f"animate {FIELD} -o frame_%d.png --time", "--time: no volume has several time steps"),
+    (
+        f"render {FIELD} -o a.png -D volumes.0.time=1.5",
+        "not a time step; found 1.5; allowed its number, a whole number",
+    ),
+    (f"render {FIELD} -o a.png -D volumes.0.time=all", "a picture shows one time step; found all; allowed time: its"),
     (f"complexity {FIELD} -o out", "meshes, lines, points: nothing to count; allowed a scene with one of them"),
     (f"complexity {FIELD} -o out --frames 3", "--frames: nothing moves; found 3; allowed --orbit DEGREES"),
     (f"complexity {FIELD} -o out --orbit 90", "--frames: missing"),

@@ -19,7 +19,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from clusterviz.data.axes import MAX_LISTED, Hyperslab, Subset, select, unnamed_
 from clusterviz.data.bricks import Box, BrickLayout
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.remote import FilePath, find_range
-from clusterviz.data.source import Grid, Index
+from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import coarser
 from clusterviz.data.store.shards import PACKAGES, ShardedArray, open_array, read_json, require_packages
 from clusterviz.data.store.statistics import read_statistics
@@ -120,6 +120,25 @@ class LevelSource:
     def bounds(self, number: int) -> NDArray[np.float64]:
         """Return minimum, maximum and error of the bricks of a level; see `MultilevelSource`."""
         return self.level(number).array.statistics()
+
+    def at_time(self, time: int) -> LevelSource:
+        """Return the same level and channel at another time step; see `SeriesSource`."""
+        subset = Subset(time=time, channel=self.slab.channel)
+        slab = select(self.slab.shape, f"{self.array.axes}zyx".upper(), subset, self.name, self.slab.channel_names)
+        name = self.name.replace(f":time={self.slab.time}", f":time={time}")
+        return replace(self, name=name, array=self.array.at_step(time), slab=slab, opened={})
+
+    @cached_property
+    def _steps(self) -> NDArray[np.int64]:
+        return self.array.steps()
+
+    def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
+        """Return whether the bricks around a box are the same at another time step; see `SeriesSource`."""
+        if not isinstance(other, LevelSource) or self.array.at(*other.array.index) != other.array:
+            return False
+        sides = zip(begin_zyx, end_zyx, self.array.brick_zyx, strict=True)
+        here = tuple(slice(b // side, -(-e // side)) for b, e, side in sides)
+        return self.array.index[1:] == other.array.index[1:] and np.array_equal(self._steps[here], other._steps[here])
 
     def summary(self, layout: BrickLayout) -> VolumeSummary | None:
         """Return the summary that the store keeps of its finest level; None of another level."""
