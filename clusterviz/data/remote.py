@@ -163,20 +163,32 @@ class _Cache:
         self._bytes, self._lock = 0, Lock()
 
     def read(self, path: RemotePath, begin: int, count: int | None, fresh: bool) -> tuple[bytes, Version] | None:
-        key = path, begin, count
+        part, whole = (path, begin, count), (path, 0, None)
         with self._lock:
+            key = part if part in self._kept else whole
             found = None if fresh else self._kept.get(key)
             if found:
                 self._kept.move_to_end(key)
-                return found
-        found = _repeated(path, begin, count)
+        if not found:
+            found = _repeated(path, begin, count)
+            if found is None:
+                return None
+            key = whole if 0 <= found[1].size == len(found[0]) else part
+            self._keep(key, found)
+        data, version = found
+        if key == whole:
+            data = data[begin:][: abs(begin) if begin < 0 else count]
+        return data, version
+
+    def _keep(self, key: Any, found: tuple[bytes, Version]) -> None:
         with self._lock:
-            if found and key not in self._kept and len(found[0]) <= CACHE_BYTES:
+            if key in self._kept:
+                self._bytes -= len(self._kept.pop(key)[0])
+            if len(found[0]) <= CACHE_BYTES:
                 self._kept[key] = found
                 self._bytes += len(found[0])
             while self._bytes > CACHE_BYTES:
                 self._bytes -= len(self._kept.popitem(last=False)[1][0])
-        return found
 
 
 _cache = _Cache()
@@ -191,7 +203,7 @@ class _UnavailableError(Exception):
 
 
 def _repeated(path: RemotePath, begin: int, count: int | None) -> tuple[bytes, Version] | None:
-    """Read a range, again after failures that may pass."""
+    """Read a range, or the whole file if the server sends it, again after failures that may pass."""
     fetch = _fetch_http if urlsplit(path.url).scheme.lower() in ("http", "https") else _fetch_by_fsspec
     for attempt in range(ATTEMPTS):
         try:
@@ -225,7 +237,7 @@ def _fetch_http(path: RemotePath, begin: int, count: int | None) -> tuple[bytes,
 
 
 def _content(answer: Any, where: str, begin: int, count: int | None) -> tuple[bytes, Version] | None:
-    """Return what a server answers to the request of a range."""
+    """Return what a server answers to the request of a range: that, or the whole file."""
     status, sent = answer.status, answer.headers
     tag, length = sent.get("ETag") or sent.get("Last-Modified", ""), sent.get("Content-Length", "")
     if status in (404, 410):
@@ -251,7 +263,7 @@ def _content(answer: Any, where: str, begin: int, count: int | None) -> tuple[by
         allowed = f"ranges, or files of up to {WHOLE_FILE_BYTES >> 20} MiB"
         raise DataError("the server sends no ranges of files", where=where, allowed=allowed)
     data = answer.read()
-    return data[begin:][:wanted], Version(len(data), tag)
+    return data, Version(len(data), tag)
 
 
 def _described(error: Exception) -> str:

@@ -163,9 +163,12 @@ def test_failures_that_stay(path: str, fault: str, text: str, site: Site, monkey
     refused(lambda: read_all(f"{site.url}/{path.partition('/')[0]}"), site.url, text)
 
 
-def test_server_without_ranges_sends_no_large_files(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote, "WHOLE_FILE_BYTES", 4000)
+def test_server_without_ranges_sends_whole_files_once(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     site.faults[SHARD] = "whole"
+    read_all(f"{site.url}/{OWN}")
+    assert [path for path, _ in site.requests].count(SHARD) == 1
+    monkeypatch.setattr(remote, "_cache", remote._Cache())
+    monkeypatch.setattr(remote, "WHOLE_FILE_BYTES", 4000)
     refused(lambda: read_all(f"{site.url}/{OWN}"), "sends no ranges")
 
 

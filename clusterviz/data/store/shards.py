@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
+from threading import Lock
 from typing import Any, cast
 
 import numpy as np
@@ -156,6 +157,7 @@ class ShardedArray:
     _indices: dict[tuple[int, ...], tuple[NDArray[np.uint64], Version]] = field(
         default_factory=dict, compare=False, repr=False
     )
+    _lock: Lock = field(default_factory=Lock, compare=False, repr=False)
     _owner: Owner = field(default_factory=Owner, compare=False, repr=False)
 
     def at(self, *index: int) -> ShardedArray:
@@ -353,10 +355,11 @@ class ShardedArray:
         """Return the bytes of a brick, whose checksum is right."""
         z, y, x = (i // n for i, n in zip(brick, self.shard_zyx, strict=True))
         path, where, key = self.shard_path((z, y, x)), f"{self.path}: brick {brick}", (*self.index, z, y, x)
-        if key not in self._indices:
-            self.check()
-            self._indices[key] = self._read_index(path, where)
-        index, version = self._indices[key]
+        with self._lock:
+            if key not in self._indices:
+                self.check()
+                self._indices[key] = self._read_index(path, where)
+            index, version = self._indices[key]
         offset, count = (int(n) for n in index[self._slot(brick)])
         if (offset, count) == (_ABSENT, _ABSENT):
             raise DataError("a brick is missing", where=where)
