@@ -12,7 +12,7 @@ import pytest
 import zarr
 from data.checks import check_placed, check_source, refused
 from numpy.typing import NDArray
-from zarr.codecs import BloscCodec, GzipCodec, ZstdCodec
+from zarr.codecs import BloscCodec, Crc32cCodec, GzipCodec, ZstdCodec
 
 from clusterviz.data import open_scene, open_source
 from clusterviz.data.axes import Subset
@@ -207,3 +207,28 @@ def test_chunks_that_change_under_a_running_job(tmp_path: Path) -> None:
     source = open_source(other)
     shutil.rmtree(other)
     refused(lambda: source.read((0, 0, 0), (3, 4, 2)), "b.zarr/0", "removed while it was in use")
+
+
+@pytest.mark.parametrize("is_part", [False, True])
+@pytest.mark.parametrize(
+    ("version", "options"),
+    [
+        ("0.4", {"chunks": (3, 4, 5), "compressors": {"id": name}})
+        for name in ("blosc", "gzip", "zlib", "bz2", "lz4", "zstd")
+    ]
+    + [("0.5", {"chunks": (3, 4, 5), "compressors": codecs}) for codecs in ([BloscCodec()], [GzipCodec(), ZstdCodec()])]
+    + [("0.5", {"chunks": (1, 4, 5), "shards": (3, 4, 5), "compressors": [ZstdCodec(), Crc32cCodec()]})],
+)
+def test_chunks_larger_than_the_array_says(
+    version: str, options: dict[str, Any], is_part: bool, tmp_path: Path
+) -> None:
+    large = np.ones((3 << 6, 64, 64), np.int16)
+    shards = {"shards": large.shape, "chunks": (1 << 6, 64, 64)} if "shards" in options else {"chunks": large.shape}
+    path = write_image(tmp_path / "a.zarr", version=version, **options)
+    check_source(open_source(path), FIELD)
+    bomb = write_image(tmp_path / "b.zarr", large, version=version, **options | shards)
+    name = "0/c/0/0/0" if version == "0.5" else "0/0.0.0"
+    shutil.copy(bomb / name, path / name)
+    refused(
+        lambda: open_source(path).read((0, 0, 0), (1 if is_part else 3, 4, 5)), "a chunk is larger than the array says"
+    )
