@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import google_crc32c
 import numpy as np
 import pytest
 import zarr
@@ -399,9 +400,36 @@ def cut(name: str, count: int) -> Callable[[Path], None]:
     return lambda path: (path / name).write_bytes((path / name).read_bytes()[:-count]) and None
 
 
+def without_first_brick(path: Path) -> None:
+    """Make the first entry of a shard's index an absent brick, with a right checksum."""
+    data = (path / "0/c/0/0/0").read_bytes()
+    index = b"\xff" * 16 + data[-(8 * 16 + 4) : -4][16:]
+    (path / "0/c/0/0/0").write_bytes(data[: -len(index) - 4] + index + google_crc32c.value(index).to_bytes(4, "little"))
+
+
+def absurd(**changes: list[int]) -> Callable[[Path], None]:
+    """Make the descriptions of a store and its first level agree on something absurd."""
+
+    def apply(path: Path) -> None:
+        shape = changes.get("shape", [20, 21, 22])
+        edit("zarr.json", lambda found: found["attributes"]["clusterviz"].update(shape=shape))(path)
+        sharding = {"chunk_shape": changes["shard"]} if "shard" in changes else {}
+        edit("0/zarr.json", lambda found: found.update(shape=shape))(path)
+        edit("0/zarr.json", lambda found: found["chunk_grid"]["configuration"].update(sharding))(path)
+        brick = {"chunk_shape": changes["brick"]} if "brick" in changes else {}
+        edit("0/zarr.json", lambda found: found["codecs"][0]["configuration"].update(brick))(path)
+
+    return apply
+
+
 @pytest.mark.parametrize(
     ("damage", "text"),
     [
+        (without_first_brick, "brick .* is missing"),
+        (absurd(shape=[10**12] * 3), "disagree"),
+        (absurd(shape=[20, -21, 22]), "disagree"),
+        (absurd(brick=[4096] * 3, shard=[4096] * 3), "disagree"),
+        (absurd(brick=[0] * 3), "disagree"),
         (lambda path: (path / "0/c/0/0/0").unlink(), "no such file"),
         (lambda path: shutil.rmtree(path / "0"), "no such file"),
         (cut("0/c/0/0/0", 1), "shard is damaged or truncated"),
@@ -430,6 +458,47 @@ def test_damaged_stores_are_refused(damage: Callable[[Path], object], text: str,
         source.read((0, 0, 0), source.grid.shape_zyx)
 
     refused(read_all, "a.ome.zarr", text)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_store_that_is_written_anew_under_a_running_job(known: bool, tmp_path: Path) -> None:
+    path, shape = tmp_path / "a.ome.zarr", (20, 21, 22)
+    write_store(make_source(shape=shape), path, BrickCodec(), 16)
+    source = open_source(path)
+    if known:  # its index is in memory
+        source.read((0, 0, 0), (1, 1, 1))
+    shutil.rmtree(path)
+    refused(lambda: source.read((0, 0, 0), shape), "a.ome.zarr", "no such file|changed while it was in use")
+    other = 255 - make_source(shape=shape).read((0, 0, 0), shape)
+    write_store(ArraySource(other, name="other"), path, BrickCodec(), 16)
+    refused(lambda: source.read((0, 0, 0), shape), "a.ome.zarr", "changed while it was in use")
+    check_source(open_source(path), other)
+
+
+def test_full_disk_leaves_what_can_be_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, codec, whole = make_source(shape=(20, 21, 22)), BrickCodec(), tmp_path / "a.zarr"
+    opened, full_at, open_file = 0, 0, Path.open
+
+    def open_until_full(self: Path, mode: str = "r", *rest: Any, **more: Any) -> Any:
+        nonlocal opened
+        opened += "w" in mode
+        is_full = opened == full_at and "w" in mode
+        return open_file(Path("/dev/full") if is_full else self, mode, *rest, **more)
+
+    monkeypatch.setattr(Path, "open", open_until_full)
+    write_store(source, whole, codec, 16)
+    files, expected = opened, contents(whole)
+    assert files > 10
+    for n in range(1, files + 1):
+        opened, full_at, path = 0, n, tmp_path / str(n) / "a.zarr"
+        path.parent.mkdir()
+        with pytest.raises(OutputError, match="No space left"):
+            write_store(source, path, codec, 16)
+        refused(lambda path=path: open_source(path), "without a store|half written.*the same `clusterviz store` again")
+        assert not contents(path).keys() - expected.keys()
+        full_at = 0
+        write_store(source, path, codec, 16)
+        assert contents(path) == expected
 
 
 FIELD = np.arange(2 * 3 * 5 * 6 * 7, dtype="<u2").reshape(2, 3, 5, 6, 7)

@@ -48,6 +48,8 @@ from clusterviz.image.replace import replacing
 
 SHARD_BYTES = 32 << 20
 """Samples of a shard, at most, unless a brick is larger."""
+MOST_SIDE, MOST_BRICKS = 512, 1 << 27
+"""Of bricks that are read: samples along a side, and their number in a level."""
 PACKAGES = ("zstandard", "google_crc32c")
 """What bricks and their checksums need."""
 CODECS = ("wavelet", "zstd", "zfp")
@@ -438,8 +440,10 @@ def open_array(path: FilePath, check: Callable[[], None] = lambda: None) -> Shar
             codec = BrickCodec("zstd", 0.0, codecs[1]["configuration"]["level"])
         sizes, dtype, folder = ((z, y, x), (bz, by, bx), (nz, ny, nx)), np.dtype(found["data_type"]), cast(Path, path)
         array = ShardedArray(folder, *sizes, dtype, codec, axes, tuple(counts), first_volume, check)
-        return array if array.metadata == found and axes in ("", "t", "c", "tc") else None
-    except (KeyError, IndexError, TypeError, ValueError, InputError):
+        is_possible = min(z, y, x, *counts, bz, by, bx) >= 1 and max(bz, by, bx) <= MOST_SIDE
+        is_known = is_possible and array.metadata == found and axes in ("", "t", "c", "tc")
+        return array if is_known and math.prod(array.counts_zyx) <= MOST_BRICKS else None
+    except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError, InputError):
         return None
 
 
