@@ -103,6 +103,7 @@ def site(written: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
     found = Site(written)
     server = ThreadingHTTPServer(("127.0.0.1", 0), type("OfSite", (Handler,), {"site": found}))
     found.url = f"http://127.0.0.1:{server.server_address[1]}"
+    server.handle_error = lambda *_: None  # type: ignore[method-assign]  # clients that gave up
     thread = Thread(target=server.serve_forever, args=(0.02,))
     thread.start()
     yield found
