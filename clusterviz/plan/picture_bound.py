@@ -36,11 +36,15 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Index
 from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.plan.encoding import FAR, in_units_of_clim
-from clusterviz.plan.picture_bound_kernel import CENTRE, DENSE, EXTENT, LATTICE, LENS, SHARE, SLAB, THIN
 from clusterviz.plan.view import View
 from clusterviz.scene.transfer import OPAQUE, TransferFunction, distinct, interpolate
 
 Floats = NDArray[np.float64]
+SLAB, SHARE, THIN, DENSE = range(4)
+"""Terms of a brick: bounds of what a slab changes, and a shorter one; least and greatest optical depth of a slab."""
+EYE, RIGHT, UP, FORWARD, LENS, CENTRE, EXTENT, LATTICE = range(8)
+"""Rows of the camera: four vectors in index space; distance of pixels, and whether projection is parallel; half the
+picture in pixels; the domain in cells; cells of a brick and length of a slab."""
 BINS = 4096
 TINY = 1e-12
 _TRACE = CompiledKernel(
@@ -48,7 +52,7 @@ _TRACE = CompiledKernel(
     "bound_rays",
     "int64[:,::1]; float64[:,::1]; float64[:,::1]; float64[:,:,:,::1]; int64; float64[::1]; float64[:,:,:,::1]; "
     "float64[:,::1]; float64[:,::1]; int64[:,::1]",
-    [Path(__file__).with_name("picture_bound_kernel.py")],
+    [Path(__file__), Path(__file__).with_name("picture_bound_kernel.py")],
 )
 
 

@@ -7,14 +7,25 @@ from typing import Any
 
 import numba
 
-SLAB, SHARE, THIN, DENSE = range(4)
-"""Terms of a brick: bounds of what a slab changes, and a shorter one; least and greatest optical depth of a slab."""
-EYE, RIGHT, UP, FORWARD, LENS, CENTRE, EXTENT, LATTICE = range(8)
-"""Rows of the camera: four vectors in index space; distance of pixels, and whether projection is parallel; half the
-picture in pixels; the domain in cells; cells of a brick and length of a slab."""
+from clusterviz.plan.picture_bound import (
+    CENTRE,
+    DENSE,
+    EXTENT,
+    EYE,
+    FORWARD,
+    LATTICE,
+    LENS,
+    RIGHT,
+    SHARE,
+    SLAB,
+    THIN,
+    UP,
+)
+
 NEAR = 1e-9  # slabs, or bricks; more than the rounding of positions
 
-_inline: Any = numba.njit(inline="always", error_model="numpy", _nrt=False)
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+_inline = numba.njit(inline="always", **_OPTIONS)
 
 
 @_inline

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import MultilevelSource
-from clusterviz.plan.picture_bound import FieldError, Floats, PictureBound, Rays, dilated
-from clusterviz.plan.picture_bound_kernel import SLAB
+from clusterviz.plan.picture_bound import SLAB, FieldError, Floats, PictureBound, Rays, dilated
 
 Levels = NDArray[np.uint8]
 GUIDES = 4096
