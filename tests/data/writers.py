@@ -125,6 +125,45 @@ def hdf5(path: Path, array: np.ndarray, attributes: dict[str, object] | None = N
     return path
 
 
+def vtkhdf(
+    path: Path, arrays: dict[str, np.ndarray], section: str = "PointData", steps: Any = None, **changes: Any
+) -> Path:
+    """An image; `steps` are the places of the time steps in arrays whose first axis is time."""
+    z, y, x = (n - (section == "PointData") for n in next(iter(arrays.values())).shape[steps is not None :][:3])
+    known = {"Version": (2, 0), "Type": np.bytes_("ImageData"), "WholeExtent": (1, x + 1, 0, y, 0, z)}
+    known |= {"Origin": (10.0, 20.0, 30.0), "Spacing": (2.0, 3.0, 4.0), "Direction": (0.0, -1, 0, 1, 0, 0, 0, 0, 1)}
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs.update({key: value for key, value in (known | changes).items() if value is not None})
+        for name, array in arrays.items():
+            root[f"{section}/{name}"] = array
+            if steps is not None:
+                root[f"Steps/{section}Offsets/{name}"] = np.array(steps)
+        if steps is not None:
+            root["Steps/Values"] = np.arange(len(steps)) * 0.5
+            root["Steps"].attrs["NSteps"] = len(steps)
+    return path
+
+
+def amr(path: Path, levels: list[tuple[float, dict[tuple[int, ...], np.ndarray]]], **attributes: Any) -> Path:
+    """Levels of boxes: a spacing, and cells (z, y, x) by the index of the first cell x, y, z."""
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        known = {"Version": (2, 0), "Type": np.bytes_("OverlappingAMR"), "Origin": (1.0, 2.0, 3.0)}
+        root.attrs.update(known | {"GridDescription": np.bytes_("XYZ")} | attributes)
+        for number, (spacing, boxes) in enumerate(levels):
+            group = root.create_group(f"Level{number}")
+            group.attrs["Spacing"] = [spacing] * 3
+            ends = [[b + n - 1 for b, n in zip(at, cells.shape[::-1], strict=True)] for at, cells in boxes.items()]
+            group["AMRBox"] = [
+                [n for pair in zip(at, end, strict=True) for n in pair] for at, end in zip(boxes, ends, strict=True)
+            ]
+            group["CellData/c"] = np.concatenate([cells.ravel() for cells in boxes.values()])
+            for section in ("PointData", "FieldData"):
+                group.create_group(section)
+    return path
+
+
 def netcdf(path: Path, array: np.ndarray, lines: dict[str, np.ndarray | int], **attributes: object) -> Path:
     """One variable, `t`; a line that is a number is a dimension without coordinates."""
     with h5py.File(path, "w") as file:

@@ -213,7 +213,7 @@ transfer:
   - {time: 2, clim: [0, 2], opacity: [[0, 0.5], [1, 1]]}
 """
 NRRD = {"": "raw", "-gzip": "gzip", "-bzip2": "bzip2", "-ascii": "ascii"}
-SPARSE = {".h5", ".nc"}
+SPARSE = {".h5", ".nc", ".vtkhdf"}
 
 READERS = {
     "npy": _data("a.npy"),
@@ -238,6 +238,10 @@ READERS = {
     "vtk-binary": _data("a.vtk", form="BINARY"),
     **({"dicom": Reader("2.dcm", _dicom)} if find_spec("pydicom") else {}),
     "slices": Reader("s0.png", _slices, lambda path: read_data(path.parent), damaged="s2.png"),
+    "vtkhdf": Reader("a.vtkhdf", lambda path: writers.vtkhdf(path, {"f": SAMPLES[None]}, steps=[0])),
+    "amr": Reader(
+        "a.vtkhdf", lambda path: writers.amr(path, [(2.0, {(0, 0, 0): SAMPLES}), (1.0, {(2, 0, 2): SAMPLES})])
+    ),
     "pvti": Reader("a.pvti", _pieces),
     "vtr": Reader("a.vtr", _vtr),
     "vti-ascii": _data("a.vti", form="ascii"),

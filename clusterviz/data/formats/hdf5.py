@@ -83,6 +83,9 @@ class CfValues:
         return values
 
 
+AS_STORED = CfValues((), (-np.inf, np.inf), (1.0, 0.0))
+
+
 @dataclass(frozen=True)
 class Hdf5Source:
     """Volume in a dataset; `dataset` stays open as long as the source lives.
@@ -108,7 +111,7 @@ class Hdf5Source:
         kept = self.slab.index.count(None)
         spans = iter([slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True)][3 - kept :])
         box = tuple(next(spans) if i is None else slice(i, i + 1) for i in self.slab.index)
-        _check_chunks(self.dataset, box, self.name)
+        check_chunks(self.dataset, box, self.name)
         try:
             voxels = self.dataset[box]
         except (OSError, RuntimeError) as error:  # h5py's errors for a missing filter or a damaged chunk
@@ -116,7 +119,7 @@ class Hdf5Source:
         return np.ascontiguousarray(self.values.decode(voxels), self.dtype).reshape(shape)
 
 
-def _check_chunks(dataset: Any, box: tuple[slice, ...], where: str) -> None:
+def check_chunks(dataset: Any, box: tuple[slice, ...], where: str) -> None:
     """Check that chunks lie in the file and are longer than their checksum; other chunks crash the HDF5 library."""
     if not dataset.chunks:
         return
