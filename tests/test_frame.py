@@ -263,11 +263,11 @@ def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     scenes, right = scenes_of({})[:3], Raycaster.draw
     calls: list[int] = []
 
-    def fail_later(caster: Raycaster, plan: Any, pieces: Any, tell: Any) -> Any:
+    def fail_later(*given: Any, **options: Any) -> Any:
         calls.append(1)
         if len(calls) == 3:
             raise ValueError("odd")
-        return right(caster, plan, pieces, tell)
+        return right(*given, **options)
 
     monkeypatch.setattr(Raycaster, "draw", fail_later)
     with pytest.raises(RankError, match="rank 0, frame 2, render: ValueError: odd"):

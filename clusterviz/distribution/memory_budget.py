@@ -4,6 +4,8 @@ The size of a brick is that of its storage in the renderer: OpenGL keeps packed 
 word a voxel. Primitives and tetrahedra are counted as ranks hold them, in main memory, and tetrahedra
 also as they are drawn. If ranks use different renderers, the larger size counts. All ranks decide before bricks are
 loaded.
+
+If bricks can be drawn in passes (`frame/residency.py`), a limit must only suffice for one brick.
 """
 
 from __future__ import annotations
@@ -16,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
+from clusterviz.frame.residency import least_bytes
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import prefers_cpu
-from clusterviz.render.storage import HEADER_WORDS, Slot, slot_of
+from clusterviz.render.choice import brick_bytes, prefers_cpu
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.values import Cluster
 
@@ -63,6 +65,20 @@ def check_memory(shares: Shares, ranks: int, brick_bytes: NDArray[np.int64], lim
     )
 
 
+def check_passes(plan: Plan, brick_bytes: NDArray[np.int64], limit_bytes: int | None) -> None:
+    """Refuse a limit below what the largest brick takes while it is loaded.
+
+    Raises
+    ------
+    InputError
+        It is below.
+    """
+    if limit_bytes is not None and (least := least_bytes(brick_bytes, plan)) > limit_bytes:
+        text = f"a brick takes {least} bytes while it is loaded, which no number of ranks changes"
+        allowed = f"{least} bytes a rank, or smaller bricks"
+        raise InputError(text, where="cluster.memory_limit", found=f"{limit_bytes} bytes a rank", allowed=allowed)
+
+
 def fitting_ranks(shares: Shares, above: int, brick_bytes: NDArray[np.int64], limit_bytes: int) -> int | None:
     """Find a number of ranks for which every share fits; None if there is none up to the number of bricks.
 
@@ -105,9 +121,9 @@ class MemoryBudget:
 
     def brick_bytes(self, plan: Plan) -> NDArray[np.int64]:
         """Return the size of each brick in bytes, int64 (bz, by, bx); 0 for bricks that are not visible."""
-        sizes = cpu_bytes(plan) if self.on_cpu else np.zeros(plan.cost.shape, np.int64)
-        if self.by_opengl or not self.on_cpu:
-            sizes = np.maximum(sizes, slot_of(plan).counted(plan.layout.counts_zyx, lambda slot: slot.bytes))
+        sizes = brick_bytes(plan, self.on_cpu)
+        if self.on_cpu and self.by_opengl:
+            sizes = np.maximum(sizes, brick_bytes(plan, on_cpu=False))
         for layer in plan.content.layers if plan.content else ():
             sizes = sizes + layer.nbytes
         for grid in plan.content.cells if plan.content else ():
@@ -131,21 +147,3 @@ def memory_budget_of(run: Run, cluster: Cluster, shares_screen: bool) -> MemoryB
         return MemoryBudget()
     without = prefers_cpu(run.options.device)
     return MemoryBudget(limit, bool(run.channel.maximum(without)), bool(run.channel.maximum(not without)))
-
-
-def cpu_bytes(plan: Plan) -> NDArray[np.int64]:
-    """Return the size of each brick in the CPU ray caster, in bytes, int64 (bz, by, bx)."""
-    slot = slot_of(plan)
-    if plan.content is None:
-        return slot.counted(plan.layout.counts_zyx, _slot_bytes)
-    sizes = np.full(plan.cost.shape, 4 * HEADER_WORDS * len(slot.parts), np.int64)
-    for layer, part in zip(plan.content.volume_layers, slot.parts, strict=True):
-        # A brick holds only samples of the volumes that it meets.
-        sizes += np.where(layer.cut.bricks_met(), _slot_bytes(part), 0)
-    return sizes
-
-
-def _slot_bytes(slot: Slot) -> int:
-    from clusterviz.render.cpu.memory import words_of
-
-    return 4 * words_of(slot)

@@ -11,16 +11,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm import abort_on_failure
 from clusterviz.composite.opacity_in_front import opacity_in_front
 from clusterviz.data.source import Index
 from clusterviz.frame.opening import BrickReader
+from clusterviz.frame.residency import Residency, has_passes
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage, Rect, joined
 from clusterviz.partition import Piece
+from clusterviz.render.choice import prefers_cpu
 from clusterviz.render.stored_brick import stamp_of
 from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.frame_coherence import together
+from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.report.statistics import RankFrame
 
 if TYPE_CHECKING:
@@ -50,9 +54,16 @@ class Drawing:
         self.fragments: list[NDArray[np.int32]] = []
         self._received: dict[Index, tuple[int, Stored]] = {}
         self._pieces: list[Piece] = []
+        self._passes: Residency | None = None
+        self._residency: Residency | None = None
+        self._most_bytes: int | None = None
+        self._read = 0, 0
 
     def load(self, run: Run, work: RankWork) -> None:
-        """Compile shaders, read bricks and upload them, as far as they are missing; collective."""
+        """Compile shaders, read bricks and upload them, as far as they are missing; collective.
+
+        Bricks that may not all be in memory are loaded as they are drawn.
+        """
         from clusterviz.render.renderer_cache import RendererCache
 
         plan, holds = work.plan, work.holds
@@ -61,7 +72,8 @@ class Drawing:
         renderers = self._renderers = self._renderers or RendererCache(work.scene.cluster.memory_limit)
         renderers.keep(holds)
         received = self._received_for(plan, holds)
-        missing = renderers.missing(plan, holds) - received.keys()
+        passes = self._passes = self._in_passes(run, work, renderers)
+        missing = set() if passes else renderers.missing(plan, holds) - received.keys()
         stale = bool(missing) or bool(holds and not renderers.is_compiled(plan))
         if not run.channel.maximum(stale):
             renderers.put(plan, received)
@@ -88,13 +100,16 @@ class Drawing:
 
     @property
     def held(self) -> set[Index]:
-        """Indices of the renderer's bricks."""
-        return self._renderers.bricks if self._renderers else set()
+        """Indices of the renderer's bricks, and of those that were read for it."""
+        read = self._residency.held if self._residency else set()
+        return read | self._renderers.bricks if self._renderers else set()
 
     def drop(self, bricks: Set[Index]) -> None:
         """Drop bricks that have changed."""
+        if self._residency is not None:
+            self._residency.drop(bricks)
         if self._renderers is not None:
-            self._renderers.keep(self.held - bricks)
+            self._renderers.drop(bricks)
 
     def stored(self, bricks: Sequence[Index]) -> dict[Index, Stored]:
         """Return bricks of this rank, as they lie in GPU memory."""
@@ -123,9 +138,17 @@ class Drawing:
             self.sample_counts, self.fragments, self._pieces = [], [], mine if tiles is None else []
             if self._renderers is None or work.plan is None:
                 return [], RankFrame({})
+            passes = self._passes if tiles is None else None
+            if passes:
+                passes.begin(work.plan, mine)
             began, began_cpu = perf_counter(), process_time()
-            drawn = self._renderers.draw(work.plan, pieces, partial(run.options.progress, "render"))
+            drawn = self._renderers.draw(work.plan, pieces, partial(run.options.progress, "render"), passes)
             counts = replace(self._counted(drawn), cpu_seconds=process_time() - began_cpu)
+            if passes:
+                run.clock.add("load", passes.seconds)
+                counts = replace(counts, passes=passes.passes, brick_memory_bytes=passes.most_bytes)
+            before, self._read = self._read, (self._reader.bricks_read, self._reader.bytes_read)
+            counts = replace(counts, bricks_read=self._read[0] - before[0], bytes_read=self._read[1] - before[1])
             self.sample_counts = [(each.partial.rect, each.work) for each in drawn]
             self.fragments = [each.fragments for each in drawn]
             for each in drawn:
@@ -162,8 +185,24 @@ class Drawing:
                 return []
             if work.mode == "hybrid":
                 fronts = [fronts[0][image.rect.slices_in(images[0].rect)] for image in partials]
-            found = self._renderers.find_layers(work.plan, self._pieces, fronts)
+            if self._passes:
+                self._passes.begin(work.plan, self._pieces)
+            found = self._renderers.find_layers(work.plan, self._pieces, fronts, self._passes)
             return [as_partials(work.plan, image.rect, each) for image, each in zip(partials, found, strict=True)]
+
+    def _in_passes(self, run: Run, work: RankWork, renderers: RendererCache) -> Residency | None:
+        """Return what loads bricks as they are drawn; None if all of them are loaded before; collective."""
+        plan, cluster = work.plan, work.scene.cluster
+        limit = cluster.memory_limit
+        if limit is None and self._most_bytes is None:
+            with abort_on_failure(run.channel, run.frame, "load"):
+                local_size = run.channel.placement().local_size
+            self._most_bytes = int(HELD_SHARE_OF_MEMORY * memory().available_bytes / local_size)
+        if plan is None or work.mode != "sort-last" or cluster.distribution == "dynamic" or not has_passes(plan):
+            return None
+        if self._residency is None:
+            self._residency = Residency(self._reader, renderers, prefers_cpu(run.options.device))
+        return self._residency.prepare(plan, work.holds, limit, self._most_bytes or 0)
 
     def _in_tiles(self, pieces: Sequence[Piece], tiles: Iterable[Rect]) -> Iterator[Piece]:
         """Yield all pieces of each tile, and keep those that were drawn."""
@@ -174,6 +213,9 @@ class Drawing:
 
     def release(self) -> None:
         """Free the renderer and its bricks."""
+        if self._residency is not None:
+            self._residency.close()
+            self._residency = self._passes = None
         if self._renderers is not None:
             self._renderers.release()
             self._renderers = None

@@ -6,7 +6,7 @@ ranks make the summary. What the summaries say completes the scene. Later frames
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.grid_files import GridFile, grid_files
 from clusterviz.data.source import Grid, Index, Source, levels_of
+from clusterviz.data.store.cache import CACHE
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import InputError
@@ -223,7 +224,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         triples = zip(scene.geometry, scene.geometry_keys, geometries, strict=True)
         geometry = tuple(_known(*each, run.channel) for each in triples)
         grids = tuple(_known_cells(*pair, run.channel) for pair in zip(scene.grids, unstructured, strict=True))
-    summaries, held = _summarised(run, sources, layouts)
+    summaries, held = _summarised(run, sources, layouts, scene.cluster.memory_limit)
     with run.local("plan", "plan"):
         opened = tuple(
             OpenedVolume(
@@ -286,7 +287,7 @@ def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
 
 
 def _summarised(
-    run: Run, sources: Sequence[Source], layouts: Sequence[BrickLayout]
+    run: Run, sources: Sequence[Source], layouts: Sequence[BrickLayout], limit_bytes: int | None
 ) -> tuple[list[VolumeSummary], list[Bricks]]:
     """Summarise the volumes; of those whose source keeps no summary, an equal share is read.
 
@@ -297,6 +298,7 @@ def _summarised(
     """
     with run.collective("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
+        most_bytes = min(most_bytes, limit_bytes or most_bytes)
     with run.local("read", "load"):
         pairs = list(zip(sources, layouts, strict=True))
         kept = [kept_summary(*pair) for pair in pairs]
@@ -447,6 +449,12 @@ def _info(source: Source, summary: VolumeSummary) -> VolumeInfo:
     )
 
 
+def bytes_of(brick: Any) -> int:
+    """Return the bytes of samples, or of those of several volumes."""
+    parts = getattr(brick, "samples", (brick,))
+    return sum(int(part.nbytes) for part in parts if part is not None)
+
+
 class BrickReader:
     """Bricks of this rank in main memory, and reading of those that are missing.
 
@@ -454,10 +462,15 @@ class BrickReader:
     ----------
     opened : volumes; None: there is nothing to read
     bricks : that have been read
+
+    Attributes
+    ----------
+    bricks_read, bytes_read : bricks that were read so far, and bytes: encoded ones of stores, else those of samples
     """
 
     def __init__(self, opened: Opened | None, bricks: Bricks) -> None:
         self._opened, self._held = opened, bricks
+        self.bricks_read = self.bytes_read = 0
 
     def load(self, run: Run, plan: Plan, wanted: Set[Index], holds: Set[Index] = frozenset()) -> Bricks:
         """Return bricks of this rank; those that are not in memory are read.
@@ -475,7 +488,7 @@ class BrickReader:
             bricks = {index: held[index] for index in wanted & held.keys()}
             kept = {index: held[index] for index in holds & held.keys()} if run.options.keep_bricks else {}
             held = self._held = {}  # others are freed before further ones are read
-            bricks.update(opened.read(plan, wanted - bricks.keys()))
+            bricks.update(self.read(plan, wanted - bricks.keys()))
             if run.options.keep_bricks:
                 self._held = kept | bricks
             return bricks
@@ -495,6 +508,33 @@ class BrickReader:
         """
         self._opened = opened
         self._held = {index: brick for index, brick in self._held.items() if index not in changed} | bricks
+
+    def read(self, plan: Plan, wanted: Set[Index], stops: Callable[[], bool] = lambda: False) -> Bricks:
+        """Read bricks, in any thread; what was read of them if `stops` says so."""
+        assert self._opened is not None, "only a scene with a volume has a plan"
+        found, encoded = Bricks(), CACHE.bytes_read
+        for index, brick in self._opened.read(plan, wanted):
+            found[index] = brick
+            if stops():
+                break
+        self.bricks_read += len(found)
+        self.bytes_read += (CACHE.bytes_read - encoded) or sum(map(bytes_of, found.values()))
+        return found
+
+    def suiting(self, plan: Plan, bricks: Bricks) -> Bricks:
+        """Return those of some bricks that suit a plan."""
+        return self._opened.suiting(plan, bricks) if self._opened else {}
+
+    @property
+    def itemsize(self) -> int:
+        """Bytes of a sample as it is read, at most."""
+        volumes = self._opened.volumes if isinstance(self._opened, OpenedContent) else (self._opened,)
+        return max((volume.source.dtype.itemsize for volume in volumes if volume), default=1)
+
+    def taken(self) -> Bricks:
+        """Return the bricks in memory, which are no longer kept here."""
+        bricks, self._held = self._held, {}
+        return bricks
 
     def clear(self) -> None:
         """Free the bricks in memory."""

@@ -7,7 +7,8 @@ brick at its midpoint, in the pixels of its rectangle, so the picture does not d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,10 @@ class Piece:
         """Return whether another piece has the same bricks, as the pieces of a shared screen do."""
         return self.box == other.box and self.bricks is other.bricks
 
+    def part(self, bricks: NDArray[np.int64]) -> Piece:
+        """Return the piece of some of its bricks, int64 (m, 3), m at least 1."""
+        return replace(self, **_around(bricks))
+
     def members(self, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Return its bricks that are shown, int64 (m, 3), indices (z, y, x); `shown` is bool over all bricks."""
         inside = shown[self.box.slices]
@@ -67,13 +72,15 @@ def owner_pieces(owners: Owners, eye_brick: Vector | None, direction_index: Vect
 
 def group_pieces(groups: Sequence[BrickGroup]) -> tuple[Piece, ...]:
     """Return a piece for each group of `visible_groups`, in the same order."""
-    pieces = []
-    for group in groups:
-        box = bounding_box(group.bricks)
-        own = np.zeros(box.shape_zyx, bool)
-        own[tuple((group.bricks - box.begin_zyx).T)] = True
-        pieces.append(Piece(group.rank, box, None if own.all() else own))
-    return tuple(pieces)
+    return tuple(Piece(group.rank, **_around(group.bricks)) for group in groups)
+
+
+def _around(bricks: NDArray[np.int64]) -> dict[str, Any]:
+    """Return the fields `box` and `bricks` of a piece."""
+    box = bounding_box(bricks)
+    own = np.zeros(box.shape_zyx, bool)
+    own[tuple((bricks - box.begin_zyx).T)] = True
+    return {"box": box, "bricks": None if own.all() else own}
 
 
 def bounding_box(bricks: NDArray[np.int64]) -> BrickBox:

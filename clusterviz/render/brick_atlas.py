@@ -291,6 +291,15 @@ class BrickPool:
         """Number of samples of the bricks."""
         return sum(atlas.voxels for atlas in self._atlases)
 
+    def reserve(self, bricks: int) -> None:
+        """Have slots for so many bricks, allocated at once, as an atlas that grows is there twice for a while."""
+        if sum(atlas.slot_count for atlas in self._atlases) >= bricks:
+            return
+        self.release()
+        for begin in range(0, bricks, self._capacity):
+            slot_count = min(self._capacity, bricks - begin)
+            self._atlases.append(BrickAtlas(self._context, self._slot, slot_count))
+
     def put(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Add bricks; each is removed from the mapping, so that none is held twice for long."""
         for atlas in self._atlases:

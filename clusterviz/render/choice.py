@@ -10,9 +10,13 @@ import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from clusterviz.errors import DeviceError, InputError
 from clusterviz.gl.devices import ENVIRONMENT, egl_devices
 from clusterviz.plan.plan import Plan
+from clusterviz.render.storage import HEADER_WORDS, Slot, slot_of
 
 if TYPE_CHECKING:
     from clusterviz.render.cpu.caster import VectorCaster
@@ -64,6 +68,31 @@ def check_opengl(plan: Plan) -> None:
             found="bricks of several sizes",
             allowed="null; or the CPU (--device cpu)",
         )
+
+
+def brick_bytes(plan: Plan, on_cpu: bool) -> NDArray[np.int64]:
+    """Return the bytes of each brick in a renderer, int64 (bz, by, bx), whether it is visible or not.
+
+    Parameters
+    ----------
+    on_cpu : in the CPU ray caster, which takes a word for a voxel; else in OpenGL's slots
+    """
+    slot = slot_of(plan)
+    if not on_cpu:
+        return slot.counted(plan.layout.counts_zyx, lambda slot: slot.bytes)
+    if plan.content is None:
+        return slot.counted(plan.layout.counts_zyx, _slot_bytes)
+    sizes = np.full(plan.cost.shape, 4 * HEADER_WORDS * len(slot.parts), np.int64)
+    for layer, part in zip(plan.content.volume_layers, slot.parts, strict=True):
+        # A brick holds only samples of the volumes that it meets.
+        sizes += np.where(layer.cut.bricks_met(), _slot_bytes(part), 0)
+    return sizes
+
+
+def _slot_bytes(slot: Slot) -> int:
+    from clusterviz.render.cpu.memory import words_of
+
+    return 4 * words_of(slot)
 
 
 def make_caster(plan: Plan, device: Device = None, local_rank: int = 0) -> Raycaster | VectorCaster:

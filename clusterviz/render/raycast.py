@@ -40,6 +40,7 @@ from clusterviz.render.content_bricks import store_as
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
+from clusterviz.render.passes import Passes
 from clusterviz.render.render_result import (
     PROGRESS_SECONDS,
     SQUARE,
@@ -174,14 +175,16 @@ class Raycaster:
         pieces: Iterable[Piece],
         progress: Progress = no_progress,
         crossings: Sequence[Crossing] = (),
+        passes: Passes | None = None,
     ) -> list[RenderResult]:
-        """Draw one frame's pieces, whose visible bricks are loaded.
+        """Draw one frame's pieces, whose visible bricks are loaded, unless `passes` does.
 
         Parameters
         ----------
         pieces : the iterator advances when a piece is drawn
         progress : called with the part of the pieces that is drawn, in [0, 1], if their number is known
         crossings : of each piece, with a plan that only finds these, which are written
+        passes : loads the bricks of the pieces part by part
 
         Returns
         -------
@@ -209,10 +212,15 @@ class Raycaster:
                 buffers.make(plan.blend_mode.grading.block()).bind_to_uniform_block(5)
                 if plan.blend_mode.grading.table is not None:
                     buffers.table(plan.blend_mode.grading.table).use(1)
-            return self._draw_pieces(plan, pieces, progress, crossings)
+            return self._draw_pieces(plan, pieces, progress, crossings, passes)
 
     def _draw_pieces(
-        self, plan: Plan, pieces: Iterable[Piece], progress: Progress, crossings: Sequence[Crossing]
+        self,
+        plan: Plan,
+        pieces: Iterable[Piece],
+        progress: Progress,
+        crossings: Sequence[Crossing],
+        passes: Passes | None,
     ) -> list[RenderResult]:
         """Draw pieces; consecutive ones with the same bricks share their tables."""
         drawn: list[RenderResult] = []
@@ -223,7 +231,9 @@ class Raycaster:
         with ExitStack() as last:
             tables: _Tables | None = None
             for number, piece in enumerate(pieces):
-                started, rect, layers = perf_counter(), footprint(plan, piece), layers_of(plan, piece)
+                started, rect = perf_counter(), footprint(plan, piece)
+                parts = passes.parts(piece) if passes else [piece]
+                layers = [(one, layer) for one in parts for layer in layers_of(plan, one)]
                 part = PartOf(progress, number, count)
                 part(0.0)
                 if not layers or not rect.pixels:
@@ -233,8 +243,10 @@ class Raycaster:
                 if plan.march.frame_coherence is not None:
                     starts = Starts.of(self._last_frame, plan, piece, rect)
                 if len(layers) > 1:
-                    drawn.append(self._draw_layers(plan, rect, layers, started, starts))
+                    drawn.append(self._draw_layers(plan, rect, layers, started, starts, passes))
                 else:
+                    if passes:
+                        passes.load(piece)
                     if tables is None or not piece.shows_bricks_of(tables.piece):
                         last.close()
                         tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
@@ -278,19 +290,29 @@ class Raycaster:
         return joined_bands(rect, drawn)
 
     def _draw_layers(
-        self, plan: Plan, rect: Rect, layers: Sequence[Piece], started: float, starts: Rays | None
+        self,
+        plan: Plan,
+        rect: Rect,
+        layers: Sequence[tuple[Piece, Piece]],
+        started: float,
+        starts: Rays | None,
+        passes: Passes | None,
     ) -> RenderResult:
-        """Draw layers from front to back, without those that no ray reaches; their bricks are not uploaded."""
+        """Draw layers of parts from front to back, without those that no ray reaches, whose bricks are not uploaded."""
+        loading = passes.seconds if passes else 0.0
 
         def reached(march: March) -> Iterator[_Tables]:
-            for number, layer in enumerate(layers):
+            for number, (part, layer) in enumerate(layers):
                 if number == 0 or march.reaches(frame_block(plan, layer.box, rect, self.slot)):
+                    if passes:
+                        passes.load(part, layer)
                     with _Tables(self._context, self.pool, plan, layer) as tables:
                         yield tables
 
         drawn = self._draw_piece(plan, rect, reached, started, starts)
-        shown = sum(len(layer.members(plan.cost > 0)) for layer in layers)
-        return replace(drawn, occluded=shown - drawn.bricks)
+        shown = sum(len(layer.members(plan.cost > 0)) for _, layer in layers)
+        seconds = drawn.seconds_render - (passes.seconds - loading if passes else 0.0)
+        return replace(drawn, occluded=shown - drawn.bricks, seconds_render=seconds)
 
     def _draw_piece(
         self,
@@ -460,14 +482,7 @@ def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
     tree = build_tree(present, count)
     order = front_to_back(tree, plan.eye_in_bricks(box.begin_zyx), plan.view.forward)
     found = [np.argwhere(present[tree.leaves[leaf].box.slices]) + tree.leaves[leaf].box.begin_zyx for leaf in order]
-    return [_piece(piece, bricks + box.begin_zyx) for bricks in found if len(bricks)]
-
-
-def _piece(whole: Piece, bricks: NDArray[np.int64]) -> Piece:
-    box = bounding_box(bricks)
-    own = np.zeros(box.shape_zyx, bool)
-    own[tuple((bricks - box.begin_zyx).T)] = True
-    return Piece(whole.rank, box, own)
+    return [piece.part(bricks + box.begin_zyx) for bricks in found if len(bricks)]
 
 
 class Buffers:
@@ -534,6 +549,8 @@ class March:
     def reaches(self, block: NDArray[np.void]) -> bool:
         """Return True if any ray that meets the block's box has not ended in front of it."""
         block["first_dispatch"] = ASK
+        # Behind an opaque pixel nothing matters, even if rays do not end early.
+        block["optics"][0, 1] = max(0.0, block["optics"][0, 1])
         return self._dispatch(block)
 
     def _dispatch(self, block: NDArray[np.void]) -> bool:

@@ -18,6 +18,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import Device, check_opengl, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.crossing import Crossing, Planes
+from clusterviz.render.passes import Passes
 from clusterviz.render.render_result import Progress, RenderResult, no_progress
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import Stored
@@ -97,25 +98,46 @@ class RendererCache:
         if self._caster is not None:
             self._caster.drop(self._caster.pool.bricks - set(wanted))
 
+    def drop(self, bricks: Collection[Index]) -> None:
+        """Drop bricks."""
+        if self._caster is not None:
+            self._caster.drop(bricks)
+
+    def reserve(self, bricks: int) -> None:
+        """Allocate GPU memory for so many bricks in all, at once; what was there is dropped if it is less."""
+        if self._caster is not None:
+            self._caster.pool.reserve(bricks)
+
     def stored(self, bricks: Collection[Index]) -> dict[Index, Stored]:
         """Read bricks back."""
         return {} if self._caster is None else dict(self._caster.pool.stored(bricks))
 
-    def draw(self, plan: Plan, pieces: Iterable[Piece], progress: Progress = no_progress) -> list[RenderResult]:
-        """Draw this rank's pieces of a frame; they are blank if it never had a brick. See `VectorCaster.draw`."""
-        return (
-            [RenderResult(blank()) for _ in pieces]
-            if self._caster is None
-            else self._caster.draw(plan, pieces, progress)
-        )
+    def draw(
+        self,
+        plan: Plan,
+        pieces: Iterable[Piece],
+        progress: Progress = no_progress,
+        passes: Passes | None = None,
+    ) -> list[RenderResult]:
+        """Draw this rank's pieces of a frame; they are blank if it never had a brick. See `Raycaster.draw`."""
+        if self._caster is None:
+            return [RenderResult(blank()) for _ in pieces]
+        return self._caster.draw(plan, pieces, progress, passes=passes)
 
-    def find_layers(self, plan: Plan, pieces: Sequence[Piece], fronts: Sequence[NDArray[np.float32]]) -> list[Planes]:
+    def find_layers(
+        self,
+        plan: Plan,
+        pieces: Sequence[Piece],
+        fronts: Sequence[NDArray[np.float32]],
+        passes: Passes | None = None,
+    ) -> list[Planes]:
         """Find where the opacity of pixels passes one half, in pieces that have been drawn.
 
         Parameters
         ----------
         plan, pieces : as drawn
         fronts : float32 (rows, columns), the opacity in front of each piece, in its footprint
+        passes : as in `draw`
 
         Returns
         -------
@@ -123,7 +145,7 @@ class RendererCache:
         """
         crossings = [Crossing.behind(front) for front in fronts]
         if self._caster is not None:
-            self._caster.draw(plan.crossing, pieces, crossings=crossings)
+            self._caster.draw(plan.crossing, pieces, crossings=crossings, passes=passes)
         return [one.found for one in crossings]
 
     @property

@@ -71,6 +71,9 @@ class RankFrame:
     bricks_occluded : number of bricks not drawn since all rays ended in front of them
     voxels : voxels held in memory, including ghost voxels
     voxel_bytes : memory of the voxels on the device that draws, including reserved memory
+    bricks_read, bytes_read : bricks that were read for the frame, and bytes: encoded ones of stores, else of samples
+    passes : parts of this rank's bricks that were loaded one after another, within a limit of memory; 0 without one
+    brick_memory_bytes : with a limit, most memory of voxels, samples that were read, and decoded bricks of stores
     samples : field samples of all rays, and their segments in the tetrahedra of unstructured grids; a segment counts
         once, on the rank that owns its begin
     samples_estimate : samples of these in a pre-pass
@@ -92,6 +95,10 @@ class RankFrame:
     bricks_occluded: int = 0
     voxels: int = 0
     voxel_bytes: int = 0
+    bricks_read: int = 0
+    bytes_read: int = 0
+    passes: int = 0
+    brick_memory_bytes: int = 0
     samples: int = 0
     samples_estimate: int = 0
     cpu_seconds: float = 0.0

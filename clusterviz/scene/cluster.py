@@ -85,8 +85,9 @@ class Cluster(Section):
     )
     memory_limit: Annotated[int, Field(strict=True, ge=1), BeforeValidator(to_builtin)] | None = Field(
         default=None,
-        description="Bytes of bricks that a rank may hold for drawing: packed in OpenGL's memory, 4 bytes a voxel in "
-        "the CPU ray caster; default: no limit; three times an even share in a dynamic distribution.",
+        description="Bytes of bricks that a rank may hold: packed in OpenGL's memory, 4 bytes a voxel in the CPU ray "
+        "caster, and what is read for them; bricks that do not fit are drawn in passes; default: no limit; three times "
+        "an even share in a dynamic distribution.",
     )
     migration_bytes: Annotated[int, Field(strict=True, ge=1), BeforeValidator(to_builtin)] | None = Field(
         default=None,

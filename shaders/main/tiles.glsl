@@ -43,6 +43,11 @@ int number_of(ivec2 pixel) {
     return pixel.y * frame.rect.z + pixel.x;
 }
 
+// Of the rounding error of a pixel's sum.
+int lost(ivec2 pixel) {
+    return frame.rect.z * frame.rect.w + number_of(pixel);
+}
+
 void begin_packet(ivec2 pixel, out Packet packet) {
     packet.sum = Sum(vec4(0.0), vec4(0.0));
     packet.slab = 0;
@@ -50,7 +55,7 @@ void begin_packet(ivec2 pixel, out Packet packet) {
     packet.ray.slabs = 0;
     reset_start();
     if (is_in_picture(pixel)) {
-        if (frame.first_box == 0) packet.sum.high = pixels[number_of(pixel)];
+        if (frame.first_box == 0) packet.sum = Sum(pixels[number_of(pixel)], pixels[lost(pixel)]);
         packet.ray = ray_through(pixel + frame.rect.xy);
         cut(packet.ray, WHOLE_SLABS);
         int slab = first_slab(packet.ray);
@@ -94,6 +99,7 @@ void draw(ivec2 corner) {
         Packet packet = packets[n];
         end_at(packet.ray, number_of(pixel), packet.sum, packet.slab);
         pixels[number_of(pixel)] = packet.sum.high;
+        if (frame.first_box != 2) pixels[lost(pixel)] = packet.sum.low;
         ivec2 square = first_pixel(corner, n) / SQUARE;
         atomicAdd(progress[1 + square.y * squares_across() + square.x], int(packet.samples));
     }

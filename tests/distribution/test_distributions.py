@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import pytest
 from frame.views import check, looks, on_ranks, views
 
 from clusterviz.errors import InputError
-from clusterviz.frame import opening
 from clusterviz.scene import scene_of_data
 from clusterviz.scene.overrides import with_settings
 
@@ -48,20 +46,21 @@ def test_bricks_of_several_sizes_are_refused_by_opengl() -> None:
 
 
 @pytest.mark.parametrize("distribution", ["coherent", "interleaved", "replicated"])
-def test_a_memory_limit_below_the_shares_is_refused_before_bricks_are_loaded(
+def test_a_memory_limit_below_the_shares_is_kept_in_passes_and_one_below_a_brick_refused(
     distribution: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = with_settings(views(1)[0], {"brick": 4, "opacity": 0.5, "distribution": distribution, "memory_limit": 9000})
-    monkeypatch.setattr(opening, "HELD_SHARE_OF_MEMORY", 0.0)
+    settings = {"brick": 4, "opacity": 0.5, "distribution": distribution}
+    scene = with_settings(views(1)[0], settings | {"memory_limit": 9000})
+    frames = on_ranks(3, [scene])
+    check(frames, [scene])
+    for rank in frames[0].statistics.per_rank:
+        assert rank.passes > 1
+        assert rank.brick_memory_bytes <= 9000
     loaded: list[int] = []
     monkeypatch.setattr("clusterviz.frame.opening.BrickReader.load", lambda *_: loaded.append(1))
-    with pytest.raises(InputError, match=r"cluster.memory_limit.*found 9000 bytes a rank") as refusal:
-        on_ranks(3, [scene])
+    with pytest.raises(InputError, match=r"cluster.memory_limit: a brick takes (\d+) bytes.*allowed \1 bytes a rank"):
+        on_ranks(3, [with_settings(scene, {"memory_limit": 500})])
     assert not loaded
-    named = re.search(r"allowed (\d+) ranks", str(refusal.value))
-    assert named
-    monkeypatch.undo()
-    on_ranks(int(named[1]), [scene])
 
 
 def test_copies_beyond_the_ranks_are_those_that_there_are() -> None:

@@ -42,6 +42,7 @@ from clusterviz.render.cpu.tables import Blocks, brick_buffers, frame_of, textur
 from clusterviz.render.cpu.width import Width, cpu_name, host_width
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
+from clusterviz.render.passes import Passes, is_reached
 from clusterviz.render.render_result import (
     PROGRESS_SECONDS,
     SQUARE,
@@ -158,8 +159,9 @@ class VectorCaster:
         pieces: Iterable[Piece],
         progress: Progress = no_progress,
         crossings: Sequence[Crossing] = (),
+        passes: Passes | None = None,
     ) -> list[RenderResult]:
-        """Draw one frame's pieces, whose visible bricks are loaded. See `Raycaster.draw`."""
+        """Draw one frame's pieces. See `Raycaster.draw`."""
         drawn: list[RenderResult] = []
         shown: _Shown | None = None
         if not crossings:
@@ -168,11 +170,20 @@ class VectorCaster:
         count = length_hint(pieces)
         for number, piece in enumerate(pieces):
             started, rect = perf_counter(), footprint(plan, piece)
+            part = PartOf(progress, number, count)
+            parts = passes.parts(piece) if passes and rect.pixels else []
+            if passes and len(parts) > 1:
+                drawn.append(
+                    self._draw_parts(plan, rect, parts, passes, part, crossings[number] if crossings else None)
+                )
+                continue
+            if passes and parts:
+                passes.load(piece)
+                shown = None
             # Windows of the same bricks share their tables.
             if shown is None or not piece.shows_bricks_of(shown.piece):
                 shown = self._shown_by(plan, piece)
             blank_piece = shown.bricks == 0 or rect.pixels == 0
-            part = PartOf(progress, number, count)
             if blank_piece:
                 drawn.append(RenderResult(blank()))
                 continue
@@ -243,6 +254,53 @@ class VectorCaster:
             ),
         )
 
+    def _draw_parts(
+        self,
+        plan: Plan,
+        rect: Rect,
+        parts: Sequence[Piece],
+        passes: Passes,
+        progress: Progress,
+        crossing: Crossing | None,
+    ) -> RenderResult:
+        """Load and draw those parts of a piece that rays reach, from front to back, each in its footprint."""
+        sums = crossing.pixels if crossing else np.zeros((2, rect.height, rect.width, 4), np.float32)
+        work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
+        drawn, occluded, is_opaque = list[RenderResult](), 0, False
+
+        def is_open(part: Piece, opacity: NDArray[np.float32]) -> bool:
+            window = footprint(plan, part).intersect(rect)
+            return window.pixels > 0 and is_reached(plan, part, window, opacity[window.slices_in(rect)])
+
+        for number, part in enumerate(parts):
+            if not is_open(part, sums[0, ..., 3]):
+                occluded += len(part.members(plan.cost > 0))
+                continue
+            window = _whole_squares(footprint(plan, part).intersect(rect), rect)
+            # What follows an opaque part is expected to lie beside this one, not behind it.
+            expected = sums[0, ..., 3].copy()
+            expected[window.slices_in(rect)] += is_opaque
+            following = (one for one in parts[number + 1 :] if is_open(one, expected))
+            passes.load(part, following=next(following, part))
+            inside = window.slices_in(rect)
+            report = perf_counter(), PartOf(progress, number, len(parts))
+            own = np.ascontiguousarray(sums[(slice(None), *inside)])
+            rays = crossing.inside(rect, window) if crossing else None
+            drawn.append(self._draw_piece(plan, window, self._shown_by(plan, part), report, rays, None, own))
+            sums[(slice(None), *inside)] = own
+            is_opaque = not is_open(part, sums[0, ..., 3])
+            y, x = (begin.start // SQUARE for begin in inside)
+            rows, columns = drawn[-1].work.shape
+            work[y : y + rows, x : x + columns] += drawn[-1].work
+        return RenderResult(
+            PartialImage(rect, sums[0]),
+            sum(each.samples for each in drawn),
+            sum(each.bricks for each in drawn),
+            sum(each.seconds_render for each in drawn),
+            work=work,
+            occluded=occluded,
+        )
+
     def _draw_rect(
         self,
         plan: Plan,
@@ -277,18 +335,25 @@ class VectorCaster:
         report: tuple[float, Progress],
         rays: Starts | Crossing | None,
         hidden: HiddenPixels | None,
+        sums: NDArray[np.float32] | None = None,
     ) -> RenderResult:
+        """Draw a rectangle; rays go on from `sums`, float32 (2, h, w, 4) as `Crossing.pixels`, which are written."""
         started, progress = report
         plan = with_fill(plan, self._pools)
-        pixels = np.zeros((rect.height, rect.width, 4), np.float32)
         squares = -(-rect.height // SQUARE), -(-rect.width // SQUARE)
         ahead, planes = AHEAD + squares[0] * squares[1], rays.planes if rays else np.zeros(0, np.float32)
         state = np.concatenate([np.zeros(ahead, np.uint32), planes.view(np.uint32).ravel()])
         frame = frame_of(plan, shown.box, rect, replace(self.slot, textured=False))
         uniforms = shown.uniforms | {0: frame} | ({BINDING: starts_block(plan, False)} if rays else {})
-        if isinstance(rays, Crossing):
-            frame["first_box"], pixels = 0, rays.pixels[0]
-        buffers, fragments = shown.buffers | {1: pixels, 2: state}, np.zeros((0, 0), np.int32)
+        if sums is not None or isinstance(rays, Crossing):
+            frame["first_box"] = 0
+        if sums is None:
+            # Rays that are drawn again go on with their rounding errors, too.
+            planes_of_sums = 2 if hidden else 1
+            shape = planes_of_sums, rect.height, rect.width, 4
+            sums = rays.pixels if isinstance(rays, Crossing) else np.zeros(shape, np.float32)
+        pixels = sums[0]
+        buffers, fragments = shown.buffers | {1: sums, 2: state}, np.zeros((0, 0), np.int32)
         assert shown.variant, "there are bricks"
         variants, kbuffer = [shown.variant], plan.content and plan.content.kbuffer
         tiles: TileLists | None = None
@@ -404,6 +469,15 @@ class VectorCaster:
             found[tuple(places.T)] = np.concatenate([packed_bits(visible, unit), doublings], axis=1)
         self._skips[box, bricks.tobytes()] = found
         return found
+
+
+def _whole_squares(inside: Rect, rect: Rect) -> Rect:
+    """Return a window in a rectangle, enlarged to begin with whole squares of it."""
+    x, y = (
+        (begin - first) // SQUARE * SQUARE
+        for begin, first in ((inside.x_begin, rect.x_begin), (inside.y_begin, rect.y_begin))
+    )
+    return replace(inside, x_begin=rect.x_begin + x, y_begin=rect.y_begin + y)
 
 
 def _is_apart(layer: VolumeLayer) -> bool:

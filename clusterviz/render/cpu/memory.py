@@ -204,6 +204,9 @@ class Memory:
         """Number of samples of which the bricks were made."""
         return sum(kept.voxels for kept in self._kept.values())
 
+    def reserve(self, bricks: int) -> None:
+        """Do nothing: arrays are allocated as slots are taken, and do not move."""
+
     def put(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Add bricks; each is removed from the mapping, so that none is held twice for long."""
         self._slots.make_room(sum(words_of(self._slot.at(index)) for index in bricks))

@@ -1,0 +1,310 @@
+"""Bricks of a rank within a limit of memory: those that do not fit are loaded in passes while a frame is drawn.
+
+A piece is cut into parts, boxes of bricks that fit, which are drawn from front to back (`render/passes.py`). A thread
+reads the bricks of the next part while one is drawn. Which bricks are needed next is known from the order of the parts,
+and the next frame is taken to have the same order; so the bricks dropped are those whose next use is farthest away,
+which least recently used ones are not if all parts are drawn in turn.
+
+The limit holds for three kinds of memory together: slots of the renderer, samples that were read, and decoded bricks of
+stores, whose parts in the borders of other bricks are read again.
+
+References
+----------
+L. A. Belady: A study of replacement algorithms for a virtual-storage computer, IBM Systems Journal 5(2), 1966.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence, Set
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import groupby
+from threading import Event
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data.source import Index
+from clusterviz.data.store.cache import CACHE, CACHE_BYTES
+from clusterviz.frame.opening import BrickReader, Bricks, bytes_of
+from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
+from clusterviz.plan.plan import Plan
+from clusterviz.render.choice import brick_bytes
+from clusterviz.render.storage import slot_of
+
+if TYPE_CHECKING:
+    from clusterviz.render.renderer_cache import RendererCache
+
+SLOTS, DECODED = 3 / 8, 1 / 8
+"""Shares of a limit, if not all bricks fit; the rest is for samples."""
+READING = 2
+"""Bytes for a byte of samples that is read: the box that spans several bricks lies beside these."""
+Batch = tuple[Future[Bricks], frozenset[Index], int]
+
+
+def has_passes(plan: Plan) -> bool:
+    """Return True if bricks of a plan may be drawn in passes: those of volumes only, and each ray once."""
+    content, march = plan.content, plan.march
+    surfaces = content is not None and bool(content.layers or content.cells)
+    return not surfaces and march.frame_coherence is None and march.discard_margin is None
+
+
+def least_bytes(sizes: NDArray[np.int64], plan: Plan) -> int:
+    """Return the least limit with which bricks can be drawn in passes: that of a single brick.
+
+    Parameters
+    ----------
+    sizes : int64 (bz, by, bx), bytes of their slots
+    """
+    return int(sizes.max()) + READING * slot_of(plan).sample_bytes if sizes.any() else 0
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Division of a limit into the bytes of slots, of samples, and of decoded bricks of stores."""
+
+    slots: int
+    samples: int
+    decoded: int
+
+    @classmethod
+    def of(cls, limit: int, total: int, largest: int, sample: int) -> Shares:
+        """Divide a limit.
+
+        Parameters
+        ----------
+        total, largest : bytes of the slots of all bricks, and of the largest one
+        sample : bytes of the samples of a brick, at most
+        """
+        decoded, reading = int(DECODED * limit), READING * sample
+        if total + reading + decoded <= limit:
+            return cls(total, limit - decoded - total, decoded)
+        slots = max(largest, min(int(SLOTS * limit), limit - decoded - reading))
+        decoded = max(0, min(decoded, limit - slots - reading))
+        return cls(slots, max(reading, limit - slots - decoded), decoded)
+
+
+class Residency:
+    """Loading of a rank's bricks part by part, for `Passes`.
+
+    Parameters
+    ----------
+    reader : of the bricks; those that it has read are taken over
+    renderers : where bricks are loaded
+    on_cpu : whether the CPU ray caster draws
+
+    Attributes
+    ----------
+    seconds : spent in `load`, since `begin`
+    passes : parts that were loaded since `begin`
+    most_bytes : largest memory of slots, samples and decoded bricks since `begin`
+    """
+
+    def __init__(self, reader: BrickReader, renderers: RendererCache, on_cpu: bool) -> None:
+        self._reader, self._renderers, self._on_cpu = reader, renderers, on_cpu
+        self._samples: Bricks = {}
+        self._batches: list[Batch] = []
+        self._thread: ThreadPoolExecutor | None = None
+        self._closed = Event()
+        self._slot_bytes: dict[Index, int] = {}
+        self._parts: list[tuple[Piece, Piece]] = []
+        self._bricks: list[frozenset[Index]] = []
+        self._skipped, self._loaded = set[BrickBox](), set[BrickBox]()
+        self._missing = set[Index]()
+        self.seconds, self.passes, self.most_bytes = 0.0, 0, 0
+
+    def prepare(self, plan: Plan, holds: Set[Index], limit: int | None, most: int) -> Residency | None:
+        """Drop bricks that do not suit a plan, and return this; None if all bricks may be loaded at once.
+
+        Parameters
+        ----------
+        holds : bricks that this rank may draw
+        limit : bytes of bricks in memory; None: `most` limits them if they take more
+        """
+        self._sizes = brick_bytes(plan, self._on_cpu)
+        if limit is None and sum(int(self._sizes[index]) for index in holds) <= most:
+            return None
+        self._limit = most if limit is None else limit
+        self._renderers.drop(self._renderers.missing(plan, self._renderers.bricks))
+        return self
+
+    def begin(self, plan: Plan, pieces: Sequence[Piece]) -> None:
+        """Cut the pieces of a frame into parts."""
+        self._collect(wait=False)
+        self._samples = self._reader.suiting(plan, self._samples | self._reader.taken())
+        slot, sizes = slot_of(plan), self._sizes
+        stored = {"u8": 1, "u16": 2, "f32": 4}[slot.kind]
+        self._sample = slot.sample_bytes * max(1, -(-self._reader.itemsize // stored))
+        self._plan, shown = plan, plan.cost > 0
+        mine = [piece.members(shown) for piece in pieces]
+        each = [sizes[tuple(bricks.T)] for bricks in mine if len(bricks)]
+        total, largest = sum(int(one.sum()) for one in each), max((int(one.max()) for one in each), default=0)
+        self._shares = Shares.of(self._limit, total, largest, self._sample)
+        CACHE.limit_bytes = self._shares.decoded
+        self._parts = [(piece, part) for piece in pieces for part in self._cut(piece)]
+        self._bricks = [_indices(part.members(shown)) for _, part in self._parts]
+        self._order = {index: number for number, bricks in enumerate(self._bricks) for index in bricks}
+        boxes = {part.box for _, part in self._parts}
+        self._skipped, self._loaded = (boxes - self._loaded if self._loaded else set()), set()
+        self._now, self._missing = -1, set()
+        self.seconds, self.passes, self.most_bytes = 0.0, 0, 0
+        if largest:
+            self._renderers.reserve(min(sum(map(len, mine)), self._shares.slots // largest))
+        self._fit_samples(0, after=len(self._parts))
+
+    def parts(self, piece: Piece) -> list[Piece]:
+        """Return the parts of a piece from front to back; see `Passes`."""
+        return [part for whole, part in self._parts if whole is piece]
+
+    def load(self, part: Piece, layer: Piece | None = None, following: Piece | None = None) -> None:
+        """Load bricks of a part, and begin to read those of the next one; see `Passes`."""
+        began = perf_counter()
+        self._collect(wait=False)
+        number = next((n for n, (_, one) in enumerate(self._parts) if one is part), 0)
+        self.passes += number != self._now
+        self._now = number
+        self._loaded.add(self._parts[number][1].box)
+        wanted = self._bricks[number] if layer is None else _indices(layer.members(self._plan.cost > 0))
+        missing = self._missing = self._renderers.missing(self._plan, wanted)
+        self._make_slots(missing, wanted)
+        while missing:
+            ready = {index: self._samples[index] for index in missing & self._samples.keys()}
+            missing -= ready.keys()
+            self._slot_bytes.update({index: int(self._sizes[index]) for index in ready})
+            if ready:
+                if len(self._parts) == 1:
+                    self._samples = {index: brick for index, brick in self._samples.items() if index not in ready}
+                self._renderers.load(self._plan, ready)
+            elif not any(bricks & missing for _, bricks, _ in self._batches):
+                self._read(missing, needed=True)
+            else:
+                self._collect(wait=True)
+        self._note()
+        self._read_ahead(following)
+        self.seconds += perf_counter() - began
+
+    @property
+    def held(self) -> set[Index]:
+        """Indices of the bricks that were read, when all reads that were begun have ended."""
+        while self._batches:
+            self._collect(wait=True)
+        return set(self._samples)
+
+    def drop(self, bricks: Set[Index]) -> None:
+        """Drop bricks that have changed."""
+        self._samples = {index: brick for index, brick in self._samples.items() if index not in bricks}
+
+    def close(self) -> None:
+        """Stop reading and free the samples."""
+        self._closed.set()
+        if self._thread is not None:
+            self._thread.shutdown(cancel_futures=True)
+        self._thread, self._batches, self._samples = None, [], {}
+        CACHE.limit_bytes = CACHE_BYTES
+
+    def _cut(self, piece: Piece) -> list[Piece]:
+        """Return the shown bricks of a piece in boxes that fit into the slots, from front to back."""
+        plan, most = self._plan, self._shares.slots
+        bricks = piece.members(plan.cost > 0)
+        if not len(bricks):
+            return []
+        sizes = self._sizes[tuple(bricks.T)]
+        if int(sizes.sum()) <= most:
+            return [piece]
+        box = bounding_box(bricks)
+        cost = np.zeros(box.shape_zyx)
+        cost[tuple((bricks - box.begin_zyx).T)] = sizes
+        count = -(-int(sizes.sum()) // most)
+        tree = build_tree(cost, count)
+        while max(leaf.cost for leaf in tree.leaves) > most:
+            count += 1 + count // 16
+            tree = build_tree(cost, count)
+        order = front_to_back(tree, plan.eye_in_bricks(box.begin_zyx), plan.view.forward)
+        found = [np.argwhere(cost[tree.leaves[leaf].box.slices]) + tree.leaves[leaf].box.begin_zyx for leaf in order]
+        return [piece.part(one + box.begin_zyx) for one in found if len(one)]
+
+    def _distance(self, index: Index) -> int:
+        """Return the parts between now and the next use of a brick."""
+        if index in self._missing:
+            return -1
+        count = len(self._bricks)
+        return (self._order[index] - self._now - 1) % count if index in self._order else count
+
+    def _make_slots(self, missing: Set[Index], keep: Collection[Index]) -> None:
+        """Drop bricks from slots until others fit."""
+        there = self._renderers.bricks
+        used = sum(self._slot_bytes.get(index, 0) for index in there)
+        need = used + sum(int(self._sizes[index]) for index in missing) - self._shares.slots
+        dropped = []
+        for index in sorted(there - set(keep), key=self._distance, reverse=True):
+            if need <= 0:
+                break
+            dropped.append(index)
+            need -= self._slot_bytes.get(index, 0)
+        self._renderers.drop(dropped)
+
+    def _fit_samples(self, more: int, after: int) -> bool:
+        """Drop samples until so many bytes more fit; only those that are used after a number of parts."""
+        held = sum(map(bytes_of, self._samples.values())) + sum(size for *_, size in self._batches)
+        excess = held + more - self._shares.samples
+        for index in sorted(self._samples, key=self._distance, reverse=True):
+            if excess <= 0 or self._distance(index) < after:
+                break
+            excess -= bytes_of(self._samples.pop(index))
+        return excess <= 0
+
+    def _read_ahead(self, part: Piece | None) -> None:
+        """Begin to read a part, or the next one that rays reached in the last frame, as far as there is room."""
+        rest = [(n, self._parts[n][1]) for n in range(self._now + 1, len(self._parts))]
+        following = [n for n, one in rest if (one is part if part else one.box not in self._skipped)]
+        if following:
+            known = self._renderers.bricks | self._samples.keys()
+            known |= {index for _, bricks, _ in self._batches for index in bricks}
+            wanted = self._bricks[following[0]] - known
+            while wanted and (read := self._read(wanted, needed=False, before=following[0] - self._now)):
+                wanted -= read
+
+    def _read(self, wanted: Collection[Index], needed: bool, before: int = 0) -> frozenset[Index]:
+        """Begin to read bricks of one layer, as many as fit; none if there is no room and they are not needed yet."""
+        _, layer = next(groupby(sorted(wanted), key=lambda index: index[0]))
+        batch = list(layer)
+        while not self._fit_samples(self._reading(batch), 0 if needed else before):
+            if len(batch) == 1:
+                if not needed:
+                    return frozenset()
+                if not self._batches:
+                    break
+                self._collect(wait=True)
+            else:
+                batch = batch[: len(batch) // 2]
+        self._thread = self._thread or ThreadPoolExecutor(1, thread_name_prefix="read")
+        bricks = frozenset(batch)
+        future = self._thread.submit(self._reader.read, self._plan, bricks, self._closed.is_set)
+        self._batches.append((future, bricks, self._reading(batch)))
+        self._note()
+        return bricks
+
+    def _reading(self, batch: Sequence[Index]) -> int:
+        """Return the bytes that reading bricks takes: their samples, and the box around them."""
+        around = bounding_box(np.array(batch, np.int64)).bricks
+        return (len(batch) + around * (READING - 1)) * self._sample
+
+    def _collect(self, wait: bool) -> None:
+        """Take over what was read; with `wait` at least the batch that was begun first."""
+        while self._batches and (wait or self._batches[0][0].done()):
+            future, *_ = self._batches[0]
+            found = future.result()
+            del self._batches[0]
+            self._samples |= found
+            wait = False
+
+    def _note(self) -> None:
+        """Note the memory that is taken."""
+        samples = sum(map(bytes_of, self._samples.values())) + sum(size for *_, size in self._batches)
+        self.most_bytes = max(self.most_bytes, self._renderers.held.get("voxel_bytes", 0) + samples + CACHE.bytes)
+
+
+def _indices(bricks: NDArray[np.int64]) -> frozenset[Index]:
+    return frozenset((z, y, x) for z, y, x in bricks.tolist())
