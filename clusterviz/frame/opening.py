@@ -262,7 +262,7 @@ def open_time_steps(run: Run, scene: Scene, opened: Opened) -> tuple[Opened, Bri
     with run.local("open", "load"):
         sources = [open_time_step(volumes[n].source, scene.volumes[n]) for n in moved]
         layouts = [replace(volumes[n].layout, edges_zyx=None) for n in moved]
-    summaries, held = _summarised(run, sources, layouts)
+    summaries, held = _summarised(run, sources, layouts, scene.cluster.memory_limit)
     for n, source, summary in zip(moved, sources, summaries, strict=True):
         edges, time = volumes[n].layout.edges_zyx, _first_step(scene.volumes[n])
         summary = _with_joined_bricks(summary, edges) if edges else summary
