@@ -35,12 +35,14 @@ class Series:
     axes : letters of the axes along which there are several: t, c, both, or none
     counts : their number along each of these axes
     channels : names of the channels; empty if there is one
+    omero : how each channel is shown, as of `ZarrSource`; empty if no file says it
     """
 
     sources: tuple[Source, ...]
     axes: str = ""
     counts: tuple[int, ...] = ()
     channels: tuple[str, ...] = ()
+    omero: tuple[Any, ...] = ()
 
     @property
     def indices(self) -> list[tuple[int, ...]]:
@@ -161,7 +163,8 @@ def open_series(names: Sequence[str], along: str, subset: Subset, opener: Open) 
     if counts["c"] > 1 and not channels:
         stems = [Path(file).name.split(".")[0] for file in files]
         channels = tuple(stems if len(set(stems)) == counts["c"] else map(str, range(counts["c"])))
-    return Series(tuple(sources), axes, tuple(counts[axis] for axis in axes), channels)
+    omero = getattr(getattr(first, "source", first), "omero", ()) if within["c"] > 1 else ()
+    return Series(tuple(sources), axes, tuple(counts[axis] for axis in axes), channels, tuple(omero))
 
 
 def check_same(first: Source, other: Source) -> None:

@@ -107,6 +107,7 @@ def summary_over_time(summaries: Sequence[VolumeSummary]) -> VolumeSummary:
     Extremes are those of all steps, and so are percentiles: the least below 50, the greatest from there on. The samples
     of a bin of a histogram count as its middle.
     """
+    summaries = [each for each in summaries if each.histogram.any()] or summaries[:1]
     first = summaries[0]
     low, high = min(each.value_range[0] for each in summaries), max(each.value_range[1] for each in summaries)
     histogram = np.zeros(len(first.histogram), np.int64)

@@ -658,7 +658,9 @@ def test_channels_and_time_steps_of_one_file_are_kept(tmp_path: Path) -> None:
     group.create_array("0", data=FIELD, chunks=(1, 1, 5, 6, 7))
     axes = [{"name": n, "type": k} for n, k in zip("tczyx", ("time", "channel", *["space"] * 3), strict=True)]
     scales = {"axes": axes, "datasets": [{"path": "0", "coordinateTransformations": [SCALE, SHIFT]}]}
-    described = {"multiscales": [scales], "omero": {"channels": [{"label": name} for name in ("DNA", "actin", "RNA")]}}
+    shown = [{"label": name} for name in ("DNA", "actin", "RNA")]
+    shown[1] |= {"color": "80FF01", "window": {"start": 5, "end": 60}, "active": False}
+    described = {"multiscales": [scales], "omero": {"channels": shown}}
     group.attrs.update({"ome": {"version": "0.5", **described}})
     write_store(opened_series([str(other)]), path, BrickCodec("zstd"), 8)
     source = open_source(path, subset=Subset(time=1, channel="RNA"))
@@ -667,6 +669,8 @@ def test_channels_and_time_steps_of_one_file_are_kept(tmp_path: Path) -> None:
     stored = zarr.open_group(str(path), mode="r")
     np.testing.assert_array_equal(stored["0"][:], FIELD)
     channels = stored.attrs["ome"]["omero"]["channels"]
+    assert (channels[1]["color"], channels[1]["active"]) == ("80FF01", False)
+    assert (channels[1]["window"]["start"], channels[1]["window"]["end"]) == (5, 60)
     ends = FIELD[:, 2].min(), FIELD[:, 2].max(), np.percentile(FIELD[0, 2], 1), np.percentile(FIELD[1, 2], 99)
     assert list(channels[2]["window"].values()) == pytest.approx(ends, abs=1)
     refused(lambda: open_source(path, subset=Subset(time=2, channel=0)), "no such time step")

@@ -48,7 +48,7 @@ from clusterviz.data.store.shards import (
 )
 from clusterviz.data.store.statistics import MARGIN, read_statistics, write_statistics
 from clusterviz.data.store.wavelet import encode_reference
-from clusterviz.data.summary import AllGather, summarise
+from clusterviz.data.summary import AllGather, summarise, summary_over_time
 from clusterviz.errors import DataError, OutputError
 from clusterviz.image.replace import folder_error
 
@@ -182,13 +182,15 @@ class StoreWriter:
         assert self.series is not None, "there are channels"
         arrays = [self.arrays[0].at(*index) for index in self.series.indices if index[-1] == number]
         layout = BrickLayout(arrays[0].shape_zyx, self.brick, MARGIN)
-        found = [read_statistics(array.summary_path, layout) for array in arrays]
-        ends = [(*each.value_range, each.percentile(1.0), each.percentile(99.0)) for each in found]
-        known = [each for each in ends if np.isfinite(each).all()] or [(0.0,) * 4]
-        (low, _, start, _), (_, high, _, end) = np.min(known, axis=0).tolist(), np.max(known, axis=0).tolist()
-        window = {"min": low, "max": high, "start": start, "end": end}
+        found = summary_over_time([read_statistics(array.summary_path, layout) for array in arrays])
+        given = self.series.omero[number] if self.series.omero else None
+        start, end = given.window if given and given.window else (found.percentile(1.0), found.percentile(99.0))
         colour = COLOURS[number % len(COLOURS)]
-        return {"label": self.series.channels[number], "color": colour, "window": window, "active": True}
+        if given and given.color:
+            colour = "".join(f"{round(255 * value):02X}" for value in given.color)
+        window = {"min": found.value_range[0], "max": found.value_range[1], "start": start, "end": end}
+        active = given is None or given.active
+        return {"label": self.series.channels[number], "color": colour, "window": window, "active": active}
 
     def _encoded(self, array: ShardedArray, shard: Index, read: Read, level: int) -> Iterator[tuple[Index, bytes]]:
         """Yield the bricks of a shard, read in layers along z; of the finest level, then write its statistics."""
