@@ -202,9 +202,8 @@ class StoreWriter:
             samples = read(begin, end)
             for brick in layer:
                 own = samples[_within(array.box_of(brick), begin)]
-                near = before.within(brick, own, self.codec.error)
-                refers = near is not None and self.codec.name == "wavelet"
-                data = encode_reference(before.steps[brick]) if refers else array.encode(own)
+                near = before.within(brick, own, self.codec.error) if self.codec.name == "wavelet" else None
+                data = array.encode(own) if near is None else encode_reference(before.steps[brick])
                 yield brick, data
                 if level == 0:
                     stored = near if near is not None else self._stored(array, data, own)
