@@ -25,7 +25,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from zarr.codecs import ZstdCodec
 
-from clusterviz.comm import run_loopback
+from clusterviz.comm import agree, run_loopback
 from clusterviz.data import open_source, override_grid
 from clusterviz.data.axes import Subset
 from clusterviz.data.bricks import BrickLayout, read_bricks
@@ -619,8 +619,19 @@ def opened_series(names: list[str], along: str = "time") -> Series:
     return open_series(names, along, Subset(), lambda name, subset: open_source(name, subset=subset))
 
 
+def on_three_processes(series: Series, path: Path, codec: BrickCodec) -> None:
+    """Write a series on three threads, which wait for each other."""
+
+    def write(channel: Any) -> None:
+        write_store(series, path, codec, 16, channel.rank, 3, lambda stage: agree(channel, 0, stage), channel.allgather)
+
+    run_loopback(3, write)
+
+
 @pytest.mark.parametrize("codec", [BrickCodec("wavelet"), BrickCodec("wavelet", 2.0), BrickCodec("zstd")], ids=str)
-def test_bricks_of_time_steps_refer_to_earlier_ones_within_the_error(codec: BrickCodec, tmp_path: Path) -> None:
+def test_bricks_of_time_steps_refer_to_earlier_ones_within_the_error(
+    codec: BrickCodec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path, files = tmp_path / "a.ome.zarr", write_files(tmp_path, 5)
     writer = write_store(opened_series([str(tmp_path / "a_*.npy")]), path, codec, 16)
     group = zarr.open_group(str(path), mode="r")
@@ -647,9 +658,18 @@ def test_bricks_of_time_steps_refer_to_earlier_ones_within_the_error(codec: Bric
     assert shares[0] == 0
     assert min(shares[1], shares[3]) > 0.5
     assert max(shares[2], shares[4]) < 0.5
+    expected = contents(path)
+    for name in ("0/c/1/0/0/0", "1/c/3/0/0/0", "bricks/1/c/2/0/0/0/0"):
+        (path / name).unlink()
+    on_three_processes(opened_series(files), path, codec)
+    assert contents(path) == expected
     if codec.name == "wavelet":
         with pytest.raises(DataError, match="samples of time step 0"):
             group["0"][1]
+        monkeypatch.setattr("clusterviz.data.store.shards.referred_step", lambda data: 2)
+        refused(
+            lambda: open_source(path, subset=Subset(time=2)).read((0, 0, 0), (1, 1, 1)), "refers to a wrong time step"
+        )
 
 
 def test_channels_and_time_steps_of_one_file_are_kept(tmp_path: Path) -> None:
