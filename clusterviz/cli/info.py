@@ -176,7 +176,7 @@ def describe(source: Source, brick: int) -> dict[str, Any]:
     low, high = grid.corners.min(axis=0).tolist(), grid.corners.max(axis=0).tolist()
     return {
         "name": source.name,
-        "format": format_name(source.name),
+        "format": getattr(_innermost(source), "format", "") or format_name(source.name),
         "dtype": source.dtype.name,
         "shape_zyx": list(grid.shape_zyx),
         **_other_axes(source),
@@ -228,12 +228,17 @@ def _other_axes(source: Any) -> dict[str, Any]:
     return found
 
 
-def _stored(source: Any) -> dict[str, Any]:
-    """Return the samples of a file whose coordinates are uneven; see `clusterviz.data.rectilinear`."""
-    lattice = source.grid.shape_zyx
+def _innermost(source: Any) -> Any:
+    """Return the source that others wrap: a guard, another grid, or a lattice."""
     while hasattr(source, "source"):
         source = source.source
-    return {} if source.grid.shape_zyx == lattice else {"stored_zyx": list(source.grid.shape_zyx)}
+    return source
+
+
+def _stored(source: Any) -> dict[str, Any]:
+    """Return the samples of a file whose coordinates are uneven; see `clusterviz.data.rectilinear`."""
+    stored = _innermost(source).grid.shape_zyx
+    return {} if stored == source.grid.shape_zyx else {"stored_zyx": list(stored)}
 
 
 def sparkline(counts: list[int], width: int = SPARK_WIDTH) -> str:

@@ -23,11 +23,11 @@ from clusterviz.errors import DataError
 
 MAX_COORDINATES = 1 << 24
 MAX_UNEVENNESS = 0.01
-"""Of a step, by which coordinates may lie off the lattice; Gaussian latitudes and float32 are slightly uneven."""
+"""Of a step, by which coordinates may lie off the lattice; float32 and Gaussian latitudes are slightly uneven."""
 MAX_PARTS = 64
 """Steps of the lattice in the smallest distance; from 50 on half a step is less than 1 % of that distance."""
-MAX_GROWTH = 64
-"""Samples of the lattice for each that is stored."""
+MAX_GROWTH, FEW_SAMPLES = 64, 1 << 27
+"""Samples of the lattice for each that is stored, and how many may be in any case."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,9 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
     if not (np.isfinite(numbers).all() and (gaps > 0).all()):
         allowed = "numbers that ascend or descend"
         raise DataError(f"impossible coordinates {name}", where=where, found=numbers[:8].tolist(), allowed=allowed)
+    first_of_all, mean = _straight(numbers, float(gaps.min()) * np.sign(step), float(gaps.max()) * np.sign(step))
+    if (np.abs(numbers - first_of_all - mean * np.arange(count)) <= MAX_UNEVENNESS * abs(mean)).all():
+        return even_line(count, first_of_all, mean)
     whole, gap = float(numbers[-1] - first), float(gaps.min())
     if abs(whole) / gap > MAX_COORDINATES:
         found = f"{abs(whole) / gap:.3g} smallest distances"
@@ -86,6 +89,19 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
         if away <= MAX_UNEVENNESS * (abs(whole) / steps if exact else gap):
             break
     return Line(first, whole / steps, places)
+
+
+def _straight(numbers: NDArray[np.float64], low: float, high: float) -> tuple[float, float]:
+    """Return the even coordinates, first and step, whose largest distance from `numbers` is least.
+
+    The distance is a convex function of the step, which lies between `low` and `high`.
+    """
+    places = np.arange(len(numbers))
+    for _ in range(64):
+        one, other = (2 * low + high) / 3, (low + 2 * high) / 3
+        low, high = (low, other) if np.ptp(numbers - one * places) <= np.ptp(numbers - other * places) else (one, high)
+    rest = numbers - low * places
+    return float(rest.max() + rest.min()) / 2, low
 
 
 @dataclass(frozen=True)
@@ -165,12 +181,13 @@ def placed(source: Any, lines_xyz: Sequence[Line], axes: NDArray[np.float64]) ->
     Raises
     ------
     DataError
-        The lattice has more than `MAX_GROWTH` times the samples of the volume, or a singular placement.
+        The lattice has more than `MAX_GROWTH` times the samples of the volume and `FEW_SAMPLES`, or a singular
+        placement.
     """
     stored, shape = [len(line.places) for line in lines_xyz], [int(line.places[-1]) + 1 for line in lines_xyz]
-    if prod(shape) > MAX_GROWTH * prod(stored):
+    if prod(shape) > max(MAX_GROWTH * prod(stored), FEW_SAMPLES):
         found = f"{' x '.join(map(str, shape))} steps for {' x '.join(map(str, stored))} samples"
-        allowed = f"at most {MAX_GROWTH} times as many; or spacing: [x, y, z] of the volume"
+        allowed = f"at most {MAX_GROWTH} times as many, or {FEW_SAMPLES} in all; or spacing: [x, y, z] of the volume"
         raise DataError("the coordinates need too fine a lattice", where=source.name, found=found, allowed=allowed)
     x, y, z = shape
     origin = axes @ np.array([line.first for line in lines_xyz])

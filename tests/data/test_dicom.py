@@ -36,8 +36,10 @@ def write(folder: Path, array: np.ndarray = SERIES, places: Any = None, **elemen
     return folder
 
 
-@pytest.mark.parametrize("syntax", [uid.ExplicitVRLittleEndian, uid.ImplicitVRLittleEndian, uid.ExplicitVRBigEndian])
-@pytest.mark.parametrize("dtype", ["u1", "i2", "u2"])
+@pytest.mark.parametrize(
+    ("dtype", "syntax"),
+    [("u1", uid.ExplicitVRLittleEndian), ("i2", uid.ImplicitVRLittleEndian), ("u2", uid.ExplicitVRBigEndian)],
+)
 def test_a_series_is_sorted_and_placed(tmp_path: Path, dtype: str, syntax: str) -> None:
     array = values(dtype)
     folder = write(tmp_path / "a", array, syntax=syntax)

@@ -38,7 +38,7 @@ MOST_BYTES = 1 << 26  # no file of these can hold more, however well it is packe
 
 
 def read_data(path: Path, subset: Subset | None = None) -> None:
-    """All samples; of a volume that is too large to be true, which is allowed to HDF5 alone, both ends."""
+    """All samples; both ends of a volume that is too large to be true: allowed to HDF5 and uneven coordinates."""
     source = open_source(path, subset=subset)
     z, y, x = source.grid.shape_zyx
     if z * y * x * source.dtype.itemsize <= MOST_BYTES:
@@ -213,7 +213,7 @@ transfer:
   - {time: 2, clim: [0, 2], opacity: [[0, 0.5], [1, 1]]}
 """
 NRRD = {"": "raw", "-gzip": "gzip", "-bzip2": "bzip2", "-ascii": "ascii"}
-SPARSE = {".h5", ".nc", ".vtkhdf"}
+SPARSE = {".h5", ".nc", ".vtkhdf", ".vtr"}
 
 READERS = {
     "npy": _data("a.npy"),

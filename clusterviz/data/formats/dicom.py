@@ -74,6 +74,7 @@ class DicomSource:
     grid: Grid
     dtype: np.dtype[Any]
     layer: Callable[[int], NDArray[Any]]
+    format: str = "dicom"
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""

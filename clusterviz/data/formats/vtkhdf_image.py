@@ -142,24 +142,24 @@ class Level:
 
 @dataclass(frozen=True)
 class LevelsSource:
-    """Volume of overlapping levels, the coarsest first, at the resolution of the last."""
+    """Volume of overlapping levels, `meshes`, the coarsest first, at the resolution of the last."""
 
     name: str
     grid: Grid
     dtype: np.dtype[Any]
-    levels: tuple[Level, ...]
+    meshes: tuple[Level, ...]
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
-        first = self.levels[-1].domain[0]
-        return self._cells(len(self.levels) - 1, first + begin_zyx, first + end_zyx).astype(self.dtype)
+        first = self.meshes[-1].domain[0]
+        return self._cells(len(self.meshes) - 1, first + begin_zyx, first + end_zyx).astype(self.dtype)
 
     def _cells(self, number: int, begin: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the cells of a level in a box, which lies in its domain."""
-        level = self.levels[number]
+        level = self.meshes[number]
         cells, missing = np.full(end - begin, np.nan), np.ones(end - begin, bool)
         begins, ends = np.maximum(level.first, begin), np.minimum(level.last + 1, end)
         for box in np.flatnonzero((begins < ends).all(axis=1)).tolist():
@@ -180,7 +180,7 @@ class LevelsSource:
 
     def _from_coarser(self, number: int, begin: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return cells that are interpolated between the centres of the coarser level's."""
-        ratio, domain = self.levels[number].ratio, self.levels[number - 1].domain
+        ratio, domain = self.meshes[number].ratio, self.meshes[number - 1].domain
         low = np.maximum((2 * begin + 1 - ratio) // (2 * ratio), domain[0])
         high = np.minimum((2 * end - 1 - ratio) // (2 * ratio) + 2, domain[1])
         coarse = linear = self._cells(number - 1, low, high)
