@@ -48,6 +48,11 @@ class Grid:
         dx, dy, dz = (length * 2.0**level for length in self.spacing)
         return replace(self, shape_zyx=(z, y, x), spacing=(dx, dy, dz))
 
+    def covering(self, level: int) -> Grid:
+        """Return that grid with one more sample along each axis where the volume goes on behind its last one."""
+        z, y, x = (-(-(side - 1) // (1 << level)) + 1 for side in self.shape_zyx)
+        return replace(self.coarser(level), shape_zyx=(z, y, x))
+
     @property
     def corners(self) -> NDArray[np.float64]:
         """float64 (8, 3), the corners of the volume's box in the world."""

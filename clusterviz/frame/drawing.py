@@ -96,7 +96,7 @@ class Drawing:
         if self._renderers is not None and self._renderers.is_compiled(plan):
             self._renderers.put(plan, {brick: stored})
         else:
-            self._received[brick] = stamp_of(plan), stored
+            self._received[brick] = stamp_of(plan, brick), stored
 
     @property
     def held(self) -> set[Index]:
@@ -223,8 +223,11 @@ class Drawing:
     def _received_for(self, plan: Plan, holds: Set[Index]) -> dict[Index, Stored]:
         """Return received bricks that are stored as this plan asks for and that this rank still needs."""
         received, self._received = self._received, {}
-        asked = stamp_of(plan)
-        return {brick: stored for brick, (stamp, stored) in received.items() if brick in holds and stamp == asked}
+        return {
+            brick: stored
+            for brick, (stamp, stored) in received.items()
+            if brick in holds and stamp == stamp_of(plan, brick)
+        }
 
     def _counted(self, drawn: Sequence[RenderResult]) -> RankFrame:
         held = self._renderers.held if self._renderers else {}

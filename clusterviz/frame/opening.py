@@ -20,6 +20,7 @@ from clusterviz.data import open_time_step, open_volume, override_grid, read_geo
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.grid_files import GridFile, grid_files
+from clusterviz.data.levels import MixedSource
 from clusterviz.data.source import Grid, Index, Source, levels_of
 from clusterviz.data.store.cache import CACHE
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time
@@ -29,7 +30,7 @@ from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
 from clusterviz.plan.cell_bricks import KnownCells
-from clusterviz.plan.content import ContentBrick, KnownVolume
+from clusterviz.plan.content import ContentBrick, KnownVolume, VolumeLayer
 from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.plan.plan import Plan, brick_cost, make_content_plan, make_plan
 from clusterviz.plan.shading import occlusion_reach
@@ -155,17 +156,23 @@ class OpenedContent:
         each = []
         for volume, part in zip(self.volumes, content.volume_layers, strict=True):
             met = part.cut.bricks_met()
-            each.append(dict(read_bricks(volume.source, part.cut, [index for index in wanted if met[index]])))
+            each.append(_read_volume(volume.source, part, [index for index in wanted if met[index]]))
         for index in wanted:
             samples = tuple(bricks.pop(index, None) for bricks in each)
             primitives = tuple(bricks.pop(index, None) for bricks in geometry)
             tetrahedra = tuple(bricks.pop(index, None) for bricks in cells)
-            yield index, ContentBrick(index, samples, content.around, primitives, tetrahedra)
+            levels = content.levels_around(index)
+            yield index, ContentBrick(index, samples, content.around, primitives, tetrahedra, levels)
 
     def suiting(self, plan: Plan, held: Bricks) -> Bricks:
-        """Return those of the bricks in memory that were read with the margins of a plan."""
-        around = plan.content.around if plan.content else ()
-        return {index: brick for index, brick in held.items() if brick.around == around}
+        """Return those of the bricks in memory that were read with the margins and levels of a plan."""
+        content = plan.content
+        assert content is not None, "the plan has content"
+        return {
+            index: brick
+            for index, brick in held.items()
+            if brick.around == content.around and brick.levels == content.levels_around(index)
+        }
 
     def with_volumes(self, volumes: Sequence[OpenedVolume]) -> OpenedContent:
         """Return the content with its volumes at other time steps."""
@@ -183,6 +190,18 @@ class OpenedContent:
                 if part.levels is not None or not _is_same(now.source, earlier.source, part.cut.sample_box(index)):
                     found.add(index)
         return found
+
+
+def _read_volume(source: Source, layer: VolumeLayer, wanted: Sequence[Index]) -> Bricks:
+    """Read the samples of one of several volumes in bricks of the domain."""
+    levels = levels_of(source)
+    if layer.levels is None or layer.brick_levels is None or levels is None:
+        return dict(read_bricks(source, layer.cut, wanted))
+    found: Bricks = {}
+    for level in sorted({int(layer.brick_levels[index]) for index in wanted}):
+        here = [index for index in wanted if layer.brick_levels[index] == level]
+        found |= read_bricks(MixedSource(levels, layer.levels, level), layer.cut.at(level), here)
+    return found
 
 
 Opened = OpenedVolume | OpenedContent

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.levels import LevelMap, mixed_type
 from clusterviz.data.source import Grid, Index, MultilevelSource
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import SceneError
@@ -27,7 +28,7 @@ from clusterviz.plan.blend_mode import (
 from clusterviz.plan.brick_search import BrickGrid
 from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.plan.cells import CellBrick, CellLayer
-from clusterviz.plan.detail import LevelMap, choose_levels
+from clusterviz.plan.detail import choose_levels, levels_in_bricks
 from clusterviz.plan.domain import Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.geometry import GeometryLayer, Primitives
@@ -51,6 +52,7 @@ class ContentBrick:
     index_zyx : index of the brick in the domain
     samples : samples (z, y, x) of each volume, in the box of its `Cut`; None if the volume is invisible there
     around : margin and reach of each volume's cut, with which they were read
+    levels : of the volumes' bricks around it, as `Content.levels_around`
     primitives : those of each layer of geometry that come within half a slab; None where there are none, () for all
     cells : those of each unstructured grid, as `primitives`
     """
@@ -60,6 +62,7 @@ class ContentBrick:
     around: tuple[tuple[int, int], ...] = ()
     primitives: tuple[Primitives | None, ...] = ()
     cells: tuple[CellBrick | None, ...] = ()
+    levels: tuple[bytes, ...] = ()
 
     @property
     def size(self) -> int:
@@ -100,6 +103,7 @@ class VolumeLayer:
     slab_units : length of a slab in its opacity unit distances
     preintegrated : its slabs are classified between their ends, not at their midpoints
     levels : levels of its own bricks; None: the finest everywhere, as it is
+    brick_levels : uint8 (bz, by, bx), the level whose samples each brick of the domain holds; None as `levels`
     """
 
     cut: Cut
@@ -112,6 +116,23 @@ class VolumeLayer:
     slab_units: float
     preintegrated: bool = False
     levels: LevelMap | None = None
+    brick_levels: NDArray[np.uint8] | None = None
+
+    @property
+    def finest(self) -> int:
+        """Level for which slots of one size must suffice: of several, the finest, as they may change."""
+        return int(self.levels.levels.flat[0]) if self.levels and self.levels.is_uniform else 0
+
+    def cut_of(self, index_zyx: Index) -> Cut:
+        """Return the cut of the level that a brick holds."""
+        return self.cut if self.brick_levels is None else self.cut.at(int(self.brick_levels[index_zyx]))
+
+    def levels_around(self, index_zyx: Index) -> bytes:
+        """Return the levels on which the samples of a brick depend; b"" without levels."""
+        if self.levels is None or self.brick_levels is None:
+            return b""
+        level = int(self.brick_levels[index_zyx])
+        return bytes([level]) + self.levels.around(self.cut.at(level).sample_box(index_zyx), level).tobytes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +165,10 @@ class Content:
         """Margin and reach of each volume's cut, and of all else; bricks that were read with others are read again."""
         volumes = tuple((part.cut.margin, part.cut.reach) for part in self.volume_layers)
         return (*volumes, (0, self.reach)) if self.geometry or self.cells else volumes
+
+    def levels_around(self, index_zyx: Index) -> tuple[bytes, ...]:
+        """Return for each volume with levels those around a brick; one that was read with others is read again."""
+        return tuple(part.levels_around(index_zyx) for part in self.volume_layers if part.levels)
 
     @property
     def layers(self) -> tuple[GeometryLayer | CellLayer, ...]:
@@ -208,10 +233,15 @@ def make_content(
         around = occlusion_reach(volume, known.grid)
         margin = margin_of(volume, has_layers=bool(scene.image.layers), around=around) - reach_of(volume)
         cut = make_cut(domain, layout, known.grid, margin, reach)
-        levels = choose_levels(volume, known.source, f"volumes[{number}]")
+        levels, dtype = choose_levels(volume, known.source, f"volumes[{number}]"), known.dtype
         if levels is not None:
-            raise SceneError("levels are not drawn yet", where=f"volumes[{number}].detail", allowed="full")
-        part = replace(_volume_layer(volume, known, scene, cut, step_world), levels=levels)
+            dtype = mixed_type(dtype, levels)
+            if volume.interpolation == "nearest" and not levels.is_uniform:
+                text, where = "no levels beside each other", f"volumes[{number}].interpolation"
+                raise SceneError(text, where=where, found="nearest", allowed="linear, or detail: {level: n}")
+        part = _volume_layer(volume, replace(known, dtype=dtype), scene, cut, step_world)
+        if levels is not None:
+            part = replace(part, levels=levels, brick_levels=levels_in_bricks(cut, levels))
         hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
         cost += samples_in_bricks(part.cut, known.layout, hidden)
         volume_layers.append(part)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,15 +52,19 @@ class Domain:
     origin : its low corner (x, y, z), world units
     spacing : side of a cell, world units
     extent : its lengths along x, y, z in cells; not whole numbers
+    volume : grid of a volume that is alone, whose index space, cells and box are then the domain's
     """
 
     origin: Triple
     spacing: float
     extent: Triple
+    volume: Grid | None = None
 
     @property
     def grid(self) -> Grid:
         """The grid whose cells cover the box; its index space is that of the domain."""
+        if self.volume:
+            return self.volume
         z, y, x = (max(1, math.ceil(length - ROUNDING)) + 1 for length in self.extent[::-1])
         return Grid((z, y, x), (self.spacing,) * 3, self.origin)
 
@@ -75,6 +79,9 @@ def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()
     volumes, geometry = np.concatenate([EMPTY, *(grid.corners for grid in grids)]), np.concatenate([EMPTY, *boxes])
     if not len(volumes) + len(geometry):
         geometry = np.zeros((1, 3))
+    if len(grids) == 1 and not len(geometry):
+        z, y, x = (float(side - 1) for side in grids[0].shape_zyx)
+        return Domain(grids[0].origin, min(grids[0].spacing), (x, y, z), grids[0])
     corners = np.concatenate([volumes, geometry])
     longest = float(np.ptp(corners, axis=0).max()) or float(np.abs(corners).max()) or 1.0
     widest = 2.0 ** math.floor(math.log2(longest / CELLS_OF_GEOMETRY))
@@ -142,6 +149,8 @@ class Cut:
     index_from_domain : float64 (3, 4), maps (x, y, z, 1) in cells of the domain to samples (x, y, z) of the volume
     margin : samples beyond the corners of its cells that are read for a brick, on every side
     reach : cells of the domain beyond its own in which a brick samples the volume, at the ends of its slabs
+    slack : voxels beyond the image of a brick that are read, too; 0 where the domain's cells are the volume's
+    level : whose samples it cuts, see `at`
     """
 
     layout: BrickLayout
@@ -150,13 +159,26 @@ class Cut:
     index_from_domain: Floats
     margin: int = 0
     reach: int = 0
+    slack: float = SLACK
+    level: int = 0
+
+    def at(self, level: int) -> Cut:
+        """Return the cut of a coarser level of the volume, whose samples are 2^level apart and cover all of it."""
+        z, y, x = (-(-(side - 1) // (1 << level)) + 1 for side in self.shape_zyx)
+        return replace(
+            self, shape_zyx=(z, y, x), index_from_domain=self.index_from_domain * 0.5**level, level=self.level + level
+        )
 
     @property
     def most_cells_zyx(self) -> Index:
         """Cells along each axis of the largest box of the cut."""
         sides = np.minimum(self.layout.brick, np.array(self.layout.cells_zyx[::-1]))
-        lengths = np.abs(self.index_from_domain[:, :3]) @ (sides + 2.0 * self.reach) + 2 * SLACK
-        x, y, z = (min(max(1, n - 1), int(np.ceil(a)) + 1) for a, n in zip(lengths, self.shape_zyx[::-1], strict=True))
+        lengths = np.abs(self.index_from_domain[:, :3]) @ (sides + 2.0 * self.reach) + 2 * self.slack
+        # Boxes that begin at cells have no part of another one.
+        more = bool(self.slack or (self.layout.brick | self.reach) % (1 << self.level))
+        x, y, z = (
+            min(max(1, n - 1), int(np.ceil(a)) + more) for a, n in zip(lengths, self.shape_zyx[::-1], strict=True)
+        )
         return z, y, x
 
     def images(self, begin: Floats, end: Floats) -> tuple[Floats, Floats]:
@@ -187,8 +209,8 @@ class Cut:
         begin = self.layout.brick * np.array(index_zyx[::-1], np.float64)
         low, high = self.images(begin, np.minimum(begin + self.layout.brick, self.extent))
         cells = np.array(self.shape_zyx[::-1]) - 1
-        first = np.clip(np.floor(low - SLACK), 0, cells - 1).astype(int)
-        last = np.clip(np.ceil(high + SLACK), first + 1, cells).astype(int)
+        first = np.clip(np.floor(low - self.slack), 0, cells - 1).astype(int)
+        last = np.clip(np.ceil(high + self.slack), first + 1, cells).astype(int)
         (x, y, z), (x_end, y_end, z_end) = first.tolist(), last.tolist()
         return (z, y, x), (z_end, y_end, x_end)
 
@@ -202,6 +224,8 @@ class Cut:
 
 def make_cut(domain: Domain, layout: BrickLayout, grid: Grid, margin: int, reach: int = 0) -> Cut:
     """Return the cut of a volume by the bricks of a domain."""
+    if domain.volume == grid:
+        return Cut(layout, domain.extent, grid.shape_zyx, np.eye(3, 4), margin, reach, slack=0.0)
     index_from_world = np.linalg.inv(grid.world_from_index[:3, :3])
     offset = index_from_world @ (np.array(domain.origin) - np.array(grid.origin))
     matrix = np.column_stack([index_from_world * domain.spacing, offset])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from clusterviz.errors import DeviceError, InputError
 from clusterviz.gl.devices import ENVIRONMENT, egl_devices
 from clusterviz.plan.plan import Plan
-from clusterviz.render.storage import HEADER_WORDS, Slot, slot_of
+from clusterviz.render.storage import Slot, slot_of
 
 if TYPE_CHECKING:
     from clusterviz.render.cpu.caster import VectorCaster
@@ -82,10 +83,14 @@ def brick_bytes(plan: Plan, on_cpu: bool) -> NDArray[np.int64]:
         return slot.counted(plan.layout.counts_zyx, lambda slot: slot.bytes)
     if plan.content is None:
         return slot.counted(plan.layout.counts_zyx, _slot_bytes)
-    sizes = np.full(plan.cost.shape, 4 * HEADER_WORDS * len(slot.parts), np.int64)
+    sizes = np.full(plan.cost.shape, 4 * slot.header_words * len(slot.parts), np.int64)
     for layer, part in zip(plan.content.volume_layers, slot.parts, strict=True):
-        # A brick holds only samples of the volumes that it meets.
-        sizes += np.where(layer.cut.bricks_met(), _slot_bytes(part), 0)
+        # A brick holds only samples of the volumes that it meets, and of its level.
+        met = layer.cut.bricks_met()
+        levels = np.zeros(met.shape, np.uint8) if layer.brick_levels is None else layer.brick_levels
+        for level in np.unique(levels).tolist():
+            own = replace(part, cells_zyx=layer.cut.at(level).most_cells_zyx)
+            sizes += np.where(met & (levels == level), _slot_bytes(own), 0)
     return sizes
 
 

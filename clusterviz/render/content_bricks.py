@@ -1,14 +1,15 @@
 """Layout of a brick of several volumes in GPU memory: a header, and then a slot for each volume.
 
 The header has four words for each volume: the offset of its voxels in words from the header (−1: none), and its first
-cell (x, y, z). Groups of cells are those of the domain. Their visibility follows, for any transfer function, from the
+cell (x, y, z). Where volumes have levels, four more follow for each: the level, and the cells (x, y, z) that the brick
+has of it. Groups of cells are those of the domain. Their visibility follows, for any transfer function, from the
 extremes of each volume over the groups of voxels that meet the image of the group.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Any
 
@@ -17,9 +18,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
 from clusterviz.plan.content import Content, ContentBrick, VolumeLayer
-from clusterviz.plan.domain import SLACK, Cut
+from clusterviz.plan.domain import Cut
 from clusterviz.plan.plan import Plan
-from clusterviz.render.storage import GROUP, HEADER_WORDS, Slot
+from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.stored_brick import Ranges, Stored, group_ranges, store
 
 Words = NDArray[np.uint32]
@@ -48,16 +49,32 @@ class Part:
     ----------
     samples : (z, y, x), encoded by `Encoding.encode`, at most as many as its slot has
     first_xyz : cell of the volume at the first sample inside the slot's margin
+    level : of the volume, whose cells and samples these are
+    cells_xyz : cells of the brick; of interest with levels only
     """
 
     samples: NDArray[Any]
     first_xyz: tuple[int, ...]
+    level: int = 0
+    cells_xyz: tuple[int, ...] = (0, 0, 0)
+
+    @staticmethod
+    def of(samples: NDArray[Any], cut: Cut, index_zyx: Index) -> Part:
+        """Return the encoded samples of a brick that a cut, of a level, has."""
+        begin, end = cut.cell_box(index_zyx)
+        return Part(samples, begin[::-1], cut.level, tuple(e - b for b, e in zip(begin, end, strict=True))[::-1])
+
+    def slot(self, slot: Slot) -> Slot:
+        """Return the slot of these samples alone, if the slot of the volume's bricks is given."""
+        return replace(slot, cells_zyx=self.cells_xyz[::-1]) if slot.has_levels else slot  # type: ignore[arg-type]
 
 
 def pack_content(portions: ContentBrick, content: Content, slot: Slot) -> Words:
     """Return the words of a brick's slot, uint32 (slot.words,)."""
     parts = [
-        None if samples is None else Part(of.encoding.encode(samples), of.cut.cell_box(portions.index_zyx)[0][::-1])
+        None
+        if samples is None
+        else Part.of(of.encoding.encode(samples), of.cut_of(portions.index_zyx), portions.index_zyx)
         for samples, of in zip(portions.samples, content.volume_layers, strict=True)
     ]
     return pack_parts(parts, slot)
@@ -66,11 +83,9 @@ def pack_content(portions: ContentBrick, content: Content, slot: Slot) -> Words:
 def pack_parts(parts: Sequence[Part | None], slot: Slot) -> Words:
     """Return the words of a slot from the samples of each volume; None: no samples."""
     words = np.zeros(slot.words, np.uint32)
-    header = _header(words, slot)
-    for row, begin, part, part_slot in zip(header, _begins(slot), parts, slot.parts, strict=True):
-        row[0] = -1
+    for row, begin, part, part_slot in zip(header_of(words, slot), _begins(slot), parts, slot.parts, strict=True):
+        write_header(row, begin, part)
         if part is not None:
-            row[0], row[1:] = begin, part.first_xyz
             words[begin : begin + part_slot.words] = part_slot.pack(part.samples).reshape(-1).view(np.uint32)
     return words
 
@@ -78,18 +93,37 @@ def pack_parts(parts: Sequence[Part | None], slot: Slot) -> Words:
 def parts_of(words: Words, slot: Slot) -> list[Part | None]:
     """Return the samples of each volume from a brick's words, as many as its slot has."""
     return [
-        None if row[0] < 0 else Part(part_slot.unpack(words[begin : begin + part_slot.words]), tuple(row[1:].tolist()))
-        for row, begin, part_slot in zip(_header(words, slot), _begins(slot), slot.parts, strict=True)
+        None if row[0] < 0 else read_header(row, part_slot.unpack(words[begin : begin + part_slot.words]), part_slot)
+        for row, begin, part_slot in zip(header_of(words, slot), _begins(slot), slot.parts, strict=True)
     ]
 
 
-def _header(words: Words, slot: Slot) -> NDArray[np.int32]:
-    return words[: HEADER_WORDS * len(slot.parts)].view(np.int32).reshape(-1, HEADER_WORDS)
+def header_of(words: Words, slot: Slot) -> NDArray[np.int32]:
+    """Return the header in a brick's words, a row for each volume."""
+    return words[: slot.header_words * len(slot.parts)].view(np.int32).reshape(-1, slot.header_words)
+
+
+def write_header(row: NDArray[np.int32], begin: int, part: Part | None) -> None:
+    """Write the row of a volume, whose samples begin at a word."""
+    row[:] = 0
+    row[0] = -1
+    if part is not None:
+        row[:] = (begin, *part.first_xyz, part.level, *part.cells_xyz)[: len(row)]
+
+
+def read_header(row: NDArray[np.int32], samples: NDArray[Any], slot: Slot) -> Part:
+    """Return a volume's part of a brick; of its slot's samples, with levels, as many as the brick has."""
+    _, x, y, z, *of_level = row.tolist()
+    if not slot.has_levels:
+        return Part(samples, (x, y, z))
+    level, *cells = of_level
+    part = Part(samples, (x, y, z), level, tuple(cells))
+    return replace(part, samples=samples[tuple(map(slice, part.slot(slot).samples_zyx))])
 
 
 def _begins(slot: Slot) -> list[int]:
     """Return the first words of the parts of a slot."""
-    ends = accumulate((part_slot.words for part_slot in slot.parts), initial=HEADER_WORDS * len(slot.parts))
+    ends = accumulate((part_slot.words for part_slot in slot.parts), initial=slot.header_words * len(slot.parts))
     return list(ends)[:-1]
 
 
@@ -114,8 +148,12 @@ def _ranges_of_part(
     found = np.full((2, *slot.groups_zyx), np.nan)
     if samples is None:
         return found[0], found[1]
-    low, high = (side.astype(np.float64) for side in group_ranges(samples, part))
-    begin, end = _groups_met(volume_layer.cut, index_zyx, slot)
+    cut = volume_layer.cut_of(index_zyx)
+    # Groups of as many cells of the level as a group of the finest one spans.
+    group = max(1, GROUP >> cut.level)
+    of_level = replace(part, cells_zyx=cut.most_cells_zyx) if cut.level else part
+    low, high = (side.astype(np.float64) for side in group_ranges(samples, of_level, group))
+    begin, end = _groups_met(cut, index_zyx, slot, group)
     met = (end > begin).all(axis=-1)
     # Few groups of voxels meet a group of cells along each axis.
     for offset in np.ndindex(*(end - begin).reshape(-1, 3).max(axis=0).clip(0).tolist()):
@@ -125,15 +163,16 @@ def _ranges_of_part(
     return found[0], found[1]
 
 
-def _groups_met(cut: Cut, index_zyx: tuple[int, int, int], slot: Slot) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+def _groups_met(
+    cut: Cut, index_zyx: tuple[int, int, int], slot: Slot, group: int
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Return half-open boxes (gz, gy, gx, 3), (z, y, x), of groups of voxels around the image of each group."""
     z, y, x = np.meshgrid(*(np.arange(count) for count in slot.groups_zyx), indexing="ij")
     begin = np.array(index_zyx[::-1], np.float64) * cut.layout.brick + GROUP * np.stack([x, y, z], axis=-1)
     low, high = cut.images(begin, np.minimum(begin + GROUP, cut.extent))
     first = np.array(cut.cell_box(index_zyx)[0][::-1])
-    last_group = np.array([-(-cells // GROUP) - 1 for cells in cut.most_cells_zyx[::-1]])
-    groups = [
-        np.clip(np.floor((side - first) / GROUP), 0, last_group).astype(int) for side in (low - SLACK, high + SLACK)
-    ]
+    last_group = np.array([-(-cells // group) - 1 for cells in cut.most_cells_zyx[::-1]])
+    begins = np.clip(np.floor((low - cut.slack - first) / group), 0, last_group).astype(int)
+    ends = np.clip(np.ceil((high + cut.slack - first) / group), begins + 1, last_group + 1).astype(int)
     met = cut.meets(low, high)[..., None]
-    return groups[0][..., ::-1], np.where(met, groups[1] + 1, groups[0])[..., ::-1]
+    return begins[..., ::-1], np.where(met, ends, begins)[..., ::-1]

@@ -45,12 +45,14 @@ class RendererCache:
         self._caster: Raycaster | VectorCaster | None = None
         self._prefers_cpu: bool | None = None
         self._encodings: tuple[object, ...] = ()
+        self._levels: dict[Index, tuple[bytes, ...]] = {}
 
     def missing(self, plan: Plan, wanted: Collection[Index]) -> set[Index]:
         """Return the bricks that have to be loaded, or loaded again, before the plan can be drawn."""
         if self._caster is None or self._encodings != _encodings_of(plan) or not self._suits(plan):
             return set(wanted)
-        return set(wanted) - self._caster.pool.bricks
+        held = self._caster.pool.bricks
+        return {index for index in wanted if index not in held or self._levels.get(index, ()) != _levels(plan, index)}
 
     def is_compiled(self, plan: Plan) -> bool:
         """Return True if there is a program for the plan."""
@@ -78,15 +80,15 @@ class RendererCache:
         """Upload bricks, removed from the mapping as they are stored; they replace those of the same indices."""
         if self._caster is not None:
             self._caster.drop(bricks)
+            self._note(plan, bricks)
             self._caster.load(plan, bricks)
-            self._encodings = _encodings_of(plan)
 
     def put(self, plan: Plan, bricks: MutableMapping[Index, Stored]) -> None:
         """Add bricks that another rank has stored for the same plan."""
         if self._caster is not None:
             self._caster.drop(bricks)
+            self._note(plan, bricks)
             self._caster.pool.put(bricks, lambda _, stored: stored)
-            self._encodings = _encodings_of(plan)
 
     @property
     def bricks(self) -> set[Index]:
@@ -174,6 +176,12 @@ class RendererCache:
 
         return Raycaster(self._context, plan, limit_bytes=self._limit_bytes)
 
+    def _note(self, plan: Plan, bricks: Iterable[Index]) -> None:
+        """Note how bricks are stored."""
+        self._encodings = _encodings_of(plan)
+        if plan.content and any(part.levels for part in plan.content.volume_layers):
+            self._levels |= {index: plan.content.levels_around(index) for index in bricks}
+
     def _suits(self, plan: Plan) -> bool:
         """Return True if the caster's bricks suit the plan."""
         return self._caster is not None and self._caster.slot == slot_of(plan)
@@ -182,6 +190,10 @@ class RendererCache:
         if self._caster is not None:
             self._caster.release()
             self._caster = None
+
+
+def _levels(plan: Plan, index: Index) -> tuple[bytes, ...]:
+    return plan.content.levels_around(index) if plan.content else ()
 
 
 def _encodings_of(plan: Plan) -> tuple[object, ...]:

@@ -20,6 +20,7 @@ from clusterviz.plan.plan import March, Plan
 
 Index = tuple[int, int, int]
 HEADER_WORDS = 4  # for each volume, in front of the parts of a brick of several volumes; as in volume_layer.glsl
+LEVEL_WORDS = 4  # more of them, if a volume has levels; as in levels.glsl
 GROUP = 8  # cells along the side of a group, as in march.glsl
 STORED_TYPE: dict[VoxelKind, str] = {"u8": "u1", "u16": "<u2", "f32": "<f4"}
 TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
@@ -39,6 +40,7 @@ class Slot:
     spread : samples beyond a cell's corners on which its pixels depend
     parts : slots of several volumes, one after the other behind a header; cells are then those of the domain
     mixed : a brick of the domain of several volumes, which with geometry may be one or none
+    has_levels : of one of several volumes: a brick may hold samples of a coarser level, and then has fewer cells
     adaptive : slabs may be longer in some groups of its cells
     layout : layout with bricks of several sizes, of which this is the largest slot; None: all bricks have this slot
     """
@@ -53,6 +55,7 @@ class Slot:
     adaptive: bool = False
     layout: BrickLayout | None = None
     mixed: bool = False
+    has_levels: bool = False
 
     def at(self, index_zyx: Index) -> Slot:
         """Return the slot of a brick."""
@@ -99,8 +102,13 @@ class Slot:
     def words(self) -> int:
         """Words in the slot."""
         if self.mixed:
-            return max(1, sum(HEADER_WORDS + part.words for part in self.parts))
+            return max(1, sum(self.header_words + part.words for part in self.parts))
         return self.slice_words * self.samples_zyx[0]
+
+    @property
+    def header_words(self) -> int:
+        """Words for each volume in front of the parts of a brick of several volumes."""
+        return HEADER_WORDS + LEVEL_WORDS * any(part.has_levels for part in self.parts)
 
     @property
     def bytes(self) -> int:
@@ -177,7 +185,15 @@ def slot_of(plan: Plan) -> Slot:
         return slot
     parts = (
         # The cells include the reach; it is stored so that slots of different reach differ.
-        Slot(part.cut.most_cells_zyx, part.encoding.kind, False, part.cut.margin, part.cut.reach, part.spread)
+        Slot(
+            part.cut.at(part.finest).most_cells_zyx,
+            part.encoding.kind,
+            False,
+            part.cut.margin,
+            part.cut.reach,
+            part.spread,
+            has_levels=part.levels is not None,
+        )
         for part in plan.content.volume_layers
     )
     return Slot(slot.cells_zyx, "f32", False, parts=tuple(parts), mixed=True)

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.source import Index
 from clusterviz.plan.blend_mode import BlendMode
 from clusterviz.plan.cells import CellBrick
 from clusterviz.plan.encoding import Encoding
@@ -59,32 +60,40 @@ def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
     return Stored(encoding.encode(voxels), low, high, voxels.size, bend)
 
 
-def stamp_of(plan: Plan) -> int:
-    """Return a checksum of the format and time steps of a plan's bricks; bricks with another one do not suit it."""
+def stamp_of(plan: Plan, brick: Index | None = None) -> int:
+    """Return a checksum of the format and time steps of a plan's bricks; bricks with another one do not suit it.
+
+    Parameters
+    ----------
+    brick : whose levels count, too
+    """
     encodings = [part.encoding for part in plan.content.volume_layers] if plan.content else [plan.encoding]
     # Integers are stored unchanged, with any encoding.
     reach = plan.content.reach if plan.content else 0
     stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings], reach, plan.times
-    return zlib.crc32(repr(stored).encode())
+    levels = plan.content.levels_around(brick) if plan.content and brick else ()
+    return zlib.crc32(repr((stored, levels)).encode())
 
 
 Ranges = tuple[NDArray[Any], NDArray[Any]]
 
 
-def group_ranges(voxels: NDArray[Any], slot: Slot) -> Ranges:
+def group_ranges(voxels: NDArray[Any], slot: Slot, group: int = GROUP) -> Ranges:
     """Return the smallest and largest finite sample of each group of cells of a brick.
 
     Parameters
     ----------
     voxels : (z, y, x), the brick's samples, including the slot's margin; may be smaller than the slot
+    group : cells along the side of a group
 
     Returns
     -------
-    low, high : of the voxels' dtype, `slot.groups_zyx`; a group without a finite sample has low > high or NaN
+    low, high : of the voxels' dtype, for groups of `GROUP` cells `slot.groups_zyx`; a group without a finite sample has
+        low > high or NaN
     """
     if voxels.dtype.kind == "f":
         voxels = np.where(np.isfinite(voxels), voxels, np.nan)
-    return _reduced(voxels, slot, np.fmin), _reduced(voxels, slot, np.fmax)
+    return _reduced(voxels, slot, np.fmin, group), _reduced(voxels, slot, np.fmax, group)
 
 
 def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
@@ -140,18 +149,19 @@ def _visible(
     return np.asarray(known & ~blend_mode.hides(transfer, low - margin, high + margin))
 
 
-def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc) -> NDArray[Any]:
-    """Reduce groups of GROUP cells, with GROUP + 1 samples and those of the kernel, along each axis in turn."""
-    for axis, groups in enumerate(slot.groups_zyx):
-        before, first, end = (slice(None),) * axis, slot.margin, slot.margin + groups * GROUP
+def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc, group: int) -> NDArray[Any]:
+    """Reduce groups of cells, with a sample more than cells and those of the kernel, along each axis in turn."""
+    for axis, cells in enumerate(slot.cells_zyx):
+        groups = -(-cells // group)
+        before, first, end = (slice(None),) * axis, slot.margin, slot.margin + groups * group
         samples = voxels[(*before, slice(end + 1 + slot.spread))]
         short = end + 1 + slot.spread - samples.shape[axis]
         if short > 0:
             samples = np.concatenate([samples, np.repeat(samples[(*before, slice(-1, None))], short, axis)], axis)
-        sides = *voxels.shape[:axis], groups, GROUP, *voxels.shape[axis + 1 :]
+        sides = *voxels.shape[:axis], groups, group, *voxels.shape[axis + 1 :]
         found = pick.reduce(samples[(*before, slice(first, end))].reshape(sides), axis=axis + 1)
-        for beside in (*range(-slot.spread, 0), *range(GROUP, GROUP + 1 + slot.spread)):
-            pick(found, samples[(*before, slice(first + beside, end + beside, GROUP))], out=found)
+        for beside in (*range(-slot.spread, 0), *range(group, group + 1 + slot.spread)):
+            pick(found, samples[(*before, slice(first + beside, end + beside, group))], out=found)
         voxels = found
     return voxels
 

@@ -21,7 +21,7 @@ from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS
 from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS
-from clusterviz.render.storage import Slot
+from clusterviz.render.storage import HEADER_WORDS, LEVEL_WORDS, Slot
 
 if TYPE_CHECKING:
     from clusterviz.spmd.look import Look
@@ -93,7 +93,8 @@ faded transfer_table entry_at classified users_look within_limit Class is_valid 
 absorb_next integrated take_slab absorbing surface meet_surfaces CELL_BEGINS cell_within extremes_at extent_of
 cubic_of field_on FAR EARLIER STILL UNKNOWN REFINEMENTS Walk walk_from Course take_level reached_by turns_of course_of
 crossed faces_of leaves_of to_next_cell next_course met_in gradient_in within uncut met met_at find_ends ambient_at
-density_at toward_light brick_begin seen here stride in_volume see absorption is_inside is_uncut part_within
+density_at toward_light brick_begin seen here stride in_volume begin_level to_level from_level ray_stride
+last_of_level level_cells level_row level_slice level_first level_gradient see absorption is_inside is_uncut part_within
 """
 OWN_NAMES = tuple(_NAMES.split())
 """Names that the files of each volume define."""
@@ -184,7 +185,12 @@ class VolumeVariant:
         light = ("lights.glsl", *light_files(self.near, bool(self.occlusion))) if self.lights else ("unlit.glsl",)
         density = density_files(self.preintegrated) if self.occlusion else ()
         voxel, field = voxel_files(self.slot, on_cpu), field_file(self.filter, self.slot, on_cpu)
-        files = (*voxel, spline_file(self.filter, gradient), field, gradient, *light)
+        slope: tuple[str, ...] = (gradient,)
+        if self.slot.has_levels:
+            own = define({"gradient_at": f"level_gradient_{number}"})
+            slope = own, gradient, define({"gradient_at": macros["gradient_at"]}), "level_gradient.glsl"
+        levels = "levels.glsl" if self.slot.has_levels else "levels_none.glsl"
+        files = (levels, *voxel, spline_file(self.filter, gradient), field, *slope, *light)
         begin = define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
         end = undefine([*macros, *(name for name in chain if "_before" in name)])
         return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *density, *met, end)
@@ -192,44 +198,62 @@ class VolumeVariant:
     def _macros(self, number: int) -> dict[str, str]:
         z, y, x = self.slot.cells_zyx
         frame = f"volume[{number}]"
-        return {name: f"{name}_{number}" for name in OWN_NAMES} | {
-            "frame": frame,
-            "scalar": f"{frame}.scalar",
-            "buckets": f"{frame}.buckets",
-            "last_cell": f"(ivec3({frame}.last.xyz) - 1)",
-            "NUMBER": str(number),
-            "FIRST_BUCKET": str(BUCKETS * number),
-            "FURTHER_STARTS": str(self.further_starts),
-            "SLOT_CELLS": f"ivec3({x}, {y}, {z})",
-            "MARGIN": str(self.slot.margin),
-            # Beyond the cells, which include the reach of slabs, and one sample more for gradients.
-            "REACH": str(self.slot.margin - 1 if self.occlusion else 0),
-            "ROW_WORDS": str(self.slot.row_words),
-            "SLICE_WORDS": str(self.slot.slice_words),
-            "MAY_BE_INVALID": str(self.slot.kind == "f32").lower(),
-            "LIGHTS": str(self.lights),
-            "CAPS": str(self.caps),
-            "LIGHT_ROWS": str(self.light_rows),
-            "OCCLUSION_PLANES": str(self.occlusion - OCCLUSION_ROWS),
-            "FADING_PIECES": str(self.fading),
-            "TABLE_BINDING": str(TABLES_BINDING + number),
-            "TABLE_HAS_COLOUR": str(self.table == "colour and opacity").lower(),
-            "SURFACES": str(self.surfaces),
-            "IN_VOLUME": str(self.in_volume).lower(),
-            "IN_ORDER": "false",  # the order of absorption in a slab is ignored
+        own = {name: f"{name}_{number}" for name in OWN_NAMES}
+        levels = {
+            "TO_LEVEL": own["to_level"],
+            "FROM_LEVEL": own["from_level"],
+            "RAY_STRIDE": own["ray_stride"],
+            "last_cell": own["last_of_level"],
         }
+        return (
+            own
+            | {
+                "frame": frame,
+                "scalar": f"{frame}.scalar",
+                "buckets": f"{frame}.buckets",
+                "last_cell": f"(ivec3({frame}.last.xyz) - 1)",
+                "NUMBER": str(number),
+                "FIRST_BUCKET": str(BUCKETS * number),
+                "FURTHER_STARTS": str(self.further_starts),
+                "SLOT_CELLS": f"ivec3({x}, {y}, {z})",
+                "MARGIN": str(self.slot.margin),
+                # Beyond the cells, which include the reach of slabs, and one sample more for gradients.
+                "REACH": str(self.slot.margin - 1 if self.occlusion else 0),
+                "ROW_WORDS": str(self.slot.row_words),
+                "SLICE_WORDS": str(self.slot.slice_words),
+                "MAY_BE_INVALID": str(self.slot.kind == "f32").lower(),
+                "LIGHTS": str(self.lights),
+                "CAPS": str(self.caps),
+                "LIGHT_ROWS": str(self.light_rows),
+                "OCCLUSION_PLANES": str(self.occlusion - OCCLUSION_ROWS),
+                "FADING_PIECES": str(self.fading),
+                "TABLE_BINDING": str(TABLES_BINDING + number),
+                "TABLE_HAS_COLOUR": str(self.table == "colour and opacity").lower(),
+                "SURFACES": str(self.surfaces),
+                "IN_VOLUME": str(self.in_volume).lower(),
+                "IN_ORDER": "false",  # the order of absorption in a slab is ignored
+                "RAY_STRIDE": own["stride"],
+            }
+            | (levels if self.slot.has_levels else {})
+        )
 
     def _sizes_on_cpu(self, number: int) -> dict[str, str]:
         """Return the macros of a volume's sizes and numbers, which are no constants on CPUs."""
         own = f"sizes[{number + 1}]"
-        return {name: f"{own}.{of}" for name, of in COUNTS.items()} | {
-            "SLOT_CELLS": f"{own}.cells.xyz",
-            "REACH": f"({own}.first.y - 1)" if self.occlusion else "0",
-            "MARGIN": f"{own}.first.y",
-            "FIRST_WORD": f"{own}.first.x",
-            "ROW_WORDS": f"{own}.words.x",
-            "SLICE_WORDS": f"{own}.words.y",
-        }
+        of_level = {"SLOT_CELLS": "cells", "ROW_WORDS": "row", "SLICE_WORDS": "slice", "FIRST_WORD": "first"}
+        levels = {name: f"level_{of}_{number}" for name, of in of_level.items()}
+        return (
+            {name: f"{own}.{of}" for name, of in COUNTS.items()}
+            | {
+                "SLOT_CELLS": f"{own}.cells.xyz",
+                "REACH": f"({own}.first.y - 1)" if self.occlusion else "0",
+                "MARGIN": f"{own}.first.y",
+                "FIRST_WORD": f"{own}.first.x",
+                "ROW_WORDS": f"{own}.words.x",
+                "SLICE_WORDS": f"{own}.words.y",
+            }
+            | (levels if self.slot.has_levels else {})
+        )
 
 
 def chain_of(number: int) -> dict[str, str]:
@@ -314,7 +338,9 @@ def content_files(
     layers: tuple[str, ...] = ("layers_none.glsl",)
     if geometry or any(volume.surfaces for volume in volumes):
         layers = "surface_list.glsl", "layers_fragments.glsl" if geometry else "layers.glsl"
-    whole = (glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes)),) if volumes else ()
+    words = HEADER_WORDS + LEVEL_WORDS * any(volume.slot.has_levels for volume in volumes)
+    header = f"const int HEADER_WORDS = {words}; // of a brick, for each volume\n"
+    whole = (header, glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes))) if volumes else ()
     each += geometry
     rows_of_pieces = ("piece_rows.glsl",) if any(pieces) else ()
     return (

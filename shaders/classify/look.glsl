@@ -6,7 +6,7 @@ float within_limit(float x, float most) {
 
 vec4 classified(float s, vec3 gradient, Place place, vec3 beyond) {
     int row = 4 + FADING_PIECES;
-    vec3 index = vec3(brick_begin + place.cell) + beyond;
+    vec3 index = FROM_LEVEL * (vec3(brick_begin + place.cell) + beyond);
     mat3 world_from_slope = mat3(grading[row].xyz, grading[row + 1].xyz, grading[row + 2].xyz);
     mat3 world_from_index = mat3(grading[row + 3].xyz, grading[row + 4].xyz, grading[row + 5].xyz);
     float value = fma(s, grading[row].w, grading[row + 1].w);

@@ -36,6 +36,7 @@ int doublings_in(int words, int bit);
 int long_slab(int k, int slabs);
 
 ivec3 brick_begin; // first cell of the brick that was found last
+const float TO_LEVEL = 1.0, FROM_LEVEL = 1.0; // voxels are those of the finest level (levels.glsl)
 
 // Place of slab k: a run in a visible group of cells, or an invisible group or brick.
 Place place_of(Ray ray, int k, vec3 slab) {

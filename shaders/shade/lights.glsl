@@ -43,7 +43,7 @@ vec4 lit(vec4 colour, vec3 gradient, Place place, vec3 beyond, bool capped) {
     for (int k = 0; capped && steep * lighting[3].w < 1.0 && k < CAPS; ++k) {
         int row = 7 + LIGHT_ROWS * LIGHTS + 2 * k;
         vec4 face = lighting[row], plane = lighting[row + 1];
-        float behind = dot(plane.xyz, vec3(brick_begin + place.cell) + beyond) + plane.w;
+        float behind = dot(plane.xyz, FROM_LEVEL * (vec3(brick_begin + place.cell) + beyond)) + plane.w;
         float found = (1.0 - steep * face.w) * clamp(1.0 - behind, 0.0, 1.0);
         if (found > share) {
             share = found;

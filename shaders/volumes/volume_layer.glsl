@@ -27,7 +27,7 @@ void face_all(Ray ray) {
     Ray own = ray;
     own.slab = dvec3(dot(frame.x.xyz, ray.slab), dot(frame.y.xyz, ray.slab), dot(frame.z.xyz, ray.slab));
     face(own);
-    stride = vec3(own.slab);
+    RAY_STRIDE = vec3(own.slab);
     seen = ivec2(0, ray.slabs);
     within = dvec2(-1e300LF, 1e300LF);
     uncut = ray.kept;
@@ -38,10 +38,12 @@ void face_all(Ray ray) {
 
 void begin_all(dvec3 position, int brick) {
     begin_before(position, brick);
-    int begin = int(word_at(brick, 4 * NUMBER));
-    dvec3 at = in_volume(position);
+    int header = HEADER_WORDS * NUMBER, begin = int(word_at(brick, header));
+    begin_level(brick);
+    stride = RAY_STRIDE * TO_LEVEL;
+    dvec3 at = in_volume(position) * double(TO_LEVEL);
     ivec3 cell = ivec3(floor(at));
-    brick_begin = ivec3(word_at(brick, 4 * NUMBER + 1), word_at(brick, 4 * NUMBER + 2), word_at(brick, 4 * NUMBER + 3));
+    brick_begin = ivec3(word_at(brick, header + 1), word_at(brick, header + 2), word_at(brick, header + 3));
     here = Place(begin < 0 ? GAP : part_in(brick, begin, NUMBER), cell - brick_begin, vec3(at - dvec3(cell)), 0);
     met_at = NO_SLAB;
 }

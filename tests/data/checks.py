@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout, read_bricks
-from clusterviz.data.source import Source
+from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import DataError
 
@@ -101,3 +103,39 @@ def cut(path: Path, count: int) -> Path:
     with path.open("r+b") as file:
         file.truncate(path.stat().st_size - count)
     return path
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """Levels in memory, of noise: no level tells anything of another one."""
+
+    arrays: tuple[np.ndarray, ...]
+    brick: int = 8
+
+    name = "pyramid"
+
+    @property
+    def levels(self) -> int:
+        return len(self.arrays)
+
+    @property
+    def grid(self) -> Grid:
+        return Grid(self.arrays[0].shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.arrays[0].dtype
+
+    def level(self, number: int) -> ArraySource:
+        return ArraySource(self.arrays[number], self.grid.coarser(number))
+
+    def bounds(self, number: int) -> np.ndarray:
+        raise NotImplementedError
+
+    def read(self, begin: Index, end: Index) -> np.ndarray:
+        return self.level(0).read(begin, end)
+
+
+def pyramid(shape: Index, levels: int, dtype: str, random: np.random.Generator) -> Pyramid:
+    shapes = [tuple(-(-n // 2**level) for n in shape) for level in range(levels)]
+    return Pyramid(tuple(random.integers(0, 200, each).astype(dtype) for each in shapes))

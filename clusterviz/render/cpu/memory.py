@@ -1,17 +1,16 @@
 """Bricks in memory, one word a voxel, so that a cell's eight corners take few loads (shaders/cells_*.glsl).
 
 A word holds a voxel and, if there is room, those beside it along y and z. With several volumes a brick begins with a
-header, as in OpenGL's slots (`content_bricks.py`), but takes no memory for volumes that it does not meet. Bricks
-lie in few large arrays, which the system backs by large pages where it can, so that numbers of 32 bits mostly address
-all words.
+header, as in OpenGL's slots (`content_bricks.py`), but takes no memory for volumes that it does not meet, and less for
+those of which it holds a coarser level. Bricks lie in few large arrays, which the system backs by large pages where it
+can, so that numbers of 32 bits mostly address all words.
 """
 
 from __future__ import annotations
 
 from bisect import bisect
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, MutableMapping, Sequence
-from dataclasses import dataclass, field
-from itertools import accumulate
+from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,8 +19,8 @@ from numpy.typing import NDArray
 from clusterviz.partition import BrickBox
 from clusterviz.plan.cells import CellBrick
 from clusterviz.plan.geometry import Primitives
-from clusterviz.render.content_bricks import Part, pack_parts, parts_of
-from clusterviz.render.storage import HEADER_WORDS, STORED_TYPE, Slot
+from clusterviz.render.content_bricks import Part, header_of, pack_parts, parts_of, read_header, write_header
+from clusterviz.render.storage import STORED_TYPE, Slot
 from clusterviz.render.stored_brick import Ranges, Stored
 from clusterviz.spmd.intrinsics import IDLE_WORD
 
@@ -140,7 +139,6 @@ class Kept:
     ----------
     slot : memory of its voxels
     low, high, voxels, bend : as in `Stored`
-    firsts : with several volumes, first cell (x, y, z) of each one that has voxels here, by its number
     primitives, cells : as in `Stored`
     """
 
@@ -149,7 +147,6 @@ class Kept:
     high: NDArray[Any]
     voxels: int
     bend: NDArray[np.float32] | None = None
-    firsts: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
     primitives: tuple[Primitives | None, ...] = ()
     cells: tuple[CellBrick | None, ...] = ()
 
@@ -209,28 +206,26 @@ class Memory:
 
     def put(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Add bricks; each is removed from the mapping, so that none is held twice for long."""
-        self._slots.make_room(sum(words_of(self._slot.at(index)) for index in bricks))
+        if not any(part.has_levels for part in self._slot.parts):
+            self._slots.make_room(sum(words_of(self._slot.at(index)) for index in bricks))
         for index in list(bricks):
             brick, own = stored(index, bricks.pop(index)), self._slot.at(index)
-            parts = parts_of(brick.samples, own) if own.mixed else []
-            firsts = {number: part.first_xyz for number, part in enumerate(parts) if part is not None}
-            slot = self._slots.take(words_of(own, firsts))
             if own.mixed:
+                parts = parts_of(brick.samples, own)
+                slot = self._slots.take(_words_of_parts(parts, own))
                 _lay_out_parts(parts, own, slot.words)
             else:
+                slot = self._slots.take(words_of(own))
                 lay_out(brick.samples, own, slot.words)
             ranges, members = (brick.low, brick.high), (brick.primitives, brick.cells)
-            self._kept[index] = Kept(slot, *ranges, brick.voxels, brick.bend, firsts, *members)
+            self._kept[index] = Kept(slot, *ranges, brick.voxels, brick.bend, *members)
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Yield bricks as every ray caster can store them; copies, since slots are used again."""
         for index in bricks:
             kept, own = self._kept[index], self._slot.at(index)
             if own.mixed:
-                begins = _begins(own, kept.firsts)
-                read = {n: _samples(kept.slot.words[begin:], own.parts[n]) for n, begin in begins.items()}
-                parts = [Part(read[n], kept.firsts[n]) if n in read else None for n in range(len(own.parts))]
-                samples = pack_parts(parts, own)
+                samples = pack_parts(_parts_in(kept.slot.words, own), own)
             else:
                 samples = _samples(kept.slot.words, own).copy()
             yield index, Stored(samples, kept.low, kept.high, kept.voxels, kept.bend, kept.primitives, kept.cells)
@@ -278,8 +273,9 @@ class Memory:
 
     def _bases(self, kept: Kept) -> list[int]:
         """Return the address of a brick and, with several volumes, those of its parts; 0 for those that it has not."""
-        base, begins = _address(kept.slot.words), _begins(self._slot, kept.firsts)
-        return [base, *(base + 4 * begins[n] if n in begins else 0 for n in range(len(self._slot.parts)))]
+        base = _address(kept.slot.words)
+        begins = header_of(kept.slot.words, self._slot)[:, 0].tolist() if self._slot.parts else []
+        return [base, *(base + 4 * begin if begin >= 0 else 0 for begin in begins)]
 
     def primitives(self, bricks: NDArray[np.int64]) -> list[tuple[Primitives | None, ...]]:
         """Return the primitives of bricks (m, 3)."""
@@ -319,17 +315,17 @@ class Memory:
         return np.concatenate(found)
 
 
-def words_of(slot: Slot, volumes: Container[int] | None = None) -> int:
-    """Return the words of a brick: one a voxel, and one behind them that loads may touch.
-
-    Parameters
-    ----------
-    volumes : with several volumes, the numbers of those that have voxels in the brick; by default all
-    """
+def words_of(slot: Slot) -> int:
+    """Return the words of a brick at most: one a voxel of each volume, and one behind them that loads may touch."""
     if slot.mixed:
-        here = [part for number, part in enumerate(slot.parts) if volumes is None or number in volumes]
-        return max(1, HEADER_WORDS * len(slot.parts) + sum(words_of(part) for part in here))
+        return max(1, slot.header_words * len(slot.parts) + sum(words_of(part) for part in slot.parts))
     return int(np.prod(slot.samples_zyx)) + 1
+
+
+def _words_of_parts(parts: Sequence[Part | None], slot: Slot) -> int:
+    """Return the words of a brick with samples of some volumes."""
+    words = [words_of(part.slot(own)) for part, own in zip(parts, slot.parts, strict=True) if part is not None]
+    return max(1, slot.header_words * len(slot.parts) + sum(words))
 
 
 def pitch_of(slot: Slot) -> tuple[int, int]:
@@ -352,20 +348,24 @@ def lay_out(stored: NDArray[Any], slot: Slot, words: NDArray[np.uint32]) -> None
 
 def _lay_out_parts(parts: Sequence[Part | None], slot: Slot, words: NDArray[np.uint32]) -> None:
     """Write a brick of several volumes: its header, and the voxels of those volumes that it meets."""
-    firsts = {number: part.first_xyz for number, part in enumerate(parts) if part is not None}
-    header = words[: HEADER_WORDS * len(parts)].view(np.int32).reshape(-1, HEADER_WORDS)
-    header[:] = -1, 0, 0, 0
-    for number, begin in _begins(slot, firsts).items():
-        part = parts[number]
-        assert part is not None
-        header[number] = begin, *part.first_xyz
-        lay_out(part.samples, slot.parts[number], words[begin : begin + words_of(slot.parts[number])])
+    begin = slot.header_words * len(parts)
+    for row, part, part_slot in zip(header_of(words, slot), parts, slot.parts, strict=True):
+        write_header(row, begin, part)
+        if part is not None:
+            own = part.slot(part_slot)
+            end = begin + words_of(own)
+            lay_out(part.samples, own, words[begin:end])
+            begin = end
 
 
-def _begins(slot: Slot, volumes: Iterable[int]) -> dict[int, int]:
-    """Return the first words of the parts of a brick that has voxels of some volumes."""
-    ends = accumulate((words_of(slot.parts[n]) for n in volumes), initial=HEADER_WORDS * len(slot.parts))
-    return dict(zip(volumes, ends, strict=False))
+def _parts_in(words: NDArray[np.uint32], slot: Slot) -> list[Part | None]:
+    """Return the samples of each volume in a brick; None: it has none."""
+    found: list[Part | None] = []
+    for row, part_slot in zip(header_of(words, slot), slot.parts, strict=True):
+        part = read_header(row, np.empty((0, 0, 0)), part_slot)
+        samples = _samples(words[row[0] :], part.slot(part_slot)) if row[0] >= 0 else None
+        found.append(None if samples is None else replace(part, samples=samples))
+    return found
 
 
 def _samples(words: NDArray[np.uint32], slot: Slot) -> NDArray[Any]:

@@ -1,0 +1,2 @@
+// A volume without levels.
+void begin_level(int brick) {}
