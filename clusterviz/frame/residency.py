@@ -105,6 +105,7 @@ class Residency:
     def __init__(self, reader: BrickReader, renderers: RendererCache, on_cpu: bool) -> None:
         self._reader, self._renderers, self._on_cpu = reader, renderers, on_cpu
         self._samples: Bricks = {}
+        self._held_bytes = 0
         self._batches: list[Batch] = []
         self._thread: ThreadPoolExecutor | None = None
         self._closed = Event()
@@ -133,7 +134,8 @@ class Residency:
     def begin(self, plan: Plan, pieces: Sequence[Piece]) -> None:
         """Cut the pieces of a frame into parts."""
         self._collect(wait=False)
-        self._samples = self._reader.suiting(plan, self._samples | self._reader.taken())
+        held, self._samples, self._held_bytes = self._samples | self._reader.taken(), {}, 0
+        self._take(self._reader.suiting(plan, held))
         slot, sizes = slot_of(plan), self._sizes
         stored = {"u8": 1, "u16": 2, "f32": 4}[slot.kind]
         self._sample = slot.sample_bytes * max(1, -(-self._reader.itemsize // stored))
@@ -175,7 +177,7 @@ class Residency:
             self._slot_bytes.update({index: int(self._sizes[index]) for index in ready})
             if ready:
                 if len(self._parts) == 1:
-                    self._samples = {index: brick for index, brick in self._samples.items() if index not in ready}
+                    self.drop(ready.keys())
                 self._renderers.load(self._plan, ready)
             elif not any(bricks & missing for _, bricks, _ in self._batches):
                 self._read(missing, needed=True)
@@ -194,14 +196,15 @@ class Residency:
 
     def drop(self, bricks: Set[Index]) -> None:
         """Drop bricks that have changed."""
-        self._samples = {index: brick for index, brick in self._samples.items() if index not in bricks}
+        for index in bricks & self._samples.keys():
+            self._held_bytes -= bytes_of(self._samples.pop(index))
 
     def close(self) -> None:
         """Stop reading and free the samples."""
         self._closed.set()
         if self._thread is not None:
             self._thread.shutdown(cancel_futures=True)
-        self._thread, self._batches, self._samples = None, [], {}
+        self._thread, self._batches, self._samples, self._held_bytes = None, [], {}, 0
         CACHE.limit_bytes = CACHE_BYTES
 
     def _cut(self, piece: Piece) -> list[Piece]:
@@ -217,12 +220,12 @@ class Residency:
         cost = np.zeros(box.shape_zyx)
         cost[tuple((bricks - box.begin_zyx).T)] = sizes
         count = -(-int(sizes.sum()) // most)
-        tree = build_tree(cost, count)
-        while max(leaf.cost for leaf in tree.leaves) > most:
+        leaves = (tree := build_tree(cost, count)).leaves
+        while max(leaf.cost for leaf in leaves) > most:
             count += 1 + count // 16
-            tree = build_tree(cost, count)
+            leaves = (tree := build_tree(cost, count)).leaves
         order = front_to_back(tree, plan.eye_in_bricks(box.begin_zyx), plan.view.forward)
-        found = [np.argwhere(cost[tree.leaves[leaf].box.slices]) + tree.leaves[leaf].box.begin_zyx for leaf in order]
+        found = [np.argwhere(cost[leaves[n].box.slices]) + leaves[n].box.begin_zyx for n in order]
         return [piece.part(one + box.begin_zyx) for one in found if len(one)]
 
     def _distance(self, index: Index) -> int:
@@ -247,13 +250,13 @@ class Residency:
 
     def _fit_samples(self, more: int, after: int) -> bool:
         """Drop samples until so many bytes more fit; only those that are used after a number of parts."""
-        held = sum(map(bytes_of, self._samples.values())) + sum(size for *_, size in self._batches)
-        excess = held + more - self._shares.samples
-        for index in sorted(self._samples, key=self._distance, reverse=True):
-            if excess <= 0 or self._distance(index) < after:
-                break
-            excess -= bytes_of(self._samples.pop(index))
-        return excess <= 0
+        room = self._shares.samples - more - sum(size for *_, size in self._batches)
+        if self._held_bytes > room:
+            for index in sorted(self._samples, key=self._distance, reverse=True):
+                if self._held_bytes <= room or self._distance(index) < after:
+                    break
+                self._held_bytes -= bytes_of(self._samples.pop(index))
+        return self._held_bytes <= room
 
     def _read_ahead(self, part: Piece | None) -> None:
         """Begin to read a part, or the next one that rays reached in the last frame, as far as there is room."""
@@ -297,12 +300,18 @@ class Residency:
             future, *_ = self._batches[0]
             found = future.result()
             del self._batches[0]
-            self._samples |= found
+            self._take(found)
             wait = False
+
+    def _take(self, bricks: Bricks) -> None:
+        """Keep samples, instead of those of the same bricks."""
+        self.drop(bricks.keys())
+        self._samples |= bricks
+        self._held_bytes += sum(map(bytes_of, bricks.values()))
 
     def _note(self) -> None:
         """Note the memory that is taken."""
-        samples = sum(map(bytes_of, self._samples.values())) + sum(size for *_, size in self._batches)
+        samples = self._held_bytes + sum(size for *_, size in self._batches)
         self.most_bytes = max(self.most_bytes, self._renderers.held.get("voxel_bytes", 0) + samples + CACHE.bytes)
 
 
