@@ -23,7 +23,7 @@ class Subset:
     time : number of the time step, from 0
     channel : number of the channel, from 0, or its name if the file has names
     first : take time step 0 and channel 0 if there are several and none is named
-    spaced : the spacing is given elsewhere, so coordinates in the file may be uneven
+    spaced : the spacing is given elsewhere, so coordinates that are on no lattice count as even
     """
 
     array: str | None = None

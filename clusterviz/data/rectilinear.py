@@ -56,7 +56,7 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
     Parameters
     ----------
     coordinates : (n,), at least one
-    spaced : the spacing is given elsewhere, so the coordinates count as even
+    spaced : the spacing is given elsewhere, so impossible coordinates count as even
     name : of the axis, for messages
 
     Raises
@@ -69,10 +69,13 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
     if count < 2:
         return even_line(count, first)
     step = float(numbers[-1] - first) / (count - 1)
-    if spaced or (np.abs(numbers - first - step * np.arange(count)) <= MAX_UNEVENNESS * abs(step)).all():
-        return even_line(count, first, step)
+    even = even_line(count, first, step)
+    if (np.abs(numbers - first - step * np.arange(count)) <= MAX_UNEVENNESS * abs(step)).all():
+        return even
     gaps = np.diff(numbers) * np.sign(step)
     if not (np.isfinite(numbers).all() and (gaps > 0).all()):
+        if spaced:
+            return even
         allowed = "numbers that ascend or descend"
         raise DataError(f"impossible coordinates {name}", where=where, found=numbers[:8].tolist(), allowed=allowed)
     first_of_all, mean = _straight(numbers, float(gaps.min()) * np.sign(step), float(gaps.max()) * np.sign(step))
@@ -80,6 +83,8 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
         return even_line(count, first_of_all, mean)
     whole, gap = float(numbers[-1] - first), float(gaps.min())
     if abs(whole) / gap > MAX_COORDINATES:
+        if spaced:
+            return even
         found = f"{abs(whole) / gap:.3g} smallest distances"
         raise DataError(f"the coordinates {name} need too fine a lattice", where=where, found=found)
     for exact, parts in product((True, False), range(1, MAX_PARTS + 1)):
@@ -170,13 +175,14 @@ def interpolate(
         return np.where(weight == 0, low, (1 - weight) * low + weight * high)
 
 
-def placed(source: Any, lines_xyz: Sequence[Line], axes: NDArray[np.float64]) -> Any:
+def placed(source: Any, lines_xyz: Sequence[Line], axes: NDArray[np.float64], spaced: bool) -> Any:
     """Return a volume at the coordinates of three lines.
 
     Parameters
     ----------
     source : the stored samples, a source that is a dataclass with a field `grid`, which is replaced
     axes : float64 (3, 3); column a is the unit vector of the coordinates along index axis a (x, y, z) in the world
+    spaced : the spacing is given elsewhere, so coordinates count as even if their lattice is too fine
 
     Raises
     ------
@@ -186,12 +192,18 @@ def placed(source: Any, lines_xyz: Sequence[Line], axes: NDArray[np.float64]) ->
     """
     stored, shape = [len(line.places) for line in lines_xyz], [int(line.places[-1]) + 1 for line in lines_xyz]
     if prod(shape) > max(MAX_GROWTH * prod(stored), FEW_SAMPLES):
+        if spaced:
+            wholes = [line.step * float(line.places[-1]) for line in lines_xyz]
+            steps = [whole / max(1, n - 1) or 1.0 for whole, n in zip(wholes, stored, strict=True)]
+            lines = [even_line(n, line.first, step) for n, line, step in zip(stored, lines_xyz, steps, strict=True)]
+            return placed(source, lines, axes, False)
         found = f"{' x '.join(map(str, shape))} steps for {' x '.join(map(str, stored))} samples"
         allowed = f"at most {MAX_GROWTH} times as many, or {FEW_SAMPLES} in all; or spacing: [x, y, z] of the volume"
         raise DataError("the coordinates need too fine a lattice", where=source.name, found=found, allowed=allowed)
     x, y, z = shape
     origin = axes @ np.array([line.first for line in lines_xyz])
-    grid = make_grid((z, y, x), axes * np.array([line.step for line in lines_xyz]), origin, source.name)
+    steps_xyz = axes * np.array([line.step for line in lines_xyz]) + 0.0  # no −0
+    grid = make_grid((z, y, x), steps_xyz, origin, source.name)
     if shape == stored:
         return replace(source, grid=grid)
     return RectilinearSource(source, grid, tuple(line.places for line in reversed(lines_xyz)))

@@ -104,7 +104,7 @@ def rectilinear(
     ----------
     source : the stored samples, a source that is a dataclass with a field `grid`
     coordinates_xyz : of the points along x, y and z
-    spaced : the spacing is given elsewhere, so the coordinates count as even
+    spaced : as of `rectilinear.placed`
     """
     lines = []
     for coordinates, name in zip(coordinates_xyz, "xyz", strict=True):
@@ -112,5 +112,5 @@ def rectilinear(
         if on_cells and len(places) > 1:
             places = (places[1:] + places[:-1]) / 2
         lines.append(line_of(places, spaced, name, where))
-    found: Source = placed(source, lines, np.eye(3))
+    found: Source = placed(source, lines, np.eye(3), spaced)
     return found

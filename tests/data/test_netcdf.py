@@ -120,7 +120,7 @@ def test_uneven_coordinates_are_those_of_a_lattice(tmp_path: Path) -> None:
     assert np.isnan(array[0, 0, 2]) == np.isnan(expected[0, 0, 2])
     np.testing.assert_array_equal(expected[[0, 1, 4]][:, [0, 3, 7, 9]], array)
     placed = open_volume(Volume(path=str(path), spacing=(1, 2, 3)))
-    check_source(placed, array)
+    check_source(placed, expected)  # of the lattice, whose axes it stretches
     assert placed.grid.spacing == (1, 2, 3)
 
 
@@ -149,3 +149,6 @@ def test_a_lattice_that_is_too_fine(tmp_path: Path) -> None:
     line = np.array([0.0, 1, 1e7])
     path = writers.netcdf(tmp_path / "a.nc", values("f4", (3, 4, 5)), {"z": line, "y": ROWS, "x": np.arange(5.0)})
     refused(lambda: open_source(path), "too fine a lattice", "10000001", "at most 64 times")
+    placed = open_volume(Volume(path=str(path), spacing=(1, 2, 3)))
+    check_source(placed, values("f4", (3, 4, 5)))
+    assert placed.grid.spacing == (1, 2, 3)

@@ -278,7 +278,7 @@ def _on_grid(source: Hdf5Source, subset: Subset, where: str) -> Source:
     axes = np.zeros((3, 3))
     for column, (letter, sign) in enumerate(zip(told, signs, strict=True)):
         axes["XYZ".index(letter), column] = sign
-    found: Source = placed(source, lines, axes)
+    found: Source = placed(source, lines, axes, subset.spaced)
     return found
 
 
