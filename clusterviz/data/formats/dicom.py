@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, readable, refuse_array, require_file, start_of
 from clusterviz.data.header import check_box, check_packed, check_size, make_grid
 from clusterviz.data.source import Grid, Index
+from clusterviz.data.store.cache import CACHE, Owner
 from clusterviz.errors import DataError
 
 EXTENSIONS = (".dcm", ".dicom", ".ima")
@@ -42,7 +43,6 @@ DIRECTORY = "1.2.840.10008.1.3.10"
 """Class of lists of files (DICOMDIR)."""
 TOLERANCE = 0.02
 """Of the distance of slices, by which positions may be off; files state a few decimals."""
-CACHE_BYTES = 1 << 27
 MAX_LISTED = 8
 
 
@@ -68,13 +68,14 @@ class Slice:
 
 @dataclass(frozen=True)
 class DicomSource:
-    """Volume of slices, which are decoded when they are read; `layer` returns one with its data values."""
+    """Volume of slices, which are decoded when they are read, and kept with the bricks of stores."""
 
     name: str
     grid: Grid
     dtype: np.dtype[Any]
-    layer: Callable[[int], NDArray[Any]]
+    slices: tuple[Slice, ...]
     format: str = "dicom"
+    _owner: Owner = field(default_factory=Owner, compare=False, repr=False)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -82,7 +83,8 @@ class DicomSource:
         (z, y, x), (_, y_end, x_end) = begin_zyx, end_zyx
         if voxels.size:
             for number, layer in enumerate(voxels, z):
-                layer[:] = self.layer(number)[y:y_end, x:x_end]
+                decoded = CACHE.get(self._owner, (number,), partial(_decode, self.slices[number], self.dtype))
+                layer[:] = decoded[y:y_end, x:x_end]
         return voxels
 
 
@@ -281,9 +283,7 @@ def _stack(slices: list[Slice], subset: Subset, where: str) -> DicomSource:
     grid = make_grid((len(slices), rows, columns), np.column_stack([first.axes, step]), slices[0].position, where)
     select(grid.shape_zyx, "ZYX", subset, where)
     dtype = _dtype([each.scale for each in slices], bits, stored, signed)
-    layer_bytes = max(1, rows * columns * max(dtype.itemsize, bits // 8))
-    layer = lru_cache(max(1, CACHE_BYTES // layer_bytes))(lambda number: _decode(slices[number], dtype))
-    return DicomSource(where, replace(grid, orientation="LPS"), dtype, layer)
+    return DicomSource(where, replace(grid, orientation="LPS"), dtype, tuple(slices))
 
 
 def _step(slices: Sequence[Slice], normal: NDArray[np.float64], where: str) -> NDArray[np.float64]:
@@ -343,5 +343,5 @@ def _decode(one: Slice, dtype: np.dtype[Any]) -> NDArray[Any]:
         found = (found.astype(integer) << (bits - stored)) >> (bits - stored)
     slope, shift = one.scale
     if dtype.kind in "iu":
-        return found.astype(np.int64) + int(shift) if shift else found
-    return found * slope + shift
+        return (found.astype(np.int64) + int(shift)).astype(dtype) if shift else found.astype(dtype)
+    return (found * np.float64(slope) + shift).astype(dtype)
