@@ -21,13 +21,13 @@ from clusterviz.render.stored_brick import stamp_of
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.overrides import with_settings
 
-STEPS = (0, 1, 3, 2, 3)
+STEPS = (0, 1, 3, 2)
 CPU = Options(device="cpu")
 
 
 @pytest.fixture(scope="module")
 def series(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Store and files of four steps: a block stands still, moves in the second, and ends in the third of 27 bricks."""
+    """Store and files of four steps: a block moves within a brick, then to another one, and stands still."""
     folder = tmp_path_factory.mktemp("series")
     z, y, _ = np.indices((25, 25, 25))
     for n, place in enumerate((2, 4, 19, 19)):
@@ -62,6 +62,7 @@ def twice(scene: Scene) -> Scene:
     ("change", "several", "ranks", "reads"),
     [
         ({}, False, 1, 27 + 1 + 3),
+        ({"memory_limit": 20000}, False, 1, None),
         ({"distribution": "dynamic", "migration_share": 1.0}, False, 3, None),
         ({"largest_brick": 16, "frame_coherence": True, "mode": "sort-last"}, False, 2, 12 + 1 + 2),
         ({"mode": "sort-last"}, True, 2, 72 + 16 + 32),
@@ -78,13 +79,15 @@ def test_time_steps_are_drawn_as_alone_and_read_only_what_changed(
 ) -> None:
     scenes = scenes_of(f"{series}/a.zarr", change)
     scenes = [twice(scene) for scene in scenes] if several else scenes
-    expected = [render_frame(scene, LoopbackChannel(), options=CPU) for scene in scenes]
+    expected = [render_frame(scene, LoopbackChannel(), options=CPU) for scene in scenes[:3]]
     assert len({pixels(frame).tobytes() for frame in expected}) == 3
+    expected.append(expected[2])  # the same samples
     if reads is None:
-        move_at_random(monkeypatch)
+        moves = move_at_random(monkeypatch)
         frames = on_ranks(ranks, scenes * 2, device="cpu")
-        assert so_far(frames, "bricks_received") > 0
         check_same(frames, expected * 2)
+        costs = frames[1].statistics.per_rank[0]
+        assert moves and so_far(frames, "bricks_received") > 0 if ranks > 1 else costs.passes > 1
         return
     read, right = list[int](), opening.read_bricks
     monkeypatch.setattr(opening, "read_bricks", lambda a, b, wanted: (read.append(len(wanted)), right(a, b, wanted))[1])
@@ -92,7 +95,7 @@ def test_time_steps_are_drawn_as_alone_and_read_only_what_changed(
     check_same(frames, expected)
     assert sum(read) == reads
     stamps = [stamp_of(frame.drawn.work.plan) for frame in frames]
-    assert (len(set(stamps)), stamps[2]) == (4, stamps[4])
+    assert len(set(stamps)) == len(STEPS)
 
 
 def test_time_steps_of_files_are_drawn_as_alone(series: Path) -> None:
