@@ -61,11 +61,11 @@ def twice(scene: Scene) -> Scene:
 @pytest.mark.parametrize(
     ("change", "several", "ranks", "reads"),
     [
-        ({}, False, 1, 27 + 1 + 3),
+        ({}, False, 1, 27 + 1 + 2),
         ({"memory_limit": 20000}, False, 1, None),
         ({"distribution": "dynamic", "migration_share": 1.0}, False, 3, None),
         ({"largest_brick": 16, "frame_coherence": True, "mode": "sort-last"}, False, 2, 12 + 1 + 2),
-        ({"mode": "sort-last"}, True, 2, 72 + 16 + 32),
+        ({"mode": "sort-last"}, True, 2, 72 + 4 + 8),
     ],
     ids=str,
 )

@@ -31,7 +31,7 @@ from clusterviz.data.bricks import Box, BrickLayout
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.remote import FilePath, find_range
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.store.levels import coarser
+from clusterviz.data.store.levels import coarser, is_within
 from clusterviz.data.store.shards import PACKAGES, ShardedArray, open_array, read_json, require_packages
 from clusterviz.data.store.statistics import read_statistics
 from clusterviz.data.summary import VolumeSummary
@@ -133,12 +133,23 @@ class LevelSource:
         return self.array.steps()
 
     def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
-        """Return whether the bricks around a box are the same at another time step; see `SeriesSource`."""
-        if not isinstance(other, LevelSource) or self.array.at(*other.array.index) != other.array:
+        """Return whether a box of samples is the same at another time step; see `SeriesSource`.
+
+        Bricks that the store does not know to be the same are read, and their samples in the box are compared.
+        """
+        if not isinstance(other, LevelSource) or self.array.at_step(other.array.step) != other.array:
             return False
-        sides = zip(begin_zyx, end_zyx, self.array.brick_zyx, strict=True)
-        here = tuple(slice(b // side, -(-e // side)) for b, e, side in sides)
-        return self.array.index[1:] == other.array.index[1:] and np.array_equal(self._steps[here], other._steps[here])
+        first = [b // side for b, side in zip(begin_zyx, self.array.brick_zyx, strict=True)]
+        last = [-(-e // side) for e, side in zip(end_zyx, self.array.brick_zyx, strict=True)]
+        here = tuple(map(slice, first, last))
+        for z, y, x in (np.argwhere(self._steps[here] != other._steps[here]) + first).tolist():
+            low, high = self.array.box_of((z, y, x))
+            lz, ly, lx = np.maximum(low, begin_zyx).tolist()
+            hz, hy, hx = np.minimum(high, end_zyx).tolist()
+            box = (lz, ly, lx), (hz, hy, hx)
+            if not is_within(self.read(*box), other.read(*box), 0.0):
+                return False
+        return True
 
     def summary(self, layout: BrickLayout) -> VolumeSummary | None:
         """Return the summary that the store keeps of its finest level; None of another level."""

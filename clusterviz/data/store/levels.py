@@ -153,3 +153,18 @@ def largest_difference(a: NDArray[Any], b: NDArray[Any]) -> float:
     if not np.array_equal(np.isfinite(a), np.isfinite(b)):
         return float("inf")
     return float(away[np.isfinite(away)].max(initial=0.0))
+
+
+def is_within(samples: NDArray[Any], others: NDArray[Any], error: float) -> bool:
+    """Return whether samples differ by at most an error, and those that are not finite by no bit."""
+    bits = f"u{samples.itemsize}"
+    differs = samples.view(bits) != others.view(bits)
+    if not differs.any():
+        return True
+    if error == 0 or (samples.dtype.kind != "f" and samples.itemsize == 8):
+        return False
+    if samples.dtype.kind != "f":
+        return largest_difference(samples, others) <= error
+    a, b = samples[differs].astype(np.float64), others[differs].astype(np.float64)
+    # Less, since a difference that is rounded may have been greater.
+    return bool(np.isfinite(a).all() and np.isfinite(b).all() and np.abs(a - b).max() < error)

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from clusterviz.data.bricks import Box, BrickLayout, with_margin
 from clusterviz.data.series import Series
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.store.levels import Read, coarser, difference, largest_difference, low_pass
+from clusterviz.data.store.levels import Read, coarser, difference, is_within, largest_difference, low_pass
 from clusterviz.data.store.shards import (
     PACKAGES,
     BrickCodec,
@@ -299,21 +299,6 @@ class _Before:
         """Return the first time step from which on a brick has these samples."""
         same = self.within(brick, stored, 0.0) is not None
         return int(self.steps[brick]) if same else self.array.step
-
-
-def is_within(samples: NDArray[Any], others: NDArray[Any], error: float) -> bool:
-    """Return whether samples differ by at most an error, and those that are not finite by no bit."""
-    bits = f"u{samples.itemsize}"
-    differs = samples.view(bits) != others.view(bits)
-    if not differs.any():
-        return True
-    if error == 0 or (samples.dtype.kind != "f" and samples.itemsize == 8):
-        return False
-    if samples.dtype.kind != "f":
-        return largest_difference(samples, others) <= error
-    a, b = samples[differs].astype(np.float64), others[differs].astype(np.float64)
-    # Less, since a difference that is rounded may have been greater.
-    return bool(np.isfinite(a).all() and np.isfinite(b).all() and np.abs(a - b).max() < error)
 
 
 def write_store(
