@@ -131,6 +131,7 @@ def summary(statistics: FrameStatistics) -> str:
     if statistics.accuracy:
         lines.append(f"accuracy   {statistics.accuracy}")
         lines += [f"           {key}: {reason}" for key, reason in statistics.accuracy.reasons.items()]
+    lines += [f"detail     {each}" for each in statistics.detail]
     return "\n".join(lines)
 
 

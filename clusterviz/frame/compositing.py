@@ -175,7 +175,7 @@ class Compositing:
             self._warned.add(topic)
             if run.channel.rank == 0:
                 warnings.warn(reasons[topic], stacklevel=2)
-        remarks = (drawn.changes, tuple(reasons.values()))
+        remarks = (drawn.changes, tuple(reasons.values()), work.plan.detail if work.plan else ())
         statistics = FrameStatistics(per_rank, drawn.number, work.accuracy, work.sharing, *remarks)
         kept = drawn if run.options.keep_drawn else None
         return Rendered(image, work.scene, statistics, tuple(clock.spans or ()), kept)

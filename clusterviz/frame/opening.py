@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.plan.content import ContentBrick, KnownVolume, VolumeLayer
 from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.plan.plan import Plan, brick_cost, make_content_plan, make_plan
+from clusterviz.plan.refinement import VolumeLevels, field_error, with_detail
 from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import Info, VolumeInfo, complete_scene
@@ -63,6 +65,12 @@ class OpenedVolume:
     infos: tuple[VolumeInfo, ...]
     time: int | None = None
 
+    @cached_property
+    def levels(self) -> VolumeLevels | None:
+        """What is known of the levels of a store; None without one."""
+        source = levels_of(self.source)
+        return VolumeLevels(self.grid, source.dtype, field_error(source)) if source else None
+
     @property
     def grid(self) -> Grid:
         """Grid of the voxels."""
@@ -76,6 +84,10 @@ class OpenedVolume:
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
         return make_plan(scene, self.source.grid, self.source.dtype, self.layout, self.summary)
+
+    def with_detail(self, plan: Plan, scene: Scene) -> Plan:
+        """Return a plan with the levels that its view needs: as it is."""
+        return plan
 
     def grid_of(self, plan: Plan) -> Grid:
         """Return the grid in whose index space a plan is."""
@@ -116,11 +128,15 @@ class OpenedContent:
     volumes : in the order of the scene
     geometry : meshes, lines and points, in the order of the scene
     grids : unstructured grids, in the order of the scene
+    ranks : that draw
+    bytes_per_second : of samples that a rank reads, where a picture may take some time only
     """
 
     volumes: tuple[OpenedVolume, ...]
     geometry: tuple[KnownGeometry, ...] = ()
     grids: tuple[KnownCells, ...] = ()
+    ranks: int = 1
+    bytes_per_second: float = 0.0
 
     @property
     def infos(self) -> tuple[Info, ...]:
@@ -136,7 +152,15 @@ class OpenedContent:
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
         known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary, levels_of(v.source)) for v in self.volumes]
-        return make_content_plan(scene, known, self.geometry, self.grids)
+        return self.with_detail(make_content_plan(scene, known, self.geometry, self.grids), scene)
+
+    def with_detail(self, plan: Plan, scene: Scene) -> Plan:
+        """Return a plan with the levels of volumes that its view needs, and the bounds of their errors."""
+        if all(volume.detail == "full" for volume in scene.volumes):
+            return plan
+        pairs = zip(self.volumes, scene.volumes, strict=True)
+        levels = [volume.levels if section.detail != "full" else None for volume, section in pairs]
+        return with_detail(plan, scene, levels, partial(_owners, ranks=self.ranks), self.bytes_per_second)
 
     def grid_of(self, plan: Plan) -> Grid:
         """Return the grid of a plan's domain, in whose index space it is."""
@@ -243,6 +267,11 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         triples = zip(scene.geometry, scene.geometry_keys, geometries, strict=True)
         geometry = tuple(_known(*each, run.channel) for each in triples)
         grids = tuple(_known_cells(*pair, run.channel) for pair in zip(scene.grids, unstructured, strict=True))
+        timed = [n for n, each in enumerate(scene.volumes) if each.detail != "full" and each.detail.seconds]
+        speed = _reading_speed(sources[timed[0]]) if timed and run.channel.rank == 0 else 0.0
+    if timed:
+        with run.collective("open", "load"):
+            speed = run.channel.allgather(speed)[0]
     summaries, held = _summarised(run, sources, layouts, scene.cluster.memory_limit)
     with run.local("plan", "plan"):
         opened = tuple(
@@ -253,7 +282,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         )
         has_levels = any(volume.detail != "full" for volume in scene.volumes)
         if len(opened) > 1 or geometry or grids or has_levels:
-            several = OpenedContent(opened, geometry, grids)
+            several = OpenedContent(opened, geometry, grids, run.channel.size, speed)
             return complete(several, scene), several, {}
         scene = complete(opened[0], scene)
         if scene.cluster.largest_brick in (None, scene.cluster.brick):
@@ -288,6 +317,25 @@ def open_time_steps(run: Run, scene: Scene, opened: Opened) -> tuple[Opened, Bri
         volumes[n] = replace(volumes[n], source=source, summary=summary, time=time)
     can_be_drawn = isinstance(opened, OpenedVolume) and not opened.layout.edges_zyx
     return opened.with_volumes(volumes), held[0] if can_be_drawn else {}
+
+
+def _reading_speed(source: Source) -> float:
+    """Return the bytes of samples a second that are read of a brick in the middle of a volume; 0 without levels."""
+    levels = levels_of(source)
+    if levels is None:
+        return 0.0
+    sides, started = source.grid.shape_zyx, perf_counter()
+    z, y, x = (side // 2 // levels.brick * levels.brick for side in sides)
+    end_z, end_y, end_x = (min(b + levels.brick, n) for b, n in zip((z, y, x), sides, strict=True))
+    return source.read((z, y, x), (end_z, end_y, end_x)).nbytes / max(perf_counter() - started, 1e-6)
+
+
+def _owners(cost: NDArray[np.float64], ranks: int) -> NDArray[np.int64]:
+    """Return the rank of each brick in a coherent distribution, int64 (bz, by, bx)."""
+    tree, found = build_tree(cost, ranks), np.zeros(cost.shape, np.int64)
+    for rank in range(ranks):
+        found[tuple(bricks_of(tree, rank, cost).T)] = rank
+    return found
 
 
 def _is_same(source: Source, other: Source, box: Box) -> bool:

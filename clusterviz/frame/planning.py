@@ -89,7 +89,8 @@ class FramePlanner:
         if opened is None:
             return None
         if last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
-            return replace(last.plan, view=make_view(scene.camera, scene.image.size, opened.grid_of(last.plan)))
+            view = make_view(scene.camera, scene.image.size, opened.grid_of(last.plan))
+            return opened.with_detail(replace(last.plan, view=view), scene)
         return opened.plan(scene)
 
     def _settled(self, run: Run, scene: Scene) -> tuple[Scene, Accuracy]:

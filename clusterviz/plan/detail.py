@@ -24,6 +24,8 @@ ROUNDING = 1e-6
 def choose_levels(volume: Volume, source: MultilevelSource | None, where: str = "volumes[0]") -> LevelMap | None:
     """Return the level of each brick of a volume; None: the volume is drawn as it is.
 
+    Levels that depend on the view are the finest here, see `refinement.py`.
+
     Parameters
     ----------
     volume : of the scene
@@ -39,7 +41,7 @@ def choose_levels(volume: Volume, source: MultilevelSource | None, where: str = 
     if source is None:
         text, allowed = "the volume has no levels", "full, or a store that `clusterviz store` wrote"
         raise SceneError(text, where=f"{where}.detail", found=volume.path, allowed=allowed)
-    level, last = volume.detail.level, source.levels - 1
+    level, last = volume.detail.level or 0, source.levels - 1
     if level > last:
         raise SceneError("no such level", where=f"{where}.detail.level", found=level, allowed=f"0 … {last}")
     layout = BrickLayout(source.grid.shape_zyx, source.brick)

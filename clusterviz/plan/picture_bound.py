@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -302,12 +302,10 @@ class PictureBound:
         ramps: bool = False,
     ) -> None:
         self._field, self._drawn, self._brick, self._ramps = field, drawn, brick, ramps
-        self._domain, self._binned = transfer.domain, classified(transfer)
-        self._share = self._binned.change(slab_units, whole=False)
-        self._slab = self._binned.change(slab_units, whole=True) if whole and not ramps else self._share
-        self._cuts = int(not whole)
-        depth = self._binned.depth(slab_units)
-        self._least, self._most = _ranges(depth[:1], np.minimum), _ranges(depth[1:], np.maximum)
+        self._domain, self._cuts = transfer.domain, int(not whole)
+        arrays = (transfer.colour_values, transfer.colours, transfer.opacity_values, transfer.opacities)
+        found = _tables(*(array.tobytes() for array in arrays), transfer.domain, slab_units, whole and not ramps)
+        self._binned, self._share, self._slab, self._least, self._most = found
 
     @cached_property
     def _bins(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
@@ -383,6 +381,32 @@ class PictureBound:
         scratch = np.empty((sum(terms.shape) + 3, 4)), np.empty((3, 3)), np.empty((3, 3), np.int64)
         _TRACE(pixels, camera, planes, terms, self._cuts, bounds, shares, *scratch)
         return bounds, shares
+
+
+@lru_cache(maxsize=4)
+def _tables(
+    colour_values: bytes,
+    colours: bytes,
+    opacity_values: bytes,
+    opacities: bytes,
+    domain: tuple[float, float],
+    slab_units: float,
+    whole: bool,
+) -> tuple[Classified, Change, Change, Floats, Floats]:
+    """Return the tables of a transfer function, which is given so that frames with equal ones share them.
+
+    Returns
+    -------
+    binned : the function in bins
+    share, slab : changes of slabs that are cut, and of whole ones
+    least, most : ranges of the optical depth of a slab
+    """
+    values, opacity_knots = np.frombuffer(colour_values), np.frombuffer(opacity_values)
+    straight = np.frombuffer(colours).reshape(-1, 3)
+    binned = classified(TransferFunction(values, straight, opacity_knots, np.frombuffer(opacities), 1.0, domain))
+    share, depth = binned.change(slab_units, whole=False), binned.depth(slab_units)
+    slab = binned.change(slab_units, whole=True) if whole else share
+    return binned, share, slab, _ranges(depth[:1], np.minimum), _ranges(depth[1:], np.maximum)
 
 
 def dilated(values: Floats, pick: np.ufunc) -> Floats:

@@ -42,7 +42,7 @@ from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.plan.view import Vector, View, make_view
-from clusterviz.report.decisions import Change
+from clusterviz.report.decisions import Change, Detail
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
@@ -109,6 +109,7 @@ class Plan:
     content : the content of a scene with several volumes or with geometry, else None. If given, index space and
         bricks are the domain's, and encoding, transfer function and segments are the first volume's
     times : time steps of the volumes
+    detail : levels of the volumes that are drawn by those of a store
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
 
@@ -124,6 +125,7 @@ class Plan:
     content: Content | None = None
     layers: tuple[LayeredContent, ...] = ()
     times: tuple[int | str | None, ...] = ()
+    detail: tuple[Detail, ...] = ()
 
     @property
     def crossing(self) -> Plan:

@@ -16,15 +16,28 @@ Nothing here depends on clocks, and all ranks choose the same.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.source import MultilevelSource
+from clusterviz.data.levels import LevelMap, mixed_type
+from clusterviz.data.source import Grid, MultilevelSource
+from clusterviz.errors import SceneError
+from clusterviz.plan.content import VolumeLayer
+from clusterviz.plan.detail import levels_in_bricks
+from clusterviz.plan.domain import Cut, count_in_boxes
+from clusterviz.plan.encoding import make_encoding
 from clusterviz.plan.picture_bound import SLAB, FieldError, Floats, PictureBound, Rays, dilated
+from clusterviz.plan.plan import Plan
+from clusterviz.plan.ray_sampling import clip_planes
+from clusterviz.plan.view import make_view
+from clusterviz.report.decisions import Detail
+from clusterviz.scene.values import Scene
 
 Levels = NDArray[np.uint8]
 GUIDES = 4096
@@ -33,6 +46,21 @@ TYPICAL = 1 / 16
 """Error of most of a brick over its bound; between 1/8 and 1/32, pictures of heads had the least errors."""
 PRICES, BISECTIONS = (-80.0, 40.0), 40
 LIMITS = np.append(2.0 ** -np.arange(0.0, 24.5, 0.5), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeLevels:
+    """What is known of a volume with levels.
+
+    Attributes
+    ----------
+    grid, dtype : of its samples
+    errors : of its levels
+    """
+
+    grid: Grid
+    dtype: np.dtype[Any]
+    errors: FieldError
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +116,18 @@ class Refiner:
             levels = np.argmin(errors + math.exp2(price) * sizes, axis=0)
             return np.where(self.drawn, levels, 0).astype(np.uint8)
 
+        uniform = (np.full(self.drawn.shape, level, np.uint8) for level in range(len(sizes)))
+        whole = next((levels for levels in uniform if fits(levels)), None)
         low, high = PRICES
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
             low, high = (low, middle) if fits(chosen(middle)) else (middle, high)
-        return chosen(high)
+        levels = chosen(high)
+        if whole is None:
+            return levels
+        # Samples of one level may take less, as they are not interpolated.
+        totals = [np.take_along_axis(errors, each[None].astype(int), 0).sum() for each in (whole, levels)]
+        return whole if totals[0] <= totals[1] or not fits(levels) else levels
 
     def _levels(self, limit: float, weights: Floats) -> Levels:
         """Return the coarsest levels at which no brick contributes more than a limit, by the weights of their slabs."""
@@ -103,17 +138,11 @@ class Refiner:
         return np.where(self.drawn, levels, 0).astype(np.uint8)
 
 
-def field_error(source: MultilevelSource, valid: bool) -> FieldError:
-    """Return the errors of a volume's levels in its bricks of cells; see `LevelMap`.
-
-    Parameters
-    ----------
-    source : the volume; levels that may be mixed with others are 0 … log₂ of its bricks' side
-    valid : all samples are finite
-    """
+def field_error(source: MultilevelSource) -> FieldError:
+    """Return the errors of a volume's levels in its bricks of cells; see `LevelMap`."""
     shape = BrickLayout(source.grid.shape_zyx, source.brick).counts_zyx
     z, y, x = np.indices(shape, sparse=True)
-    errors = np.empty((min(source.levels, source.brick.bit_length()), *shape))
+    errors = np.empty((source.levels, *shape))
     for level in range(len(errors)):
         found = source.bounds(level)
         if level == 0:
@@ -127,4 +156,113 @@ def field_error(source: MultilevelSource, valid: bool) -> FieldError:
             errors[0] = first
         else:
             errors[level] = np.maximum(found[2][z >> level, y >> level, x >> level], errors[level - 1])
-    return FieldError(low - errors[0], high + errors[0], errors, valid)
+    return FieldError(low - errors[0], high + errors[0], errors, source.dtype.kind != "f")
+
+
+Owners = Callable[[Floats], NDArray[np.int64]]
+"""Returns the rank of each brick by the cost of bricks, both (bz, by, bx)."""
+
+
+def with_detail(
+    plan: Plan, scene: Scene, volumes: Sequence[VolumeLevels | None], owners: Owners, bytes_per_second: float = 0.0
+) -> Plan:
+    """Return a plan with the levels that its view needs, and the bound of the error of each volume.
+
+    Parameters
+    ----------
+    plan : with content
+    scene : completed
+    volumes : what is known of each volume; None of one without levels
+    owners : of the plan's bricks
+    bytes_per_second : of samples that a rank reads, for volumes with a time
+
+    Raises
+    ------
+    SceneError
+        An error is asked for where no bound of it is known.
+    """
+    content = plan.content
+    assert content is not None, "volumes with levels are content"
+    parts, told = list(content.volume_layers), list[Detail]()
+    for number, (part, known) in enumerate(zip(content.volume_layers, volumes, strict=True)):
+        asked = scene.volumes[number].detail
+        if asked == "full" or part.levels is None or known is None:
+            continue
+        reason = _why_unbounded(part)
+        if reason and asked.error is not None:
+            text, allowed = f"no bound of the error is known {reason}", "level, memory or seconds"
+            raise SceneError(text, where=f"volumes[{number}].detail.error", found=asked.error, allowed=allowed)
+        grid, brick, field = known.grid, part.levels.brick, known.errors
+        drawn = _drawn_bricks(plan, part.cut, part.levels)
+        whole = content.domain.volume is not None and not plan.march.jittered and scene.quality.borders == "overlap"
+        bound = PictureBound(part.transfer, part.slab_units, field, drawn, brick, whole=whole, ramps=part.preintegrated)
+        view = make_view(scene.camera, scene.image.size, grid)
+        rays = Rays(view, grid.shape_zyx, plan.march.step_world, clip_planes(scene.clip, grid))
+        size = partial(_bytes, plan, part, known.dtype, owners(plan.cost))
+        levels, most = part.levels.levels, math.inf
+        # Levels that differ meet at samples of the coarsest.
+        mixable = replace(field, errors=field.errors[: (brick & -brick).bit_length()])
+        refiner = Refiner(bound, mixable, drawn)
+        if asked.error is not None:
+            levels = refiner.within_error(rays, asked.error)
+        elif asked.level is None:
+            most = asked.memory or (asked.seconds or 0.0) * bytes_per_second
+            sizes = np.array([(brick / 2**level + 1) ** 3 for level in range(len(mixable.errors))])
+            levels = refiner.within_budget(rays, sizes, partial(_fits, size, most))
+        found = _error(bound, rays, field.of(levels), plan.march.residual) if not reason else None
+        store = _error(bound, rays, field.errors[0], plan.march.residual) if not reason else None
+        counts = tuple(np.bincount(levels[drawn]).tolist())
+        reached = size(levels) <= most and (asked.error is None or (found or 0.0) <= asked.error)
+        told.append(Detail(number, counts, size(levels), reached, found, store, reason))
+        level_map = LevelMap(levels, brick)
+        encoding = make_encoding(mixed_type(known.dtype, level_map), part.transfer.domain)
+        held = levels_in_bricks(part.cut, level_map)
+        parts[number] = replace(part, levels=level_map, brick_levels=held, encoding=encoding)
+    return replace(plan, content=replace(content, volume_layers=tuple(parts)), detail=tuple(told))
+
+
+def _why_unbounded(part: VolumeLayer) -> str:
+    """Return with what no bound is known; "" if one is."""
+    mode = part.blend_mode
+    if part.interpolation != "linear":
+        return f"with interpolation: {part.interpolation}"
+    return "with light, isosurfaces or gradients" if mode.shading or mode.grading or mode.surfaces else ""
+
+
+def _error(bound: PictureBound, rays: Rays, errors: Floats, residual: float) -> float:
+    """Return the largest bound of a pixel, with what rays that end early may lack in both pictures."""
+    if not errors.any():
+        return 0.0
+    found = float(bound.trace(rays, errors, rays.pixels)[0].max(initial=0.0))
+    return min(found + 2 * residual, 1.0) if found else 0.0
+
+
+def _fits(size: Callable[[Levels], int], most: float, levels: Levels) -> bool:
+    return size(levels) <= most
+
+
+def _bytes(plan: Plan, part: VolumeLayer, dtype: np.dtype[Any], owners: NDArray[np.int64], levels: Levels) -> int:
+    """Return the bytes of samples at these levels that the rank with most holds for drawing."""
+    assert part.levels is not None, "the volume has levels"
+    level_map, cut = LevelMap(levels, part.levels.brick), part.cut
+    encoding = make_encoding(mixed_type(dtype, level_map), part.transfer.domain)
+    item = {"u8": 1, "u16": 2, "f32": 4}[encoding.kind]
+    sides = [cut.at(level).most_cells_zyx for level in range(int(levels.max()) + 1)]
+    sizes = np.array([item * math.prod(side + 1 + 2 * cut.margin for side in each) for each in sides])
+    held = np.where((plan.cost > 0) & cut.bricks_met(), sizes[levels_in_bricks(cut, level_map)], 0)
+    return int(np.bincount(owners.reshape(-1), held.reshape(-1)).max())
+
+
+def _drawn_bricks(plan: Plan, cut: Cut, level_map: LevelMap) -> NDArray[np.bool_]:
+    """Return the bricks of a volume, bool (bz, by, bx), that bricks of the domain which are drawn meet."""
+    z, y, x = np.indices(level_map.levels.shape)
+    begin = level_map.brick * np.stack([x, y, z], axis=-1).astype(np.float64)
+    end = np.minimum(begin + level_map.brick, np.array(cut.shape_zyx[::-1]) - 1.0)
+    inverse = np.linalg.inv(cut.index_from_domain[:, :3])
+    centre = ((begin + end) / 2 - cut.index_from_domain[:, 3]) @ inverse.T
+    around = (end - begin) / 2 @ np.abs(inverse).T
+    counts = np.array(plan.layout.counts_zyx[::-1])
+    # Bricks that just touch it draw nothing of it.
+    first = np.clip(np.floor((centre - around) / plan.layout.brick + 1e-6), 0, counts - 1).astype(int)
+    last = np.clip(np.ceil((centre + around) / plan.layout.brick - 1e-6), first + 1, counts).astype(int)
+    return count_in_boxes(plan.cost > 0, first[..., ::-1], last[..., ::-1]) > 0

@@ -60,6 +60,39 @@ class Accuracy:
 
 
 @dataclass(frozen=True)
+class Detail:
+    """Levels of a store that a picture uses, and the bound of its error.
+
+    Attributes
+    ----------
+    volume : number of the volume
+    levels : drawn bricks of the store at each level, the finest first
+    bytes : of their samples, on the rank with most
+    reached : whether they hold what was asked for
+    bound : of the difference of any pixel from a picture of the volume that was stored; None: not known
+    store : part of the bound that the store's own error has at its finest level
+    reason : why no bound is known
+    """
+
+    volume: int
+    levels: tuple[int, ...]
+    bytes: int
+    reached: bool = True
+    bound: float | None = None
+    store: float | None = None
+    reason: str = ""
+
+    def __str__(self) -> str:
+        """Return the levels and the bound on one line."""
+        bricks = ", ".join(f"{count} at level {level}" for level, count in enumerate(self.levels) if count)
+        error = f"no bound of the error is known ({self.reason})"
+        if self.bound is not None:
+            error = f"error at most {self.bound:.2g}" + (f", {self.store:.2g} by the store" if self.store else "")
+        size = f"{self.bytes / 2**20:.1f} MiB on a rank" + (", more than asked for" if not self.reached else "")
+        return f"volumes[{self.volume}]: bricks {bricks or 'none'}; {size}; {error}"
+
+
+@dataclass(frozen=True)
 class Change:
     """Setting that is not used as given.
 

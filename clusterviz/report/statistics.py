@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 from typing import Any
 
-from clusterviz.report.decisions import Accuracy, Change, Sharing
+from clusterviz.report.decisions import Accuracy, Change, Detail, Sharing
 from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
 from clusterviz.report.frame_coherence import FrameCoherence, together
 from clusterviz.report.kbuffer_counts import KBufferCounts
@@ -127,6 +127,7 @@ class FrameStatistics:
     sharing : mode and groups, and the predictions for the choice; None if not recorded
     changes : settings that are not used as given
     warnings : warnings about volumes that are not visible
+    detail : levels of each volume that has a store's
     """
 
     per_rank: tuple[RankFrame, ...]
@@ -135,6 +136,7 @@ class FrameStatistics:
     sharing: Sharing | None = None
     changes: tuple[Change, ...] = ()
     warnings: tuple[str, ...] = ()
+    detail: tuple[Detail, ...] = ()
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -198,6 +200,7 @@ class FrameStatistics:
             "imbalance": self.imbalance,
             "accuracy": asdict(self.accuracy) if self.accuracy else None,
             "sharing": asdict(self.sharing) if self.sharing else None,
+            "detail": [asdict(each) for each in self.detail],
             "changes": [asdict(change) for change in self.changes],
             "migration": self.migration,
             "frame_coherence": asdict(self.frame_coherence) if self.frame_coherence else None,

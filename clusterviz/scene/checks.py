@@ -6,7 +6,8 @@ Each raises an `InvalidValueError` with what was found and what is allowed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -61,7 +62,28 @@ def check_detail(value: Any) -> Any:
     """Refuse what is neither a name nor a mapping."""
     if value == "full" or hasattr(value, "keys") or hasattr(value, "model_fields_set"):
         return value
-    raise InvalidValueError("not a detail", "full, or {level: n}")
+    raise InvalidValueError("not a detail", "full, {level: n}, {error: e}, {memory: 512 MiB} or {seconds: s}")
+
+
+UNITS = {"": 1, "B": 1, "KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30, "TiB": 1 << 40, "kB": 10**3, "MB": 10**6,
+         "GB": 10**9, "TB": 10**12}  # fmt: skip
+
+
+def check_size(value: Any) -> Any:
+    """Return a number of bytes; "512 MiB" stands for one."""
+    value = to_builtin(value)
+    if not isinstance(value, str):
+        return value
+    found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([a-zA-Z]*)", value.strip())
+    if not found or found[2] not in UNITS:
+        raise InvalidValueError("not a size", "bytes, or a number and KiB, MiB, GiB, TiB, kB, MB, GB or TB")
+    return int(float(found[1]) * UNITS[found[2]])
+
+
+def check_one_key(keys: Collection[str]) -> None:
+    """Refuse a detail with no key or several."""
+    if len(keys) != 1:
+        raise InvalidValueError("not one of level, error, memory and seconds", "one key")
 
 
 def check_time(value: Any) -> Any:

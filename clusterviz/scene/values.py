@@ -16,7 +16,9 @@ from clusterviz.scene.checks import (
     check_camera,
     check_detail,
     check_light,
+    check_one_key,
     check_path,
+    check_size,
     check_time,
     check_view,
     to_builtin,
@@ -99,9 +101,32 @@ class AmbientOcclusion(Section):
 class Detail(Section):
     """Detail: which levels of a store a picture uses."""
 
-    level: Annotated[int, Field(strict=True, ge=0, le=32), BeforeValidator(to_builtin)] = Field(
-        examples=[1], description="One level for the whole volume, from 0, the finest; each halves the samples."
+    level: Annotated[int, Field(strict=True, ge=0, le=32), BeforeValidator(to_builtin)] | None = Field(
+        default=None,
+        examples=[1],
+        description="One level for the whole volume, from 0, the finest; each halves the samples.",
     )
+    error: NotNegative | None = Field(
+        default=None,
+        examples=[0.02],
+        description="As coarse levels as keep every pixel's colours and opacity, 0 to 1, this near to the volume "
+        "that was stored.",
+    )
+    memory: Annotated[int, Field(strict=True, ge=1), BeforeValidator(check_size)] | None = Field(
+        default=None,
+        examples=["512 MiB"],
+        description="As fine levels as fit into this much memory for samples on every rank.",
+    )
+    seconds: Positive | None = Field(
+        default=None,
+        examples=[0.2],
+        description="As fine levels as may be read in this time, as measured on rank 0: the picture depends on it.",
+    )
+
+    @model_validator(mode="after")
+    def _has_one_key(self) -> Detail:
+        check_one_key([name for name in type(self).model_fields if getattr(self, name) is not None])
+        return self
 
 
 class Volume(Section):
@@ -128,7 +153,8 @@ class Volume(Section):
     ] = Field(
         default="full",
         examples=[{"level": 1}],
-        description="Which levels of a store are drawn: full, or {level: n}, one coarser level.",
+        description="Which levels of a store are drawn: full, {level: n} for one, {error: e}, {memory: 512 MiB} or "
+        "{seconds: s} for those that are chosen for every picture.",
     )
     spacing: Annotated[tuple[Positive, Positive, Positive], BeforeValidator(to_builtin)] | None = Field(
         default=None,

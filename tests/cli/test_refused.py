@@ -119,7 +119,9 @@ COMMANDS = [
 OPTIONS = [
     ("-D image.layers=[depth] -D blending=maximum", 'image.layers: not with blending: maximum; found ["depth"]'),
     ("-D image.layers=[depth] -D quality.borders=split", "image.layers: not with borders: split"),
-    ("-D detail=coarse", 'volumes[0].detail: not a detail; found "coarse"; allowed full, or {level: n}'),
+    ("-D detail=coarse", 'volumes[0].detail: not a detail; found "coarse"; allowed full, {level: n}, {error: e}'),
+    ('-D detail={"level":1,"error":0.1}', "volumes[0].detail: not one of level, error, memory and seconds"),
+    ('-D detail={"memory":"512Mb"}', 'volumes[0].detail.memory: not a size; found "512Mb"; allowed bytes, or a number'),
     ('-D detail={"level":-1}', "volumes[0].detail.level: too small; found -1"),
     ('-D detail={"level":1}', "volumes[0].detail: the volume has no levels"),
     ('-D detail={"level":1} -D blending=maximum', "volumes[0].blending: not with volumes[].detail: their values"),

@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.levels import LevelMap, MixedSource
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.summary import VolumeSummary
@@ -130,7 +131,18 @@ class Pyramid:
         return ArraySource(self.arrays[number], self.grid.coarser(number))
 
     def bounds(self, number: int) -> np.ndarray:
-        raise NotImplementedError
+        samples, side = self.arrays[number].astype(float), self.brick << number
+        one = LevelMap(
+            np.full([-(-max(1, n - 1) // self.brick) for n in self.grid.shape_zyx], number, np.uint8), self.brick
+        )
+        drawn = MixedSource(self, one, 0).read((0, 0, 0), self.grid.shape_zyx)
+        away = np.abs(drawn.astype(float) - self.arrays[0])
+        found = np.zeros((3, *(-(-n // self.brick) for n in samples.shape)))
+        for at in np.ndindex(found.shape[1:]):
+            own = samples[tuple(slice(i * self.brick, (i + 1) * self.brick) for i in at)]
+            error = away[tuple(slice(i * side, (i + 1) * side + 1) for i in at)].max()
+            found[(slice(None), *at)] = own.min(), own.max(), error
+        return found
 
     def read(self, begin: Index, end: Index) -> np.ndarray:
         return self.level(0).read(begin, end)

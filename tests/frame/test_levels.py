@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from data.checks import pyramid
+from data.checks import Pyramid, pyramid
 from frame.views import check_same, move_at_random, moving, on_ranks, pixels, so_far
 
 from clusterviz.comm import LoopbackChannel
@@ -118,3 +118,55 @@ def test_nearest_samples_of_several_levels_are_refused(shown: Any) -> None:
     shown(MAPS[0])
     with pytest.raises(InputError, match="interpolation: no levels beside each other; found nearest"):
         render_frame(scene_of(interpolation="nearest"), LoopbackChannel(), SOURCE, Options())
+
+
+@pytest.fixture(scope="module")
+def smooth() -> Pyramid:
+    """Levels that are alike: most bricks have a small error, some a large one."""
+    z, y, x = np.indices(SHAPE)
+    field = 100 + 60 * np.sin(z / 9 + y / 11) * np.cos(x / 12) + 0.01 * RANDOM.random(SHAPE)
+    field[:8, :8, 16:24] += 30 * RANDOM.random((8, 8, 8))
+    return Pyramid(tuple(field[:: 2**n, :: 2**n, :: 2**n].astype(np.float32) for n in range(4)))
+
+
+DETAILS: list[dict[str, Any]] = [{"error": 0.02}, {"error": 0.3}, {"memory": "60 kB"}, {"seconds": 1e-9}, {"level": 1}]
+
+
+def test_levels_are_chosen_and_their_error_is_bounded(smooth: Pyramid) -> None:
+    full = on_ranks(1, [scene_of("full", 0.02)], smooth)[0]
+    for asked in DETAILS:
+        found = [
+            on_ranks(n, [scene_of(Detail.model_validate(asked), 0.02)], smooth)[0]
+            for n in ((1, 3) if "memory" not in asked else (2,))
+        ]
+        for one in found:
+            (told,) = one.statistics.detail
+            away = compare(pixels(one), pixels(full), 0).max
+            assert told.bound is not None
+            assert away <= told.bound + 1e-6, (asked, told)
+            assert told.reached == ("seconds" not in asked), "nothing can be read in no time"
+            assert told.bound <= asked.get("error", 1)
+            assert told.bytes <= 60_000 or "memory" not in asked
+        if "memory" not in asked:
+            assert compare(pixels(found[0]), pixels(found[-1]), 2e-6).count == 0
+            assert found[0].statistics.detail[0].levels == found[-1].statistics.detail[0].levels
+
+
+def test_levels_follow_the_camera(smooth: Pyramid) -> None:
+    scene = scene_of(Detail(error=0.02), 0.02)
+    views = [CAMERA, Camera(position=(20, 4, 60), focal_point=(20, 4, 0), view_up=(0, 1, 0), view_angle=8), CAMERA]
+    scenes = [scene.model_copy(update={"camera": camera}) for camera in views]
+    frames = on_ranks(2, scenes, smooth)
+    levels = [frame.statistics.detail[0].levels for frame in frames]
+    assert levels[0] == levels[2] != levels[1]
+    check_same(frames, [on_ranks(1, [each], smooth)[0] for each in scenes], 2e-6)
+
+
+def test_an_error_without_a_bound_is_refused(smooth: Pyramid) -> None:
+    for keys in ({"interpolation": "cubic"}, {"shade": True}):
+        with pytest.raises(
+            InputError, match=r"detail.error: no bound of the error is known with .*allowed level, memory"
+        ):
+            render_frame(scene_of(Detail(error=0.1), **keys), LoopbackChannel(), smooth, Options())
+        (one,) = on_ranks(1, [scene_of(Detail(memory=20_000), **keys)], smooth)
+        assert one.statistics.detail[0].bound is None
