@@ -593,10 +593,20 @@ class BrickReader:
         return self._opened.suiting(plan, bricks) if self._opened else {}
 
     @property
+    def decodes(self) -> bool:
+        """Whether bricks of stores are decoded."""
+        return any(levels_of(volume.source) is not None for volume in self._volumes)
+
+    @property
     def itemsize(self) -> int:
         """Bytes of a sample as it is read, at most."""
-        volumes = self._opened.volumes if isinstance(self._opened, OpenedContent) else (self._opened,)
-        return max((volume.source.dtype.itemsize for volume in volumes if volume), default=1)
+        return max((volume.source.dtype.itemsize for volume in self._volumes), default=1)
+
+    @property
+    def _volumes(self) -> Sequence[OpenedVolume]:
+        if isinstance(self._opened, OpenedVolume):
+            return (self._opened,)
+        return self._opened.volumes if self._opened else ()
 
     def taken(self) -> Bricks:
         """Return the bricks in memory, which are no longer kept here."""

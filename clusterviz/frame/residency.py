@@ -37,8 +37,8 @@ from clusterviz.render.storage import slot_of
 if TYPE_CHECKING:
     from clusterviz.render.renderer_cache import RendererCache
 
-SLOTS, DECODED = 3 / 8, 1 / 8
-"""Shares of a limit, if not all bricks fit; the rest is for samples."""
+SLOTS, DECODED = 3 / 8, 1 / 4
+"""Shares of a limit, if not all bricks fit; the rest is for samples. Without stores nothing is decoded."""
 READING = 2
 """Bytes for a byte of samples that is read: the box that spans several bricks lies beside these."""
 Batch = tuple[Future[Bricks], frozenset[Index], int]
@@ -70,16 +70,18 @@ class Shares:
     decoded: int
 
     @classmethod
-    def of(cls, limit: int, total: int, largest: int, sample: int) -> Shares:
+    def of(cls, limit: int, total: int, largest: int, sample: int, decodes: bool) -> Shares:
         """Divide a limit.
 
         Parameters
         ----------
         total, largest : bytes of the slots of all bricks, and of the largest one
         sample : bytes of the samples of a brick, at most
+        decodes : bricks of stores are decoded
         """
-        decoded, reading = int(DECODED * limit), READING * sample
-        if total + reading + decoded <= limit:
+        decoded, reading = int(DECODED * limit * decodes), READING * sample
+        if total + reading + decoded // 4 <= limit:
+            decoded = min(decoded, limit - total - reading)
             return cls(total, limit - decoded - total, decoded)
         slots = max(largest, min(int(SLOTS * limit), limit - decoded - reading))
         decoded = max(0, min(decoded, limit - slots - reading))
@@ -143,7 +145,7 @@ class Residency:
         mine = [piece.members(shown) for piece in pieces]
         each = [sizes[tuple(bricks.T)] for bricks in mine if len(bricks)]
         total, largest = sum(int(one.sum()) for one in each), max((int(one.max()) for one in each), default=0)
-        self._shares = Shares.of(self._limit, total, largest, self._sample)
+        self._shares = Shares.of(self._limit, total, largest, self._sample, self._reader.decodes)
         CACHE.limit_bytes = self._shares.decoded
         self._parts = [(piece, part) for piece in pieces for part in self._cut(piece)]
         self._bricks = [_indices(part.members(shown)) for _, part in self._parts]

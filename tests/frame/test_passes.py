@@ -114,7 +114,7 @@ def test_several_volumes_and_bricks_of_several_sizes() -> None:
     away = Grid(SHAPE, origin=(20.0, 9.0, -8.0))
     several = [ArraySource(voxels()), ArraySource(voxels().astype(np.float32), away)]
     for scene, source in ((scene_of(2), several), (scene_of(largest_brick=16), ArraySource(voxels()))):
-        limit = 4 * LIMIT
+        limit = 3 * LIMIT
         limited = with_settings(scene, {"memory_limit": limit})
         found, whole = (draw_all([each], LoopbackChannel(), source, device="cpu") for each in (limited, scene))
         check_equal(found, whole)
