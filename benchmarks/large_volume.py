@@ -20,7 +20,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,7 @@ from typing import Any
 SIZE = (2048, 1024, 1878)
 BRICKS = 200
 """Bricks that are compressed by other programs, spread evenly over the volume."""
-CLIM, OPACITY = [40.0, 220.0], [[40.0, 0.0], [110.0, 0.0], [220.0, 0.9]]
+CLIM, OPACITY = [20.0, 130.0], [[20.0, 0.0], [60.0, 0.0], [130.0, 0.8]]
 
 
 def make(folder: Path, size: tuple[int, ...]) -> None:
@@ -147,17 +147,17 @@ def scene_of(folder: Path, path: str, width: int) -> dict[str, Any]:
     numbers = {key: [float(n) for n in words[key].split()] for key in ("DimSize", "ElementSpacing", "Offset")}
     sides = [(n - 1) * s for n, s in zip(numbers["DimSize"], numbers["ElementSpacing"], strict=True)]
     centre = [o + side / 2 for o, side in zip(numbers["Offset"], sides, strict=True)]
-    away = 2.2 * math.hypot(*sides) / math.sqrt(3)
+    away = 1.6 * math.hypot(*sides) / math.sqrt(3)
     camera = {"position": [c + away for c in centre], "focal_point": centre, "view_up": [0, 0, 1], "view_angle": 30.0}
     volume = {
         "path": path, "clim": CLIM, "cmap": [[CLIM[0], 0, 0, 0], [CLIM[1], 1, 1, 1]],
-        "opacity": OPACITY, "opacity_unit_distance": 1.0,
+        "opacity": OPACITY, "opacity_unit_distance": 1.0, "shade": False,
     }  # fmt: skip
     image = {"size": [width, width], "background": "black"}
     return {"volumes": [volume], "camera": camera, "image": image, "automatic": False}
 
 
-def first_pictures(folder: Path, stores: list[Path], ranks: int, width: int) -> dict[str, Any]:
+def first_pictures(folder: Path, stores: list[Path], ranks: int, width: int, keys: Sequence[str]) -> dict[str, Any]:
     """Return seconds to the first picture and MiB of the largest process, of each store, the raw file, and pvbatch."""
     found: dict[str, Any] = {}
     start, environment = ranks_of(ranks)
@@ -165,6 +165,7 @@ def first_pictures(folder: Path, stores: list[Path], ranks: int, width: int) -> 
         scene, picture = folder / f"{path.name}.json", folder / f"{path.name}.png"
         scene.write_text(json.dumps(scene_of(folder, str(path), width)))
         command = [*start, sys.executable, "-m", "clusterviz", "--quiet", "render", str(scene), "-o", str(picture)]
+        command += [word for key in keys for word in ("-D", key)]
         found[path.name] = measured(command, **environment)
     if shutil.which("pvbatch") and shutil.which("xvfb-run"):
         content = scene_of(folder, "", width)
@@ -207,7 +208,7 @@ def measure(options: argparse.Namespace) -> None:
     found["bricks"] = json.loads((folder / "bricks.json").read_text())
     for name, value in found["bricks"].items():
         print(f"{name}: {value:.0f}" if value > 1 else f"{name}: {100 * value:.2f} % of the bytes of these bricks")
-    found["first picture"] = first_pictures(folder, stores, options.ranks, options.width)
+    found["first picture"] = first_pictures(folder, stores, options.ranks, options.width, options.keys)
     for name, (seconds, cpu, memory) in found["first picture"].items():
         print(f"first picture of {name}: {seconds:.1f} s ({cpu:.1f} s of CPU time), {memory:.0f} MiB at most a process")
     if options.json:
@@ -223,6 +224,7 @@ def main() -> None:
     parser.add_argument("--ranks", type=int, default=1)
     parser.add_argument("--width", type=int, default=512)
     parser.add_argument("--bricks", type=int, default=BRICKS, help="that other programs compress")
+    parser.add_argument("-D", dest="keys", action="append", default=[], help="a key of the scene of our pictures")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--part", choices=("make", "bricks"), help=argparse.SUPPRESS)
     options = parser.parse_args()
