@@ -158,13 +158,16 @@ class StoreWriter:
         if any(allgather(array.summary_path.exists())):
             return
         layout = BrickLayout(array.shape_zyx, self.brick, MARGIN)
-        bricks = [brick for shard in array.shards[self.rank :: self.size] for brick in array.bricks_of(shard)]
-        mine = [brick for brick in bricks if all(i < n for i, n in zip(brick, layout.counts_zyx, strict=True))]
+        mine = array.shards[self.rank :: self.size]
 
         def read() -> Iterator[tuple[Index, NDArray[Any]]]:
-            for n, brick in enumerate(mine):
+            for n, shard in enumerate(mine):
                 report(n / len(mine))
-                yield brick, with_margin(layout, brick, array.read(*layout.sample_box(brick)))
+                # A last brick of one sample along an axis is a corner of the cells before it.
+                bricks = [brick for brick in array.bricks_of(shard) if np.less(brick, layout.counts_zyx).all()]
+                boxes = [layout.sample_box(brick) for brick in bricks]
+                for brick, samples in zip(bricks, array.read_boxes(boxes), strict=True):
+                    yield brick, with_margin(layout, brick, samples)
 
         summary = summarise(array.dtype, layout, read, allgather)
         if self.rank == 0:
