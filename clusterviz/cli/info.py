@@ -203,6 +203,8 @@ def format_name(name: str) -> str:
     lower = name.lower()
     if lower.startswith("field:"):
         return "field"
+    if "://" in lower or ".zarr/" in lower:
+        return "ome-zarr"
     known = sorted(EXTENSIONS, key=len, reverse=True)
     extension = next((e for e in known if lower.endswith(e) or f"{e}:" in lower), None)
     return EXTENSIONS[extension].name if extension else "slices"

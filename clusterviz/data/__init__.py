@@ -200,6 +200,11 @@ class _OfSource:
         return getattr(self.source, "slab", None)
 
     @property
+    def version(self) -> str:
+        """Tells the data from what is there after a change, if the format can; else empty."""
+        return getattr(self.source, "version", "")
+
+    @property
     def levels(self) -> int:
         """Number of levels; 0: it is no `MultilevelSource`."""
         return getattr(self.source, "levels", 0)

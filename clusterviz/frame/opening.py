@@ -26,7 +26,7 @@ from clusterviz.data.source import Grid, Index, Source, levels_of
 from clusterviz.data.store.cache import CACHE
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time
 from clusterviz.data.unstructured import UnstructuredGrid
-from clusterviz.errors import InputError
+from clusterviz.errors import DataError, InputError
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
@@ -269,6 +269,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         grids = tuple(_known_cells(*pair, run.channel) for pair in zip(scene.grids, unstructured, strict=True))
         timed = [n for n, each in enumerate(scene.volumes) if each.detail != "full" and each.detail.seconds]
         speed = _reading_speed(sources[timed[0]]) if timed and run.channel.rank == 0 else 0.0
+    _check_same_on_ranks(run, sources)
     if timed:
         with run.collective("open", "load"):
             speed = run.channel.allgather(speed)[0]
@@ -288,6 +289,16 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         if scene.cluster.largest_brick in (None, scene.cluster.brick):
             return scene, opened[0], held[0]
         return scene, _with_larger_bricks(opened[0], scene, run.channel.size), {}
+
+
+def _check_same_on_ranks(run: Run, sources: Sequence[Source]) -> None:
+    """Check that each volume is the same on all ranks, as far as its description says; collective."""
+    with run.collective("open", "load"):
+        ranks = run.channel.allgather([(each.grid, each.dtype, getattr(each, "version", "")) for each in sources])
+    with run.local("open", "load"):
+        for source, *known in zip(sources, *ranks, strict=True):
+            if any(each != known[0] for each in known):
+                raise DataError("ranks read different data", where=source.name, allowed="the same file on all ranks")
 
 
 def open_time_steps(run: Run, scene: Scene, opened: Opened) -> tuple[Opened, Bricks]:

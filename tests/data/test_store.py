@@ -25,7 +25,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from zarr.codecs import ZstdCodec
 
-from clusterviz.comm import agree, run_loopback
+from clusterviz.comm import LoopbackChannel, agree, run_loopback
 from clusterviz.data import open_source, override_grid
 from clusterviz.data.axes import Subset
 from clusterviz.data.bricks import BrickLayout, read_bricks
@@ -39,8 +39,10 @@ from clusterviz.data.store.shards import BrickCodec
 from clusterviz.data.store.wavelet import decode_brick, encode_brick
 from clusterviz.data.store.writer import StoreWriter, write_store
 from clusterviz.data.summary import kept_summary, summarise
-from clusterviz.errors import DataError, InputError, OutputError
-from clusterviz.scene.values import Volume
+from clusterviz.errors import DataError, InputError, OutputError, RankError
+from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.run import Options, Run
+from clusterviz.scene.values import Scene, Volume
 
 SHAPES = [(1, 1, 1), (1, 1, 2), (2, 1, 1), (1, 9, 4), (33, 1, 2), (5, 6, 7), (16, 17, 9), (1, 64, 80)]
 
@@ -475,6 +477,21 @@ def test_store_that_is_written_anew_under_a_running_job(known: bool, tmp_path: P
     check_source(open_source(path), other)
 
 
+def test_ranks_that_open_different_stores(tmp_path: Path) -> None:
+    scene = Scene.model_validate({"volumes": [{"path": "a.ome.zarr"}]})
+    for name, shape in (("a", (20, 21, 22)), ("b", (20, 21, 22)), ("c", (20, 21, 23))):
+        write_store(make_source(shape=shape), tmp_path / f"{name}.ome.zarr", BrickCodec(), 16)
+
+    def open_on(channel: LoopbackChannel, *names: str) -> None:
+        source = open_source(tmp_path / f"{names[channel.rank]}.ome.zarr")
+        open_volumes(Run(channel, Options()), scene, source)
+
+    run_loopback(2, lambda channel: open_on(channel, "a", "a"))
+    for names in (("a", "b"), ("a", "a", "c")):
+        with pytest.raises(RankError, match="ranks read different data"):
+            run_loopback(len(names), lambda channel, names=names: open_on(channel, *names))
+
+
 def test_full_disk_leaves_what_can_be_continued(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, codec, whole = make_source(shape=(20, 21, 22)), BrickCodec(), tmp_path / "a.zarr"
     opened, full_at, open_file = 0, 0, Path.open
@@ -489,7 +506,7 @@ def test_full_disk_leaves_what_can_be_continued(tmp_path: Path, monkeypatch: pyt
     write_store(source, whole, codec, 16)
     files, expected = opened, contents(whole)
     assert files > 10
-    for n in range(1, files + 1):
+    for n in (*range(1, files, 3), files):
         opened, full_at, path = 0, n, tmp_path / str(n) / "a.zarr"
         path.parent.mkdir()
         with pytest.raises(OutputError, match="No space left"):

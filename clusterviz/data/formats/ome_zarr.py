@@ -14,6 +14,7 @@ OME-Zarr 0.5, ngff.openmicroscopy.org: multiscales, axes, coordinateTransformati
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
@@ -83,6 +84,8 @@ class LevelSource:
     paths : of the arrays of all levels of the store
     number : of this level in the store; coarser ones are its levels
     brick : samples along the side of a brick
+    omero : how the channels are shown
+    version : another one for each description of a store
     """
 
     name: str
@@ -93,6 +96,7 @@ class LevelSource:
     number: int
     brick: int
     omero: tuple[OmeroChannel, ...] = ()
+    version: str = ""
     opened: dict[int, LevelSource] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -174,6 +178,7 @@ class ZarrSource:
     array: Any
     slab: Hyperslab
     omero: tuple[OmeroChannel, ...] = ()
+    version: str = ""
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -218,7 +223,9 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
         name, grid = _name(path, wanted, datasets, slab), _grid(slab, axes, scales, described, own, where)
         index, names = {"t": slab.time, "c": slab.channel}, [each["path"] for each in datasets]
         volume, paths = array.at(*(index[axis] for axis in array.axes)), tuple(path / each for each in names)
-        return LevelSource(name, grid, volume, paths, slab, names.index(wanted), own["brick"], omero)
+        return LevelSource(
+            name, grid, volume, paths, slab, names.index(wanted), own["brick"], omero, _version(attributes)
+        )
     opened = _open_by_zarr(path, wanted)
     axes = _axes(scales, opened.shape, getattr(opened.metadata, "dimension_names", None) or (), str(place))
     dtype = check_dtype(np.dtype(opened.dtype), where)
@@ -226,7 +233,9 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
     letters = "".join(axis.letter for axis in axes) if axes else unnamed_axes(opened.ndim, subset)
     slab = select(opened.shape, letters, subset, where, [each.label for each in omero])
     grid = _grid(slab, axes, scales, described, {}, where)
-    return ZarrSource(_name(path, wanted, datasets, slab), grid, dtype, opened, slab, omero)
+    return ZarrSource(
+        _name(path, wanted, datasets, slab), grid, dtype, opened, slab, omero, _version(opened.metadata.to_dict())
+    )
 
 
 def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, Any], str | None]:
@@ -319,6 +328,10 @@ def _ramp(channel: OmeroChannel) -> list[tuple[float, tuple[float, ...]]]:
     assert channel.window
     assert channel.color
     return sorted(zip(channel.window, ((0.0, 0.0, 0.0), channel.color), strict=True))
+
+
+def _version(description: Mapping[str, Any]) -> str:
+    return hashlib.sha256(repr(description).encode()).hexdigest()
 
 
 def _check_same(path: FilePath, attributes: Mapping[str, Any]) -> None:
