@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 from clusterviz.data.files import readable
 from clusterviz.errors import DataError
@@ -218,6 +218,10 @@ def _repeated(path: RemotePath, begin: int, count: int | None) -> tuple[bytes, V
 def _fetch_http(path: RemotePath, begin: int, count: int | None) -> tuple[bytes, Version] | None:
     """Read a range by one request."""
     urllib3, where, headers = _require("urllib3", path), str(path), {"Accept-Encoding": "identity"}
+    parts = urlsplit(path.url)
+    if parts.username:
+        names = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
+        headers |= urllib3.make_headers(basic_auth=names)
     if begin or count is not None:
         last = "" if count is None else str(begin + count - 1)
         headers["Range"] = f"bytes={begin}" if begin < 0 else f"bytes={begin}-{last}"

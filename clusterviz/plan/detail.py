@@ -39,7 +39,7 @@ def choose_levels(volume: Volume, source: MultilevelSource | None, where: str = 
     if volume.detail == "full":
         return None
     if source is None:
-        text, allowed = "the volume has no levels", "full, or a store that `clusterviz store` wrote"
+        text, allowed = "the volume has no levels", "full, a store that `clusterviz store` wrote, or `array: LEVEL`"
         raise SceneError(text, where=f"{where}.detail", found=volume.path, allowed=allowed)
     level, last = volume.detail.level or 0, source.levels - 1
     if level > last:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 import sys
 import time
@@ -37,6 +38,7 @@ class Site:
     faults: dict[str, Any] = field(default_factory=dict)
     requests: list[tuple[str, str]] = field(default_factory=list)
     tag: str = '"1"'
+    users: set[str] = field(default_factory=set)
 
     def fault_of(self, name: str) -> str:
         """What goes wrong with this request."""
@@ -53,6 +55,7 @@ class Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         site, (name, _, query) = self.site, self.path[1:].partition("?")
         wanted, fault = self.headers.get("Range", ""), site.fault_of(name)
+        site.users.add(self.headers.get("Authorization", ""))
         site.requests.append((name + (f"?{query}" if query else ""), wanted))
         if fault.isdecimal() or not (site.folder / name).is_file():
             return self.answer(int(fault) if fault else 404, b"no", {})
@@ -190,13 +193,14 @@ def test_cache_has_a_limit(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_secrets_of_urls_are_sent_and_not_told(site: Site) -> None:
-    url = site.url.replace("//", "//me:secret@")
+    url = site.url.replace("//", "//me:sec%20ret@")
     source = open_source(f"{url}/{OTHER}?token=hidden")
     assert source.name == f"{site.url}/{OTHER}"
     source.read((0, 0, 0), (1, 1, 1))
     assert all(path.endswith("?token=hidden") for path, _ in site.requests)
+    assert site.users == {f"Basic {base64.b64encode(b'me:sec ret').decode()}"}
     site.faults[f"{OWN}/zarr.json"] = "403"
-    refused(lambda: open_source(f"{url}/{OWN}?token=hidden"), "^(?!.*(secret|hidden)).*HTTP 403")
+    refused(lambda: open_source(f"{url}/{OWN}?token=hidden"), "^(?!.*(sec|hidden)).*HTTP 403")
 
 
 def test_urls_in_scenes_and_of_other_kinds(site: Site, written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
