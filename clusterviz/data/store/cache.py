@@ -93,14 +93,14 @@ class BrickCache:
 CACHE = BrickCache()
 
 
-def for_each(work: Callable[[T], object], items: Iterable[T]) -> None:
-    """Call a function for each item, in as many threads as this rank has cores; raise the first error."""
-    items = list(items)
-    if len(items) < 2 or _threads() < 2:
+def for_each(work: Callable[[T], object], items: Iterable[T], threads: int | None = None) -> None:
+    """Call a function for each item, in threads, by default one for each core of this rank; raise the first error."""
+    items, threads = list(items), threads or _cores()
+    if len(items) < 2 or threads < 2:
         for item in items:
             work(item)
         return
-    calls = [_pool(os.getpid()).submit(work, item) for item in items]
+    calls = [_pool(os.getpid(), threads).submit(work, item) for item in items]
     try:
         for call in calls:
             call.result()
@@ -110,13 +110,13 @@ def for_each(work: Callable[[T], object], items: Iterable[T]) -> None:
         wait(calls)
 
 
-def _threads() -> int:
+def _cores() -> int:
     from numba import config
 
     return int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009
 
 
 @cache
-def _pool(process: int) -> ThreadPoolExecutor:
+def _pool(process: int, threads: int) -> ThreadPoolExecutor:
     """Threads of a process; a forked one has none of its parent's."""
-    return ThreadPoolExecutor(_threads(), thread_name_prefix="decode")
+    return ThreadPoolExecutor(threads, thread_name_prefix="decode")

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box
 from clusterviz.data.header import check_box
-from clusterviz.data.remote import FilePath, Version, read_range
+from clusterviz.data.remote import CONNECTIONS, FilePath, Version, read_range
 from clusterviz.data.source import Index
 from clusterviz.data.store import zfp
 from clusterviz.data.store.cache import CACHE, Owner, for_each
@@ -331,7 +331,8 @@ class ShardedArray:
                 low, high = np.maximum(begin, first), np.minimum(end, last)
                 read[number][_slices(low - first, high - first)] = samples[_slices(low - begin, high - begin)]
 
-        for_each(fill, sorted(users))
+        # Bricks of a server are mostly waited for.
+        for_each(fill, sorted(users), None if isinstance(self.path, Path) else CONNECTIONS)
         return read
 
     def brick(self, brick: Index) -> NDArray[Any]:
