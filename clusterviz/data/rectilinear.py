@@ -151,15 +151,15 @@ class RectilinearSource:
             begin.append(int(before[0]))
             end.append(int(before[-1]) + (2 if weights[-1][-1] else 1))
             below.append(before - begin[-1])
-        stored = self.source.read((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])).astype(np.float64)
+        stored = self.source.read((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])).astype(self.dtype)
         for axis in range(3):
             stored = interpolate(stored, below[axis], weights[axis], axis)
         return np.ascontiguousarray(stored, self.dtype)
 
 
 def interpolate(
-    samples: NDArray[np.float64], below: NDArray[np.int64], weights: NDArray[np.float64], axis: int
-) -> NDArray[np.float64]:
+    samples: NDArray[Any], below: NDArray[np.int64], weights: NDArray[np.float64], axis: int
+) -> NDArray[Any]:
     """Return samples between neighbours along an axis: (1 − weight) of `below`, and weight of the next one.
 
     Where the weight is 0 the sample itself is returned, whatever its neighbour is.
@@ -169,10 +169,14 @@ def interpolate(
         return low
     shape = [1, 1, 1]
     shape[axis] = len(weights)
-    weight = weights.reshape(shape)
+    weight = weights.astype(samples.dtype).reshape(shape)
     high = samples.take(np.minimum(below + 1, samples.shape[axis] - 1), axis)
     with np.errstate(all="ignore"):
-        return np.where(weight == 0, low, (1 - weight) * low + weight * high)
+        low *= 1 - weight
+        high *= weight
+        high.swapaxes(0, axis)[weights == 0] = 0
+        low += high
+    return low
 
 
 def placed(source: Any, lines_xyz: Sequence[Line], axes: NDArray[np.float64], spaced: bool) -> Any:

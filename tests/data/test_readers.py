@@ -256,6 +256,7 @@ def test_datasets_of_hdf5(tmp_path: Path) -> None:
         file["group/two"] = SHORTS
         file["mask"] = SHORTS > 100
         file["line"] = np.arange(5)
+        file["number"] = 5.0
         file["vectors"] = np.zeros((2, 3, 4, 3))
         file["colours"] = np.zeros((2, 3, 4), [("r", "u1"), ("g", "u1")])
         file["waves"] = np.zeros((2, 3, 4), complex)
@@ -276,6 +277,7 @@ def test_datasets_of_hdf5(tmp_path: Path) -> None:
         ("group", "no such array"),
         ("vectors", "several time steps", "2 time steps", "/vectors"),
         ("line", "1 axes"),
+        ("number", "not a volume", "0 axes"),
         ("colours", "not a scalar volume"),
         ("waves", "not a scalar volume"),
         ("none", "no samples"),

@@ -142,7 +142,8 @@ def open_series(files: Sequence[Path], subset: Subset, where: str) -> DicomSourc
     listed = ", ".join(told[:MAX_LISTED]) + (", …" if len(told) > MAX_LISTED else "")
     found = [uid for uid in series if subset.array is None or subset.array in (uid, *names[uid], " ".join(names[uid]))]
     if not found:
-        raise DataError("no such series", where=where, found=subset.array, allowed=listed)
+        what = "no such series" if series else "no slices"
+        raise DataError(what, where=where, found=subset.array, allowed=listed or "files of DICOM with pictures")
     if len(found) > 1:
         raise DataError("several series: name one as `array`", where=where, allowed=listed)
     return _stack([each for file, header in series[found[0]] for each in _frames(file, header)], subset, where)
