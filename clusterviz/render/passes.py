@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
+from clusterviz.plan.view import View
 
+RAYS = 4096
+"""Rays that are tested at a time."""
 SLACK = 1e-3
 """Voxels by which boxes are enlarged, so that rounding leaves out no ray."""
 
@@ -56,17 +59,25 @@ def is_reached(plan: Plan, part: Piece, window: Rect, opacity: NDArray[np.float3
     if not plan.blend_mode.traits.composited:
         return True
     rows, columns = np.nonzero(np.float32(1.0) - opacity > np.float32(max(0.0, plan.march.residual)))
-    view, (width, height) = plan.view, plan.view.size
-    across = (window.x_begin + columns + 0.5 - width / 2) * view.pixel
-    above = (height / 2 - window.y_begin - rows - 0.5) * view.pixel
+    corners = plan.layout.cells_of(part.box.begin_zyx, part.box.end_zyx)
+    begin, end = (np.array(corner[::-1], float) for corner in corners)
+    # Mostly some of the first rays meet the box.
+    for first in range(0, len(rows), RAYS):
+        some = slice(first, first + RAYS)
+        origin, direction = _rays(plan.view, window.x_begin + columns[some], window.y_begin + rows[some])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            to_faces = (np.stack([begin - SLACK, end + SLACK])[:, None] - origin) / direction
+        # 0 / 0: the ray lies in a face.
+        enters, leaves = np.fmin.reduce(to_faces, axis=0), np.fmax.reduce(to_faces, axis=0)
+        if (np.maximum(np.nanmax(enters, axis=1), 0.0) <= np.nanmin(leaves, axis=1)).any():
+            return True
+    return False
+
+
+def _rays(view: View, x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return origins and directions (n, 3) of the rays of pixels in index space, as in march/ray.glsl."""
+    width, height = view.size
+    across, above = (x + 0.5 - width / 2) * view.pixel, (height / 2 - y - 0.5) * view.pixel
     aside = np.outer(across, view.right) + np.outer(above, view.up)
-    origin = np.asarray(view.eye) + (aside if view.parallel else 0.0 * aside)
-    direction = np.asarray(view.forward) + (0.0 * aside if view.parallel else aside)
-    begin, end = (
-        np.array(corner[::-1], float) for corner in plan.layout.cells_of(part.box.begin_zyx, part.box.end_zyx)
-    )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        to_faces = (np.stack([begin - SLACK, end + SLACK])[:, None] - origin) / direction
-    # 0 / 0: the ray lies in a face.
-    enters, leaves = (pick(to_faces, axis=0) for pick in (np.fmin.reduce, np.fmax.reduce))
-    return bool((np.maximum(np.nanmax(enters, axis=1), 0.0) <= np.nanmin(leaves, axis=1)).any()) if len(rows) else False
+    eye, forward = np.broadcast_to(view.eye, aside.shape), np.broadcast_to(view.forward, aside.shape)
+    return (eye + aside, forward) if view.parallel else (eye, forward + aside)
