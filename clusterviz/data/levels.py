@@ -135,7 +135,7 @@ def _sampled(field: MixedSource, boxes: list[Box], level: int) -> list[NDArray[A
     for n, samples in zip(own, _read_level(field, [boxes[n] for n in own], level), strict=True):
         found[n] = samples.astype(field.dtype, copy=False)
     # Samples of the next coarser level around each box.
-    wider = [_halved(boxes[n]) for n in mixed]
+    wider = [halved(boxes[n]) for n in mixed]
     for n, box, coarser_samples in zip(mixed, wider, _sampled(field, wider, level + 1) if mixed else [], strict=True):
         finer = _interpolated(coarser_samples, box, boxes[n])
         found[n] = np.where(masks[n], finer, found[n]) if n in own else finer
@@ -158,7 +158,7 @@ def _read_level(field: MixedSource, boxes: list[Box], level: int) -> list[NDArra
     ]
 
 
-def _halved(box: Box) -> Box:
+def halved(box: Box) -> Box:
     """Return the box of samples of the next coarser level between which those of a box lie."""
     begin, end = box
     z, y, x = (b // 2 for b in begin)

@@ -21,7 +21,7 @@ from clusterviz.data import open_time_step, open_volume, override_grid, read_geo
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.grid_files import GridFile, grid_files
-from clusterviz.data.levels import MixedSource
+from clusterviz.data.levels import MixedSource, halved
 from clusterviz.data.source import Grid, Index, Source, levels_of
 from clusterviz.data.store.cache import CACHE
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time
@@ -211,9 +211,27 @@ class OpenedContent:
                 continue
             met = part.cut.bricks_met()
             for index in (index for index in bricks - found if met[index]):
-                if part.levels is not None or not _is_same(now.source, earlier.source, part.cut.sample_box(index)):
+                if not _is_brick_same(now.source, earlier.source, part, index):
                     found.add(index)
         return found
+
+
+def _is_brick_same(now: Source, earlier: Source, part: VolumeLayer, index: Index) -> bool:
+    """Return whether a volume's samples in a brick of the domain are known to be the same at another time step."""
+    several = [source for source in (levels_of(now), levels_of(earlier)) if source]
+    if part.levels is None or part.brick_levels is None or len(several) < 2:
+        return _is_same(now, earlier, part.cut.sample_box(index))
+    level = int(part.brick_levels[index])
+    box = part.cut.at(level).sample_box(index)
+    # Samples of a brick may be those of all coarser levels around it.
+    for number in range(level, int(part.levels.levels.max()) + 1):
+        first, other = (source.level(number) for source in several)
+        low, high = ((min(i, n - 1) for i, n in zip(corner, first.grid.shape_zyx, strict=True)) for corner in box)
+        (z, y, x), (z_last, y_last, x_last) = low, high
+        if not _is_same(first, other, ((z, y, x), (z_last + 1, y_last + 1, x_last + 1))):
+            return False
+        box = halved(box)
+    return True
 
 
 def _read_volume(source: Source, layer: VolumeLayer, wanted: Sequence[Index]) -> Bricks:

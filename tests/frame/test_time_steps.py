@@ -63,6 +63,8 @@ def twice(scene: Scene) -> Scene:
     [
         ({}, False, 1, 27 + 1 + 2),
         ({"memory_limit": 20000}, False, 1, None),
+        ({"detail": {"level": 1}}, False, 1, 27 + 2 + 3),
+        ({"detail": {"error": 0.1}}, False, 2, None),
         ({"distribution": "dynamic", "migration_share": 1.0}, False, 3, None),
         ({"largest_brick": 16, "frame_coherence": True, "mode": "sort-last"}, False, 2, 12 + 1 + 2),
         ({"mode": "sort-last"}, True, 2, 72 + 4 + 8),
@@ -83,11 +85,13 @@ def test_time_steps_are_drawn_as_alone_and_read_only_what_changed(
     assert len({pixels(frame).tobytes() for frame in expected}) == 3
     expected.append(expected[2])  # the same samples
     if reads is None:
-        moves = move_at_random(monkeypatch)
+        move_at_random(monkeypatch)
         frames = on_ranks(ranks, scenes * 2, device="cpu")
         check_same(frames, expected * 2)
-        costs = frames[1].statistics.per_rank[0]
-        assert moves and so_far(frames, "bricks_received") > 0 if ranks > 1 else costs.passes > 1
+        if "distribution" in change:
+            assert so_far(frames, "bricks_received") > 0
+        if "memory_limit" in change:
+            assert frames[1].statistics.per_rank[0].passes > 1
         return
     read, right = list[int](), opening.read_bricks
     monkeypatch.setattr(opening, "read_bricks", lambda a, b, wanted: (read.append(len(wanted)), right(a, b, wanted))[1])
