@@ -11,6 +11,7 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
+from data.checks import Pyramid
 from render import scenes
 from render.scenes import LIT, camera_at, clip_of, lights_in, noise, scene_of, smooth
 
@@ -88,10 +89,14 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "coherent": ("uint8", {"frame_coherence": True}, "planes starts"),
     "layers of bricks": ("uint8", {"early_termination": 0.05}, ""),
     "two volumes": ("uint8", INTEGRATED, "absorbing_ramp densest layers_none multi_volume volume_layer"),
-    "two volumes, surfaces": ("uint8", LIT | SURFACES | STEEP, "absorbing classified layers met surface_list"),
+    "two volumes, surfaces": (
+        "uint8",
+        LIT | SURFACES | STEEP | {"detail": {"level": 1}},
+        "absorbing classified layers level_gradient levels met surface_list",
+    ),
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
-WITHOUT_CODE = "buffers met_none no_prefetch no_profile packets pitch raycast sums"
+WITHOUT_CODE = "buffers levels_none met_none no_prefetch no_profile packets pitch raycast sums"
 ON_CPUS = {
     "jittered uint16": "cells_in_words cells_u16 drawn_once linear_cells skips tiles words",
     "maximum of float32": "cells_f32",
@@ -125,6 +130,9 @@ def dispatches(
     if "two volumes" in look:
         other = scene_of(noise(SHAPE), scene.camera, cmap=((0.0, 1, 0, 0), (1.0, 0, 1, 1))).volumes[0]
         scene, voxels = scene.model_copy(update={"volumes": (*scene.volumes, other)}), [*voxels, noise(SHAPE)]
+    sources: list[Any] = [ArraySource(each, GRID) for each in voxels]
+    if "detail" in keys:
+        sources[0] = Pyramid((voxels[0], voxels[0][::2, ::2, ::2]))
     if "one half" in look:
         scene = scene.model_copy(update={"image": scene.image.model_copy(update={"layers": ("depth", "normal")})})
     if in_units:
@@ -132,7 +140,7 @@ def dispatches(
         return made.plan, (Piece(0, build_tree(made.plan.cost, 1).leaves[0].trimmed),), made.bricks
     cluster = scene.cluster.model_copy(update={"brick": brick})
     scene = scene.model_copy(update={"cluster": cluster, "automatic": False})
-    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, [ArraySource(each, GRID) for each in voxels])
+    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, sources)
     assert share.plan is not None
     return share.plan.crossing if "one half" in look else share.plan, share.pieces, bricks
 
