@@ -22,6 +22,7 @@ from typing import Annotated, Any, get_args
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts, parse_names
 from clusterviz.cli.console import Verbosity, show_progress, verbosity
@@ -29,8 +30,10 @@ from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
 from clusterviz.data import open_scene, open_volume, read_geometry, read_grid
+from clusterviz.data.levels import MixedSource
+from clusterviz.data.source import Source, levels_of
 from clusterviz.errors import ClustervizError
-from clusterviz.frame import render_frame
+from clusterviz.frame import Options, Run, prepare, render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
@@ -39,6 +42,7 @@ from clusterviz.reference import render_reference
 from clusterviz.reference.cells import place_cells
 from clusterviz.scene import Cluster, Scene
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.values import Volume
 
 WIDTH = 128
 MAX_BYTES = 1 << 30
@@ -80,6 +84,8 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
     if shader := next((volume.shader for volume in scene.volumes if volume.shader), None):
         return ReferenceComparison(size, skipped=f"it does not read shaders such as {shader}")
+    if any(volume.detail != "full" and needs_slopes(volume) for volume in scene.volumes):
+        return ReferenceComparison(size, skipped="it has no gradients of coarser levels")
     if any(section.visibility != "exact" for section in scene.grids):
         return ReferenceComparison(size, skipped="visibility of its grids is exact")
     sources = [open_volume(volume) for volume in scene.volumes]
@@ -91,8 +97,11 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
         return ReferenceComparison(size, skipped=f"{sum(counts)} samples are more than {limit}")
     one_rank = scene.cluster.model_copy(update={"mode": "sort-last", "groups": None})
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size}), "cluster": one_rank})
-    rendered = render_frame(small, LoopbackChannel(), [*sources, *geometries, *grids])
+    given: list[Any] = [*sources, *geometries, *grids]
+    rendered = render_frame(small, LoopbackChannel(), given)
     voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
+    if any(volume.detail != "full" for volume in scene.volumes):
+        voxels = _of_levels(rendered.scene, sources, given, voxels)
     pairs = zip(rendered.scene.geometry, geometries, strict=True)
     geometry: list[Any] = [(section, part_of(section, each)) for section, each in pairs]
     cells = [place_cells(*pair) for pair in zip(rendered.scene.grids, grids, strict=True)]
@@ -100,6 +109,27 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     expected = render_reference(rendered.scene, volumes, voxels, geometry=geometry, cells=cells)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
     return ReferenceComparison(size, difference.max, difference.rms)
+
+
+def needs_slopes(volume: Volume) -> bool:
+    """Return whether a picture depends on more than the field that is linear between samples."""
+    return volume.shade or bool(volume.gradient_opacity or volume.transfer_2d) or volume.interpolation == "cubic"
+
+
+def _of_levels(
+    scene: Scene, sources: Sequence[Source], given: Sequence[Any], voxels: Sequence[NDArray[Any]]
+) -> list[NDArray[Any]]:
+    """Return the field of each volume at the samples of its finest level, of the levels that a picture uses."""
+    work, _ = prepare(Run(LoopbackChannel(), Options()), scene, given)
+    assert work.plan is not None, "there is a volume"
+    assert work.plan.content is not None, "levels are drawn as content"
+    found = []
+    for layer, source, samples in zip(work.plan.content.volume_layers, sources, voxels, strict=True):
+        levels = levels_of(source)
+        if layer.levels is not None and levels is not None:
+            samples = MixedSource(levels, layer.levels, 0).read((0, 0, 0), source.grid.shape_zyx)
+        found.append(samples)
+    return found
 
 
 ALGORITHMS = [name for name in get_args(Cluster.model_fields["compositing"].annotation) if name != "auto"]

@@ -109,8 +109,9 @@ class MixedSource:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of the samples, see `mixed_type`."""
-        return mixed_type(self.source.dtype, self.level_map)
+        """Type of the samples; see `mixed_type`. They are interpolated where the level is finer than the map's."""
+        own, levels = self.source.dtype, self.level_map
+        return own if levels.is_uniform and levels.levels.flat[0] <= self.level else np.result_type(own, np.float32)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""

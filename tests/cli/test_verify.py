@@ -15,7 +15,9 @@ from data.grid_writers import vtu
 from clusterviz.cli import jobs, verify
 from clusterviz.cli.jobs import job_command
 from clusterviz.cli.verify import Configuration, compare_with_reference
-from clusterviz.data import open_scene
+from clusterviz.data import open_scene, open_source
+from clusterviz.data.store.shards import BrickCodec
+from clusterviz.data.store.writer import write_store
 from clusterviz.image import write_image
 from clusterviz.scene import Scene, scene_of_data
 
@@ -203,6 +205,13 @@ def test_depth_is_compared_with_the_colours(monkeypatch: pytest.MonkeyPatch) -> 
 def test_scene_for_groups_of_ranks_is_compared_with_the_reference_on_one_rank() -> None:
     scene = scene_of_data("field:gaussian:9", ["image.size=[8,6]", "cluster.mode=hybrid", "cluster.groups=2"])
     assert compare_with_reference(scene).max <= 1e-5
+
+
+def test_levels_are_compared_with_the_field_that_they_stand_for(tmp_path: Path) -> None:
+    write_store(open_source("field:marschner-lobb:20"), path := tmp_path / "a.ome.zarr", BrickCodec("zstd"), 8)
+    settings = ["automatic=false", "volumes.0.detail={level: 1}", "opacity=0.3", "image.size=[24,18]"]
+    assert compare_with_reference(open_scene(path, settings)).max <= 1e-5
+    assert "no gradients of coarser levels" in str(compare_with_reference(open_scene(path, [*settings, "shade=true"])))
 
 
 def test_scene_with_a_shader_is_not_compared_with_the_reference() -> None:
