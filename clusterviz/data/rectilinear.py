@@ -21,7 +21,8 @@ from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
 
-MAX_COORDINATES = 1 << 24
+MAX_STEPS = 1 << 20
+"""Steps of the lattice along an axis."""
 MAX_UNEVENNESS = 0.01
 """Of a step, by which coordinates may lie off the lattice; float32 and Gaussian latitudes are slightly uneven."""
 MAX_PARTS = 64
@@ -82,18 +83,19 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
     if (np.abs(numbers - first_of_all - mean * np.arange(count)) <= MAX_UNEVENNESS * abs(mean)).all():
         return even_line(count, first_of_all, mean)
     whole, gap = float(numbers[-1] - first), float(gaps.min())
-    if abs(whole) / gap > MAX_COORDINATES:
-        if spaced:
-            return even
-        found = f"{abs(whole) / gap:.3g} smallest distances"
-        raise DataError(f"the coordinates {name} need too fine a lattice", where=where, found=found)
-    for exact, parts in product((True, False), range(1, MAX_PARTS + 1)):
+    steps = abs(whole) / gap
+    for exact, parts in product((True, False), range(1, MAX_PARTS + 1) if steps <= MAX_STEPS else ()):
         steps = round(abs(whole) / gap * parts)
         places = np.rint((numbers - first) / (whole / steps)).astype(np.int64)
         away = np.abs(numbers - first - whole / steps * places).max()
         if away <= MAX_UNEVENNESS * (abs(whole) / steps if exact else gap):
             break
-    return Line(first, whole / steps, places)
+    if steps <= MAX_STEPS:
+        return Line(first, whole / steps, places)
+    if spaced:
+        return even
+    allowed = f"at most {MAX_STEPS} steps; or spacing: [x, y, z] of the volume"
+    raise DataError(f"the coordinates {name} need too fine a lattice", where=where, found=f"{steps:g}", allowed=allowed)
 
 
 def _straight(numbers: NDArray[np.float64], low: float, high: float) -> tuple[float, float]:
