@@ -286,12 +286,14 @@ class VectorCaster:
             report = perf_counter(), PartOf(progress, number, len(parts))
             own = np.ascontiguousarray(sums[(slice(None), *inside)])
             rays = crossing.inside(rect, window) if crossing else None
-            drawn.append(self._draw_piece(plan, window, self._shown_by(plan, part), report, rays, None, own))
+            found = self._draw_piece(plan, window, self._shown_by(plan, part), report, rays, None, own)
+            # Without its pixels, which would be kept for all parts.
+            drawn.append(replace(found, partial=blank()))
             sums[(slice(None), *inside)] = own
             is_opaque = not is_open(part, sums[0, ..., 3])
             y, x = (begin.start // SQUARE for begin in inside)
-            rows, columns = drawn[-1].work.shape
-            work[y : y + rows, x : x + columns] += drawn[-1].work
+            rows, columns = found.work.shape
+            work[y : y + rows, x : x + columns] += found.work
         return RenderResult(
             PartialImage(rect, sums[0]),
             sum(each.samples for each in drawn),
