@@ -211,6 +211,12 @@ def measure(options: argparse.Namespace) -> None:
     found["first picture"] = first_pictures(folder, stores, options.ranks, options.width, options.keys)
     for name, (seconds, cpu, memory) in found["first picture"].items():
         print(f"first picture of {name}: {seconds:.1f} s ({cpu:.1f} s of CPU time), {memory:.0f} MiB at most a process")
+    if "pvbatch" in found["first picture"]:
+        from clusterviz.image import compare, read_image
+
+        pictures = [read_image(folder / f"{name}.png")[..., :3] for name in ("pvbatch", "large.mhd")]
+        found["away"] = 255 * compare(*pictures).rms
+        print(f"pvbatch's picture is {found['away']:.1f} of 255 away from that of large.mhd (rms)")
     if options.json:
         options.json.write_text(json.dumps(found, indent=2) + "\n")
 
@@ -224,7 +230,8 @@ def main() -> None:
     parser.add_argument("--ranks", type=int, default=1)
     parser.add_argument("--width", type=int, default=512)
     parser.add_argument("--bricks", type=int, default=BRICKS, help="that other programs compress")
-    parser.add_argument("-D", dest="keys", action="append", default=[], help="a key of the scene of our pictures")
+    keys = ["cluster.memory_limit=536870912"]
+    parser.add_argument("-D", dest="keys", action="append", default=keys, help="keys of our scene; 512 MiB of bricks")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--part", choices=("make", "bricks"), help=argparse.SUPPRESS)
     options = parser.parse_args()

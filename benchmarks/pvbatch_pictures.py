@@ -52,6 +52,9 @@ colours.ColorSpace = "RGB"
 colours.RGBPoints = [number for point in volume["cmap"] for number in point]
 opacity.Points = [number for point in volume["opacity"] for number in (*point, 0.5, 0.0)]
 display.ScalarOpacityUnitDistance = volume["opacity_unit_distance"]
+if "file" in order:
+    # Mesa's OpenGL refuses large textures: the picture is then black.
+    display.VolumeRenderingMode = "Ray Cast Only"
 display.SetScalarBarVisibility(view, False)
 view.CameraFocalPoint = scene["camera"]["focal_point"]
 view.CameraViewUp = scene["camera"]["view_up"]

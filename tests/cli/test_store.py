@@ -61,6 +61,8 @@ def test_store_is_opened_without_its_samples_and_drawn_as_its_source(
     assert drawn.scene == expected.scene
     np.testing.assert_array_equal(drawn.image, expected.image)
     assert drawn.image[..., 3].max() > 0.1
-    monkeypatch.setattr(ShardedArray, "read", None)
+    monkeypatch.setattr(ShardedArray, "brick", None)
     completed, _, bricks = open_volumes(Run(LoopbackChannel(), Options()), scene, given)
     assert (completed, bricks) == (expected.scene, {})
+    coarse = with_settings(scene, {"detail": {"level": 1}, "largest_brick": None})
+    assert open_volumes(Run(LoopbackChannel(), Options()), coarse, given)[2] == {}
