@@ -214,8 +214,8 @@ def measure(options: argparse.Namespace) -> None:
     if "pvbatch" in found["first picture"]:
         from clusterviz.image import compare, read_image
 
-        pictures = [read_image(folder / f"{name}.png")[..., :3] for name in ("pvbatch", "large.mhd")]
-        found["away"] = 255 * compare(*pictures).rms
+        theirs, ours = (read_image(folder / f"{name}.png")[..., :3] for name in ("pvbatch", "large.mhd"))
+        found["away"] = 255 * compare(theirs, ours).rms
         print(f"pvbatch's picture is {found['away']:.1f} of 255 away from that of large.mhd (rms)")
     if options.json:
         options.json.write_text(json.dumps(found, indent=2) + "\n")

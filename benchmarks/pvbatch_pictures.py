@@ -21,6 +21,7 @@ from paraview.simple import (
     SaveScreenshot,
     Show,
     Wavelet,
+    _DisableFirstRenderCameraReset,
     servermanager,
 )
 from vtk.util.numpy_support import vtk_to_numpy
@@ -39,6 +40,7 @@ name = source.PointData.GetArray(0).Name
 if order.get("samples"):
     samples = vtk_to_numpy(servermanager.Fetch(source).GetPointData().GetArray(name))
     np.save(prefix + ".npy", samples.reshape(size, size, size))
+_DisableFirstRenderCameraReset()
 view = CreateRenderView()
 view.UseColorPaletteForBackground = 0
 view.Background = [0, 0, 0]
