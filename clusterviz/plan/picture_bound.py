@@ -100,7 +100,7 @@ class Change:
         for row in range(rows):
             found += np.maximum(self._tables[level, row, begin], self._tables[level, row, last]) <= most
         found += found == rows
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             slow = most / np.maximum(self._tables[level, rows, begin], self._tables[level, rows, last])
         return np.where(found > 0, widths[found], np.nan_to_num(np.minimum(slow, 1.0)))
 
@@ -414,6 +414,7 @@ def dilated(values: Floats, pick: np.ufunc) -> Floats:
     for axis in range(3):
         moved = np.moveaxis(values, axis, 0)
         found = moved.copy()
-        found[1:], found[:-1] = pick(found[1:], moved[:-1]), pick(found[:-1], moved[1:])
+        pick(found[1:], moved[:-1], out=found[1:])
+        pick(found[:-1], moved[1:], out=found[:-1])
         values = np.moveaxis(found, 0, axis)
     return np.ascontiguousarray(values)

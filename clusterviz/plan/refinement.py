@@ -131,7 +131,7 @@ class Refiner:
 
     def _levels(self, limit: float, weights: Floats) -> Levels:
         """Return the coarsest levels at which no brick contributes more than a limit, by the weights of their slabs."""
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             most = np.where(weights > 0, limit / weights, np.inf)
         allowed = dilated(self.bound.tolerated(most), np.minimum)
         levels = (self.field.errors[1:] <= allowed).sum(axis=0).astype(np.uint8)
@@ -204,7 +204,9 @@ def with_detail(
         mixable = replace(field, errors=field.errors[: (brick & -brick).bit_length()])
         refiner = Refiner(bound, mixable, drawn)
         if asked.error is not None:
-            levels = refiner.within_error(rays, asked.error)
+            levels, finest = refiner.within_error(rays, asked.error), np.zeros_like(levels)
+            # Samples of one level may take less, as they are not interpolated.
+            levels = levels if size(levels) < size(finest) else finest
         elif asked.level is None:
             most = asked.memory or (asked.seconds or 0.0) * bytes_per_second
             sizes = np.array([(brick / 2**level + 1) ** 3 for level in range(len(mixable.errors))])

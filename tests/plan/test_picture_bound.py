@@ -10,7 +10,7 @@ import pytest
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid
-from clusterviz.plan.picture_bound import FieldError, PictureBound, Rays, classified
+from clusterviz.plan.picture_bound import FieldError, PictureBound, Rays, classified, dilated
 from clusterviz.plan.ray_sampling import clip_planes, slab_length, slab_units
 from clusterviz.plan.refinement import Refiner
 from clusterviz.plan.view import make_view
@@ -158,3 +158,11 @@ def test_levels_hold_the_error_and_the_budget() -> None:
         levels = refiner.within_budget(rays, sizes, partial(fits, budget))
         assert budget * 0.7 <= sizes[levels].sum() <= budget
     assert refiner.within_budget(rays, sizes, partial(fits, 0)).min() == 3
+
+
+def test_surroundings_are_all_26_neighbours() -> None:
+    field = np.random.default_rng(0).random((5, 3, 4))
+    padded = np.pad(field, 1, constant_values=0)
+    shifts = [tuple(np.subtract(each, 1)) for each in np.ndindex(3, 3, 3)]
+    expected = np.max([np.roll(padded, each, (0, 1, 2))[1:-1, 1:-1, 1:-1] for each in shifts], axis=0)
+    assert np.array_equal(dilated(field, np.maximum), expected)
