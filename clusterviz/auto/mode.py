@@ -80,6 +80,7 @@ class AutoMode:
         self._is_open = opened is not None and len(self._candidates) > 1
         self._groups = self._candidates[0] if not self._is_open else None
         self._seconds_per_sample: float | None = None
+        self._held_cost: object = None
         self._frames, self._counted, self._has_changed = 0, (0, 0), False
         self.hooks: DistributionHooks | None = None
         self._take(self._groups or 1, ())
@@ -100,7 +101,7 @@ class AutoMode:
         holds : bricks of this rank in the last frame
         accuracy : of the settings chosen for `quality.max_error`, from which the format of pixels follows
         """
-        if not self._is_open or (self._groups is not None and not self._is_due):
+        if not self._is_open or (self._groups is not None and not self._is_due and self._can_hold(plan)):
             return
         with run.local("plan", "plan"):
             fitting = [n for n in self._candidates if self._fits(held_bytes(plan, self._budget, self._ranks, n))]
@@ -108,9 +109,9 @@ class AutoMode:
         if len(fitting) > 1 and plan.cost.any():
             pixels = {groups: self._pixel(scene, plan, groups, accuracy) for groups in fitting}
             found = self._forecasts(run, scene, plan, pixels, holds)
-        present, self._frames = self._groups, 0
+        present, self._frames = self._groups if self._groups in fitting else None, 0
         chosen = choose(found, present) if found else present or (fitting or self._candidates)[0]
-        if chosen != present:
+        if chosen != self._groups:
             self._take(chosen, found)
         elif found:
             self.sharing = sharing_of(self.distribution, found)
@@ -142,6 +143,13 @@ class AutoMode:
     @property
     def _is_due(self) -> bool:
         return self._frames >= PAUSE and self._has_changed
+
+    def _can_hold(self, plan: Plan) -> bool:
+        """Return whether ranks that share the screen have the memory for what a plan shows."""
+        if self._groups in (None, 1) or plan.cost is self._held_cost:  # as where only the camera moved
+            return True
+        self._held_cost = plan.cost
+        return self._fits(held_bytes(plan, self._budget, self._ranks, self._groups or 1))
 
     def _fits(self, held: int) -> bool:
         limit = self._budget.limit_bytes

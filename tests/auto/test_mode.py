@@ -79,6 +79,21 @@ def test_what_the_scene_says_counts(
     assert run_loopback(RANKS, chosen, ranks_per_node=1) == [shared] * RANKS
 
 
+def test_ranks_share_no_screen_whose_bricks_have_become_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("clusterviz.auto.mode.default_network", lambda nodes: SLOW)
+
+    def chosen(channel: Channel) -> list[type]:
+        run, scene, opened, drawing = opened_on(channel, OPAQUE)
+        auto_mode, found = AutoMode(run, drawing, opened, scene, True), []
+        for limit in (1 << 40, 700_000):
+            auto_mode._budget = replace(auto_mode._budget, limit_bytes=limit)
+            auto_mode.update(run, scene, opened.plan(scene))
+            found.append(type(auto_mode.distribution))
+        return found
+
+    assert run_loopback(RANKS, chosen, ranks_per_node=1) == [[SortFirst, Coherent]] * RANKS
+
+
 def test_a_limit_that_no_way_to_share_keeps_is_refused() -> None:
     with pytest.raises(InputError, match="a brick takes"):
         on_ranks(RANKS, [scene_of({"memory_limit": 5000})], SOURCE, device="cpu")
