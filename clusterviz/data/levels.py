@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -47,7 +48,7 @@ class LevelMap:
         if not self.is_uniform and self.brick % (1 << coarsest):
             raise ValueError(f"bricks of {self.brick} cells have no border at samples of level {coarsest}")
 
-    @property
+    @cached_property
     def is_uniform(self) -> bool:
         """Whether all bricks have one level."""
         return bool((self.levels == self.levels.flat[0]).all())

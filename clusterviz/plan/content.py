@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -125,14 +126,30 @@ class VolumeLayer:
 
     def cut_of(self, index_zyx: Index) -> Cut:
         """Return the cut of the level that a brick holds."""
-        return self.cut if self.brick_levels is None else self.cut.at(int(self.brick_levels[index_zyx]))
+        return self.cut if self.brick_levels is None else self._cuts[int(self.brick_levels[index_zyx])]
 
     def levels_around(self, index_zyx: Index) -> bytes:
         """Return the levels on which the samples of a brick depend; b"" without levels."""
         if self.levels is None or self.brick_levels is None:
             return b""
         level = int(self.brick_levels[index_zyx])
-        return bytes([level]) + self.levels.around(self.cut.at(level).sample_box(index_zyx), level).tobytes()
+        if self.levels.is_uniform:
+            return bytes([level])
+        if index_zyx not in self._around:
+            levels = self.levels.around(self._cuts[level].sample_box(index_zyx), level)
+            self._around[index_zyx] = bytes([level]) + levels.tobytes()
+        return self._around[index_zyx]
+
+    @cached_property
+    def _cuts(self) -> list[Cut]:
+        """Cuts of the levels."""
+        coarsest = 0 if self.brick_levels is None else int(self.brick_levels.max())
+        return [self.cut.at(level) for level in range(coarsest + 1)]
+
+    @cached_property
+    def _around(self) -> dict[Index, bytes]:
+        """Results of `levels_around`, which take longer than to compare them in each frame."""
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
