@@ -9,15 +9,16 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
     }
     vec3 colour = depth.a > 1e-37 ? depth.rgb / depth.a : vec3(0.0);
     if (k < NO_SLAB && !is_opaque(sum.a)) reach(double(k) + 0.5LF);
-    if (k < fragment_slab && surfaces == 0) {
-        if (GRIDS > 0) absorb_between(sum, depth, colour, k, middle, -0.5 * length, 0.5 * length, length);
-        else if (depth.a > 1e-37) sum += (1.0 - sum.a) * absorbed(depth.a) * vec4(colour, 1.0);
+    if (GRIDS == 0 && k < fragment_slab && surfaces == 0) {
+        if (depth.a > 1e-37) sum += (1.0 - sum.a) * absorbed(depth.a) * vec4(colour, 1.0);
         if (LAYERS) note(k, middle + vec2(-0.5, 0.5) * length, sum.a, object);
         return;
     }
     float begin = -0.5 * length;
     int n = 0;
+    // The walks through grids are long: they are called, and so compiled, in one place.
     for (;;) {
+        bool goes_on = true;
         bool is_here = fragment_slab <= k && fragment_slab < NO_SLAB && !is_opaque(sum.a);
         float place = clamp(float(fragment_position - double(k)) - middle, begin, 0.5 * length);
         double position = fragment_position;
@@ -31,10 +32,13 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
             light = light_if_stored(number, position);
             next_fragment();
             find_next();
-        } else break;
+        } else {
+            place = 0.5 * length;
+            goes_on = false;
+        }
         absorb_between(sum, depth, colour, k, middle, begin, place, length);
         if (LAYERS) note(k, middle + vec2(begin, place), sum.a, object);
-        if (is_suspended) break;
+        if (is_suspended || !goes_on) break;
         if (!was_taken(k, middle + place)) sum += (1.0 - sum.a) * light;
         if (number == NO_FRAGMENT) {
             if (LAYERS) note(k, vec2(middle + place), sum.a, surface_object[n]);
@@ -45,8 +49,6 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
         begin = place;
         ++run_iterations;
     }
-    absorb_between(sum, depth, colour, k, middle, begin, 0.5 * length, length);
-    if (LAYERS) note(k, middle + vec2(begin, 0.5 * length), sum.a, object);
     run_iterations += surfaces;
     surfaces = 0;
 }
