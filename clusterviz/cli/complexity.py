@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,7 @@ import typer
 
 from clusterviz.cli.animate import fit_to_orbit, frame_count
 from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
-from clusterviz.cli.console import print_info, show_progress
+from clusterviz.cli.console import print_report, show_progress
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
 from clusterviz.data import open_scene
@@ -57,11 +56,7 @@ def command(
                 write_report(temporary, Path(scene).name, report)
     if report is None:
         return
-    if as_numbers:
-        print(json.dumps(as_json(report), indent=2))
-        return
-    print_info(summary(report))
-    print_info(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}")
+    print_report(summary(report), as_json(report) if as_numbers else None, output / PAGE, output / NUMBERS)
 
 
 def summary(report: Report) -> str:

@@ -5,6 +5,7 @@ The bar appears after two seconds, and only on a terminal, so that logs and pipe
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -48,6 +49,15 @@ def print_info(text: str) -> None:
     """Print a line on stdout that is not the command's result; with `--quiet`, nothing."""
     if _current > Verbosity.QUIET:
         print(text, flush=True)
+
+
+def print_report(summary: str, numbers: dict[str, Any] | None, page: Path, file: Path) -> None:
+    """Print the summary of a report and where it lies; or only its numbers, as JSON, if they are given."""
+    if numbers is not None:
+        print(json.dumps(numbers, indent=2))
+        return
+    print_info(summary)
+    print_info(f"\nthe page is {page}, its numbers are in {file}")
 
 
 DELAY_SECONDS = 2.0

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
-from clusterviz.cli.console import print_info, show_progress
+from clusterviz.cli.console import print_report, show_progress
 from clusterviz.cli.jobs import refuse_launcher
 from clusterviz.data import open_scene
 from clusterviz.errors import InputError, SceneError
@@ -50,11 +49,7 @@ def command(
         progress("write")
         with replacing_folder(output, NUMBERS) as temporary:
             write_report(temporary, Path(scene).name, report)
-    if as_numbers:
-        print(json.dumps(as_json(report), indent=2))
-        return
-    print_info(summary(report))
-    print_info(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS}")
+    print_report(summary(report), as_json(report) if as_numbers else None, output / PAGE, output / NUMBERS)
 
 
 def summary(report: Report) -> str:

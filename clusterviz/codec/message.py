@@ -32,9 +32,6 @@ _ALIGNMENT = 4
 # Largest scratch array that is kept; a thread keeps at most two.
 KEEP_BYTES = 64 << 20
 
-# Together they use every kernel.
-_CODECS = ("active", "rectangle+delta+shuffle+lz4")
-
 
 def pack(pixels: Pixels, codec: str, rows: Rows | None = None, out: Bytes | None = None) -> Bytes:
     """Return the message of pixels.

@@ -9,7 +9,7 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
-from render.scenes import LIT, Prepared, camera_at, draw, drawn, prepare, scene_of
+from render.scenes import LIT, Counted, Prepared, camera_at, draw, drawn, prepare, scene_of
 
 from clusterviz.data.source import Grid
 from clusterviz.plan.plan import Plan, brick_cost
@@ -125,7 +125,9 @@ def test_dispatches_end_where_nothing_is_cut(
     prepared = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), opacity=SPARSE), voxels, brick=64)
     at_once, samples = drawn(context, prepared)
     monkeypatch.setattr(raycast, "ITERATIONS", (iterations, iterations))
-    in_shares, taken = drawn(context, prepared)
+    counted = Counted(context)
+    in_shares, taken = drawn(counted, prepared)
+    assert counted.made["dispatches"] > 1
     assert np.array_equal(in_shares, at_once)
     assert taken == samples
 
