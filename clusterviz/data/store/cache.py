@@ -64,10 +64,12 @@ class BrickCache:
                 self._bricks.pop(place, None)
             mine.set_exception(error)
             raise
-        mine.set_result(samples)
         with self._lock:
-            self.bytes += samples.nbytes
-            self._shrink()
+            mine.set_result(samples)
+            # Meanwhile its owner may have gone.
+            if self._bricks.get(place) is mine:
+                self.bytes += samples.nbytes
+                self._shrink()
         return samples
 
     def count(self, bytes_read: int) -> None:
