@@ -175,7 +175,7 @@ class Residency:
         self._make_slots(missing, wanted)
         while missing:
             ready = {index: self._samples[index] for index in missing & self._samples.keys()}
-            missing -= ready.keys()
+            missing.difference_update(ready)
             self._slot_bytes.update({index: int(self._sizes[index]) for index in ready})
             if ready:
                 if len(self._parts) == 1:

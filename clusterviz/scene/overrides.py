@@ -46,6 +46,7 @@ if TYPE_CHECKING:
         Classification,
         Clip,
         Cluster,
+        Detail,
         Filter,
         Gradient,
         ImageSettings,
@@ -212,6 +213,7 @@ class Settings(TypedDict, total=False):
     array: str | None
     time: int | float | None
     channel: int | str | None
+    detail: Literal["full"] | Detail | Mapping[str, Any]
     spacing: Numbers | None
     origin: Numbers | None
     direction: Rows | str | None
