@@ -125,25 +125,13 @@ def summary_over_time(summaries: Sequence[VolumeSummary]) -> VolumeSummary:
         (low, high),
         percentiles,
         _blocks_over_time([each.blocks for each in summaries if each.blocks is not None]),
-        _categories_over_time([each.categories for each in summaries if each.categories is not None], len(summaries)),
+        _merge_categories([each.categories for each in summaries]),
     )
 
 
 def _blocks_over_time(blocks: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | None:
     lows, highs = ([each[side] for each in blocks] for side in (0, 1))
     return np.stack([np.min(lows, axis=0), np.max(highs, axis=0)]) if blocks else None
-
-
-def _categories_over_time(each: Sequence[Categories], steps: int) -> Categories | None:
-    if len(each) < steps:
-        return None
-    values, places = np.unique(np.concatenate([one.values for one in each]), return_inverse=True)
-    if len(values) > MAX_VALUES:
-        return None
-    counts, equal = np.zeros((2, len(values)), np.int64)
-    np.add.at(counts, places, np.concatenate([one.counts for one in each]))
-    np.add.at(equal, places, np.concatenate([one.equal for one in each]))
-    return Categories(values, counts, equal, sum(one.pairs for one in each), sum(one.jumps for one in each))
 
 
 def summarise(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from clusterviz.comm import abort_on_failure
 from clusterviz.composite.opacity_in_front import opacity_in_front
 from clusterviz.data.source import Index
-from clusterviz.frame.opening import BrickReader
+from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.residency import Residency, has_passes
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork

@@ -19,9 +19,10 @@ from dataclasses import replace
 from clusterviz.comm import Channel
 from clusterviz.data import ALL_STEPS, ONE_STEP
 from clusterviz.errors import SceneError
+from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.compositing import Compositing, open_async_compositing
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import BrickReader, Bricks, Given, open_time_steps, open_volumes
+from clusterviz.frame.opening import Bricks, Given, open_time_steps, open_volumes
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Options, Progress, Run
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover

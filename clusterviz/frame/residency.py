@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
 from clusterviz.data.store.cache import CACHE, CACHE_BYTES
-from clusterviz.frame.opening import BrickReader, Bricks, bytes_of
+from clusterviz.frame.brick_reader import BrickReader, bytes_of
+from clusterviz.frame.opening import Bricks
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import brick_bytes

@@ -11,8 +11,9 @@ from clusterviz.comm import Channel
 from clusterviz.composite.model.network import default_network
 from clusterviz.data.memory import ArraySource
 from clusterviz.frame import Options, Run
+from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import BrickReader, Opened, open_volumes
+from clusterviz.frame.opening import Opened, open_volumes
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.overrides import with_settings
 

@@ -57,7 +57,7 @@ def test_a_memory_limit_below_the_shares_is_kept_in_passes_and_one_below_a_brick
         assert rank.passes > 1
         assert rank.brick_memory_bytes <= 9000
     loaded: list[int] = []
-    monkeypatch.setattr("clusterviz.frame.opening.BrickReader.load", lambda *_: loaded.append(1))
+    monkeypatch.setattr("clusterviz.frame.brick_reader.BrickReader.load", lambda *_: loaded.append(1))
     with pytest.raises(InputError, match=r"cluster.memory_limit: a brick takes (\d+) bytes.*allowed \1 bytes a rank"):
         on_ranks(3, [with_settings(scene, {"memory_limit": 500})])
     assert not loaded

@@ -24,6 +24,7 @@ LEVELS = (
     ("render", "composite", "reference"),
     ("frame.run",),
     ("frame.work", "frame.opening"),
+    ("frame.brick_reader",),
     ("frame.residency",),
     ("frame.drawing",),
     ("distribution",),
