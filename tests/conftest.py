@@ -25,7 +25,7 @@ sys.dont_write_bytecode = False
 os.environ.setdefault("GALLIVM_PERF", "nopt")
 os.environ.setdefault("CLUSTERVIZ_OPTIMIZE", "0")  # so does LLVM; the code finds the same bits, as a test shows
 
-MARKERS = ("mpi", "gl", "fresh")
+MARKERS = ("mpi", "gl", "fresh", "browser")
 SLOWEST = 3
 RANK = re.compile(r"\[rank=\d+\]$")
 

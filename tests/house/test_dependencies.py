@@ -38,7 +38,7 @@ def imported(folder: str) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("folder", "extras"), [("clusterviz", ["report", "movie", "store", "zfp"]), ("tests", ["test"])]
+    ("folder", "extras"), [("clusterviz", ["report", "movie", "store", "zfp", "view", "notebook"]), ("tests", ["test"])]
 )
 def test_what_is_imported_is_asked_for(folder: str, extras: list[str]) -> None:
     wanted = PROJECT["dependencies"] + [name for extra in extras for name in PROJECT["optional-dependencies"][extra]]
