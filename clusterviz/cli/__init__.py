@@ -108,6 +108,11 @@ COMMANDS: dict[str, Command] = {
         "clusterviz.cli.schema", "Print the JSON Schema of scene files.", "clusterviz schema > scene.schema.json"
     ),
     "cmaps": Command("clusterviz.cli.cmaps", "List colour maps.", "clusterviz cmaps --kind diverging"),
+    "presets": Command(
+        "clusterviz.cli.presets",
+        "List presets of volumes: tissue, bone, vessels, mip, labels, …",
+        "clusterviz render head.nii.gz -o head.png --preset bone",
+    ),
     "samples": Command(
         "clusterviz.cli.samples",
         "List real data that can be fetched, or fetch one and print its path.",

@@ -26,6 +26,7 @@ from clusterviz.cli.arguments import (
     Define,
     DeviceOption,
     LayersOption,
+    PresetOption,
     SceneArgument,
     Size,
     overrides_of,
@@ -267,6 +268,7 @@ def command(
         typer.Option(min=1, help="Number of frames; default with a path: its duration; with time steps: theirs."),
     ] = None,
     define: Define = None,
+    preset: PresetOption = None,
     size: Size = None,
     layers: LayersOption = None,
     fps: Annotated[float, typer.Option(min=0.01, help="Frames per second.")] = 25.0,
@@ -279,7 +281,7 @@ def command(
     """Render an orbit, a path or time steps as a movie or as numbered pictures; under mpirun, on all ranks."""
     channel, startup = start(several_threads=overlap)
     with agree(channel, 0, "scene"):
-        opened, device_choice = open_scene(scene, overrides_of(define, size, layers)), parse_device(device)
+        opened, device_choice = open_scene(scene, overrides_of(define, size, layers), preset), parse_device(device)
         keys = load_path(path) if path else None
         opened = opened if orbit is None else fit_to_orbit(opened)
         opened, steps = with_time_steps(opened, time_steps)

@@ -20,6 +20,10 @@ Define = Annotated[
 ]
 Size = Annotated[str | None, typer.Option("--size", metavar="WxH", help="Width and height of the picture in pixels.")]
 
+PresetOption = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Preset of the volumes: tissue, bone, mip, …, see `clusterviz presets`."),
+]
 DeviceOption = Annotated[
     str | None,
     typer.Option("--device", metavar="N|cpu", help="EGL device of every rank, or the CPU; default: in turn."),

@@ -12,6 +12,7 @@ from clusterviz.cli.arguments import (
     Define,
     DeviceOption,
     LayersOption,
+    PresetOption,
     SceneArgument,
     Size,
     overrides_of,
@@ -43,6 +44,7 @@ def command(
         Path, typer.Option("-o", "--output", metavar="OUT", help="The picture: .png, .jpg, .gif, .npy, .npz or .exr.")
     ],
     define: Define = None,
+    preset: PresetOption = None,
     size: Size = None,
     layers: LayersOption = None,
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
@@ -56,7 +58,7 @@ def command(
     """Render a scene or a data file into a picture; under mpirun, on all ranks."""
     channel, startup = start()
     with agree(channel, 0, "scene"):
-        opened, device_choice = open_scene(scene, overrides_of(define, size, layers)), parse_device(device)
+        opened, device_choice = open_scene(scene, overrides_of(define, size, layers), preset), parse_device(device)
     with agree(channel, 0, "output"):
         if channel.rank == 0:
             check_writable(output, bool(opened.image.layers))

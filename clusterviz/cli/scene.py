@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
 
-from clusterviz.cli.arguments import Define, Size, overrides_of
+from clusterviz.cli.arguments import Define, PresetOption, Size, overrides_of
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
 from clusterviz.data import open_scene
@@ -21,6 +22,7 @@ from clusterviz.scene.text import commented_scene
 def command(
     scene: Annotated[str, typer.Argument(metavar="SCENE", help="A data file, a scene file, or a .png of `render`.")],
     define: Define = None,
+    preset: PresetOption = None,
     size: Size = None,
 ) -> None:
     """Print the completed scene as YAML: clusterviz scene head.nii.gz > head.yaml renders to the same picture."""
@@ -29,15 +31,16 @@ def command(
         return
     channel, _ = start()
     with agree(channel, 0, "scene"):
-        opened_scene = open_scene(scene, overrides_of(define, size))
+        opened_scene = open_scene(scene, overrides_of(define, size), preset)
     completed, opened, _ = open_volumes(Run(channel, Options()), opened_scene)
     if channel.rank == 0:
         infos = divided_infos(opened.infos)[0] if opened and opened_scene.automatic else []
-        kinds = [classify_values(info) for info in infos]
+        each = zip(infos, opened_scene.volumes, strict=False)
+        kinds = [volume.preset or classify_values(info) for info, volume in each]
         print(commented_scene(completed, _notes(scene, kinds)), end="", flush=True)
 
 
-def _notes(name: str, kinds: list[str]) -> list[str]:
+def _notes(name: str, kinds: Sequence[str]) -> list[str]:
     """Return the lines of the file's leading comment."""
     notes = [f"{name}, completed by clusterviz. Keys that are left out have the defaults of `clusterviz schema`."]
-    return [*notes, *(f"volumes[{number}] looks like: {kind}" for number, kind in enumerate(kinds))]
+    return [*notes, *(f"volumes[{number}] has the preset {kind}" for number, kind in enumerate(kinds))]

@@ -419,10 +419,14 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
         return grid
 
 
-def open_scene(path: str | PathLike[str], overrides: Sequence[str] = ()) -> Scene:
+def open_scene(path: str | PathLike[str], overrides: Sequence[str] = (), preset: str | None = None) -> Scene:
     """Return the scene of a scene file, or a scene for a data file, depending on the suffix.
 
     Channels of OME-Zarr with known colours and windows are a volume each; then the override `time=N` is for all.
+
+    Parameters
+    ----------
+    overrides, preset : see `load_scene`
 
     Raises
     ------
@@ -430,16 +434,17 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = ()) -> Scen
         The file cannot be read, or an override does not suit it.
     """
     if Path(path).suffix.lower() in SUFFIXES:
-        return load_scene(path, overrides)
+        return load_scene(path, overrides, preset)
     if is_url(str(path)) or Path(path).is_dir():
-        return _scene_of_channels(str(path), overrides)
+        return _scene_of_channels(str(path), overrides, preset)
     if grid_format_of(Path(path)):
-        return scene_of_data(path, overrides, ("grids",))
+        return scene_of_data(path, overrides, ("grids",), preset=preset)
     found = mesh_format_of(Path(path))
-    return scene_of_data(path, overrides, _sections_of(Path(path), found) if found else ("volumes",))
+    sections = _sections_of(Path(path), found) if found else ("volumes",)
+    return scene_of_data(path, overrides, sections, preset=preset)
 
 
-def _scene_of_channels(path: str, overrides: Sequence[str]) -> Scene:
+def _scene_of_channels(path: str, overrides: Sequence[str], preset: str | None) -> Scene:
     from clusterviz.data.formats.ome_zarr import METADATA, channel_sections
 
     place, sections = remote_path(path) if is_url(path) else Path(path), list[dict[str, Any]]([{}])
@@ -450,7 +455,7 @@ def _scene_of_channels(path: str, overrides: Sequence[str]) -> Scene:
     several = range(len(sections)) if len(sections) > 1 else ()
     each = [f"volumes.{n}.{override}" for override in overrides if override.startswith("time=") for n in several]
     kept = [override for override in overrides if not (several and override.startswith("time="))]
-    return scene_of_data(path, [*each, *kept], keys=sections)
+    return scene_of_data(path, [*each, *kept], keys=sections, preset=preset)
 
 
 def _sections_of(path: Path, found: Format) -> tuple[str, ...]:

@@ -373,7 +373,7 @@ def _is_same(source: Source, other: Source, box: Box) -> bool:
 
 def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
     """Return the bricks of a volume, with the margins that its blend mode needs."""
-    known = not scene.automatic
+    known = not scene.automatic and volume.preset is None
     quality, has_layers = scene.quality, bool(scene.image.layers)
     around = occlusion_reach(volume, source.grid)
     how = classification_of(quality), quality.borders, has_layers, around
@@ -538,6 +538,7 @@ def _info(source: Source, summary: VolumeSummary) -> VolumeInfo:
         orientation=grid.orientation,
         is_integer=source.dtype.kind != "f",
         histogram=summary.histogram,
+        percentiles=summary.percentiles,
         blocks=summary.blocks,
         block_sides=block_sides(grid.shape_zyx),
         **more,

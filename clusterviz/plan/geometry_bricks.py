@@ -33,7 +33,6 @@ from clusterviz.plan.segments import make_segments
 from clusterviz.plan.shading import make_geometry_shading
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.complete import range_around
 from clusterviz.scene.geometry import (
     GeometryInfo,
     GeometrySection,
@@ -44,6 +43,7 @@ from clusterviz.scene.geometry import (
 )
 from clusterviz.scene.transfer import TransferFunction, opacity_points
 from clusterviz.scene.values import Light
+from clusterviz.scene.volume_info import range_around
 
 Part = Mesh | Lines | Points
 Floats = NDArray[np.float64]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.scene.automatic import Info as Info
-from clusterviz.scene.automatic import VolumeInfo as VolumeInfo
 from clusterviz.scene.automatic import automatic_scene, own_colours
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import fitted_camera, is_completed
@@ -27,9 +26,10 @@ from clusterviz.scene.grids import GridInfo, GridSection
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
 from clusterviz.scene.values import Scene, Volume
+from clusterviz.scene.volume_info import LARGEST, default_clim, range_around
+from clusterviz.scene.volume_info import VolumeInfo as VolumeInfo
 
 UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene first"
-LARGEST = float(np.finfo(np.float64).max)
 DEFAULT_CMAP = "bone"
 RADIUS_OF_DIAGONAL: dict[type[GeometrySection], float] = {LinesSection: 1 / 500, PointsSection: 1 / 200}
 """Radius of tubes and spheres, if none is given, as a share of the diagonal of their box."""
@@ -53,7 +53,7 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
         position, focal_point and view_up
     """
     each, known, gridded = divided_infos((infos,) if isinstance(infos, VolumeInfo) else infos)
-    if scene.automatic:
+    if scene.automatic or any(volume.preset for volume in scene.volumes):
         scene = automatic_scene(scene, each, known)
     volumes = tuple(complete_volume(volume, info) for volume, info in zip(scene.volumes, each, strict=True))
     geometry = [complete_geometry(section, info) for section, info in zip(scene.geometry, known, strict=True)]
@@ -161,20 +161,6 @@ def visible_corners(volume: Volume, info: VolumeInfo) -> NDArray[np.float64]:
     # Corners are in x-fastest order, so corners 1, 2 and 4 end the three edges from the first corner.
     first, edges = info.corners[0], info.corners[[1, 2, 4]] - info.corners[0]
     return np.asarray(first + shares[:, ::-1] @ edges)
-
-
-def default_clim(info: VolumeInfo) -> tuple[float, float]:
-    """Return the 1st and 99th percentile, the whole range if they are equal, or a range around a constant."""
-    for low, high in ((info.percentile_1, info.percentile_99), (info.minimum, info.maximum)):
-        if math.isfinite(low) and math.isfinite(high) and low < high:
-            return float(low), float(high)
-    return range_around(next((v for v in (info.percentile_1, info.minimum) if math.isfinite(v)), 0.0))
-
-
-def range_around(value: float) -> tuple[float, float]:
-    """Return value ± 0.5, or value ± 2⁻²⁰ value if that is larger."""
-    half = max(0.5, abs(value) * 2.0**-20)
-    return max(value - half, -LARGEST), min(value + half, LARGEST)
 
 
 def default_unit_distance(shape_zyx: tuple[int, int, int], spacing: tuple[float, float, float]) -> float:

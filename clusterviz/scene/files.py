@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from clusterviz.errors import SceneError, guard
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import apply_overrides, parse_overrides
+from clusterviz.scene.presets import PRESET_DEFAULTS
 from clusterviz.scene.transfer_2d import read_table
 from clusterviz.scene.validation_messages import KeyPath, format_value, scene_error
 from clusterviz.scene.values import Scene
@@ -24,13 +25,14 @@ SUFFIXES = (".yaml", ".yml", ".json")
 """File name suffixes of scene files; all other files are data files."""
 
 
-def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
+def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = (), preset: str | None = None) -> Scene:
     """Read a scene from a YAML or JSON file.
 
     Parameters
     ----------
     path : the file; JSON if the suffix is .json
     overrides : options such as "quality.step=0.25", see `parse_overrides`
+    preset : of all volumes, in place of the keys in the file that presets choose
 
     Returns
     -------
@@ -45,8 +47,9 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
     parsed = parse_overrides(overrides)
     with guard(SceneError, where):
         data = _sections(_parse(read_text(where, SceneError), where), where)
+        by_preset = _apply_preset(data, preset, PRESET_DEFAULTS)
         data, options = apply_overrides(data, parsed)
-        return _checked(_absolute(data, Path(where).absolute().parent), where, options)
+        return _checked(_absolute(data, Path(where).absolute().parent), where, by_preset | options)
 
 
 def scene_of_data(
@@ -54,6 +57,7 @@ def scene_of_data(
     overrides: Sequence[str] = (),
     sections: Sequence[str] = ("volumes",),
     keys: Sequence[Mapping[str, Any]] = ({},),
+    preset: str | None = None,
 ) -> Scene:
     """Return a scene with automatic settings for one data file.
 
@@ -61,11 +65,27 @@ def scene_of_data(
     ----------
     sections : what the file holds: volumes, meshes, lines, points, grids
     keys : of each entry of a section
+    preset : of all volumes; the default is chosen by the class of their values
     """
     where = os.fspath(path)
     found: dict[str, Any] = {name: [{"path": where, **each} for each in keys] for name in sections}
+    by_preset = _apply_preset(found, preset)
     data, options = apply_overrides({**found, "automatic": True}, parse_overrides(overrides))
-    return _checked(_absolute(data, Path.cwd()), where, options)
+    return _checked(_absolute(data, Path.cwd()), where, by_preset | options)
+
+
+def _apply_preset(data: dict[str, Any], preset: str | None, replaced: Iterable[str] = ()) -> dict[KeyPath, str]:
+    """Set the preset of all volumes in raw scene data, and remove other keys; return the keys set, with the option."""
+    if preset is None:
+        return {}
+    option, volumes = f"--preset {preset}", data.get("volumes")
+    if not isinstance(volumes, list) or not volumes:
+        raise SceneError("no volume that could have a preset", where=option, allowed="a scene with volumes")
+    for volume in (each for each in volumes if isinstance(each, dict)):
+        for key in replaced:
+            volume.pop(key, None)
+        volume["preset"] = preset
+    return {("volumes", number, "preset"): option for number in range(len(volumes))}
 
 
 def dump_scene(scene: Scene) -> str:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from clusterviz.scene.cluster import Codec, Compositing, Distribution, Mode, Tiling, Transport
     from clusterviz.scene.geometry import Edges
     from clusterviz.scene.grids import KBuffer
+    from clusterviz.scene.presets import PresetName
     from clusterviz.scene.transfer_2d import Transfer2d
     from clusterviz.scene.values import (
         ABuffer,
@@ -217,6 +218,7 @@ class Settings(TypedDict, total=False):
     spacing: Numbers | None
     origin: Numbers | None
     direction: Rows | str | None
+    preset: PresetName | None
     cmap: str | Rows | Callable[..., Any] | None
     clim: Numbers | None
     opacity: str | float | Rows | None

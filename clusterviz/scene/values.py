@@ -61,6 +61,7 @@ from clusterviz.scene.field_types import (
 )
 from clusterviz.scene.geometry import GEOMETRY_SECTIONS, GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.grids import MOST_GRIDS, GridSection
+from clusterviz.scene.presets import PRESETS, PresetName
 from clusterviz.scene.transfer_2d import Transfer2d
 
 Interpolation = Literal["linear", "nearest", "cubic"]
@@ -168,6 +169,12 @@ class Volume(Section):
         default=None,
         description="Orientation of the volume's axes: 3 x 3, row by row; column a is the unit vector of index axis a "
         "(x, y, z) in the world; default: the file's.",
+    )
+    preset: PresetName | None = Field(
+        default=None,
+        description="Colours, opacity, blend mode and light by name, for keys that are not set. "
+        + "; ".join(f"{name}: {preset.description.replace('; ', ', ')}" for name, preset in PRESETS.items())
+        + ".",
     )
     cmap: Cmap | None = Field(
         default=None,

@@ -38,6 +38,13 @@ def test_a_terminal_gets_swatches(cli: Callable[..., Any], monkeypatch: pytest.M
     assert cli("cmaps", "viridis").out.count("\x1b[48;2;") == 32
 
 
+def test_presets_are_listed_with_a_line_each(cli: Callable[..., Any]) -> None:
+    listed = json.loads(cli("presets", "--json").out)
+    assert {"tissue", "bone", "vessels", "mip", "labels"} <= {each["name"] for each in listed}
+    lines = cli("presets").out.splitlines()
+    assert [line.split(maxsplit=1) for line in lines] == [[each["name"], each["description"]] for each in listed]
+
+
 def test_kinds_are_a_filter(cli: Callable[..., Any]) -> None:
     listed = json.loads(cli("cmaps", "--kind", "cyclic", "--json").out)
     assert {each["kind"] for each in listed} == {"cyclic"}

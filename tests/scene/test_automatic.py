@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.memory import ArraySource
+from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run
 from clusterviz.frame.opening import open_volumes
-from clusterviz.scene import Scene, VolumeInfo, complete_scene, scene_of_data
+from clusterviz.scene import Scene, VolumeInfo, complete_scene, load_scene, scene_of_data
 from clusterviz.scene.automatic import BACKGROUND, STEP, classify_values
 from clusterviz.scene.camera import project_points
-from clusterviz.scene.complete import visible_corners
+from clusterviz.scene.complete import transfer_function, visible_corners
+from clusterviz.scene.presets import PRESETS, PresetName, apply_preset
 
 SIDE = 24
 Z, Y, X = (axis / (SIDE - 1) * 2 - 1 for axis in np.mgrid[:SIDE, :SIDE, :SIDE].astype(float))
@@ -26,13 +29,13 @@ VOLUMES: dict[str, tuple[np.ndarray, str]] = {
     "a mask of 255": (np.where(R < 0.6, 255, 0).astype(np.uint8), "mask"),
     "labels": (np.select([R < 0.3, R < 0.6, X < 0], [7.0, 3.0, 90.0], 0.0).astype(np.float32), "labels"),
     "labels next to each other": (np.select([R < 0.3, R < 0.6], [2, 1], 0), "labels"),
-    "computed tomography": (BODY.astype(np.int16), "hounsfield"),
-    "a smooth byte field": ((20 * (1 - R / 2)).astype(np.uint8), "scalar"),
-    "a noisy byte field": (np.abs(3 * NOISE).astype(np.uint8), "scalar"),
+    "computed tomography": (BODY.astype(np.int16), "tissue"),
+    "a smooth byte field": ((20 * (1 - R / 2)).astype(np.uint8), "foreground"),
+    "a noisy byte field": (np.abs(3 * NOISE).astype(np.uint8), "foreground"),
     "seismic": ((300 * NOISE).astype(np.float32), "signed"),
-    "magnetic resonance": ((np.where(R < 0.7, 120, 5) + 4 * NOISE).astype(np.int16), "scalar"),
-    "one value": (np.full(R.shape, 3.0), "scalar"),
-    "nothing": (np.full(R.shape, np.nan), "scalar"),
+    "magnetic resonance": ((np.where(R < 0.7, 120, 5) + 4 * NOISE).astype(np.int16), "foreground"),
+    "one value": (np.full(R.shape, 3.0), "foreground"),
+    "nothing": (np.full(R.shape, np.nan), "foreground"),
 }
 
 
@@ -83,6 +86,54 @@ def test_what_a_user_says_is_kept_and_an_opacity_ends_the_choosing() -> None:
     by_hand = Scene.model_validate({"volumes": [{"path": plain.volumes[0].path, "opacity": "linear"}]})
     assert plain.volumes == complete_scene(by_hand, facts_of(voxels)).volumes
     assert (plain.quality, plain.image) == (by_hand.quality, by_hand.image)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_suits_any_data(name: PresetName) -> None:
+    """The keys it sets are those of `apply_preset`; they are valid, and something is visible wherever values differ."""
+    for about, (voxels, _) in VOLUMES.items():
+        info = facts_of(voxels)
+        scene = complete_scene(scene_of_data("array", preset=name), info)
+        assert Scene.model_validate(scene.model_dump(mode="json")) == scene
+        volume = scene.volumes[0]
+        assert volume.preset is None
+        keys = apply_preset(name, info)
+        again = complete_scene(scene.model_copy(update={"volumes": (volume.model_copy(update=keys),)}), info)
+        assert again.volumes == scene.volumes, about
+        if name in ("bone", "vessels", "tissue", "foreground", "mip", "percentiles") and about == "magnetic resonance":
+            shown = transfer_function(volume).opacity(np.linspace(info.minimum, info.maximum, 100))
+            assert 0.0 == shown.min() < 0.5 < shown.max()
+
+
+def test_presets_of_computed_tomography_go_by_hounsfield_units() -> None:
+    voxels = VOLUMES["computed tomography"][0]
+    values = np.array([-1000.0, 40.0, 700.0])  # air, muscle, bone
+    opacity = {}
+    for name in ("tissue", "bone", "vessels"):
+        volume = complete_scene(scene_of_data("array", preset=name), facts_of(voxels)).volumes[0]
+        opacity[name] = transfer_function(volume).opacity(values).tolist()
+    assert 0 == opacity["tissue"][0] < opacity["tissue"][1] < 0.1 < 0.5 < opacity["tissue"][2]
+    assert opacity["bone"][:2] == opacity["vessels"][:2] == [0, 0]
+    assert min(opacity["bone"][2], opacity["vessels"][2]) > 0.5
+
+
+def test_a_preset_is_part_of_the_scene(tmp_path: Path) -> None:
+    """Keys of the scene are kept, but `--preset` replaces them; an unknown name and an excluded key are errors."""
+    assert get_args(PresetName) == tuple(PRESETS)
+    info, path = facts_of(VOLUMES["computed tomography"][0]), tmp_path / "scene.yaml"
+    path.write_text("volumes: [{path: a.npy, preset: bone, cmap: hot, gradient_opacity: [[0, 0], [9, 1]]}]\n")
+    own = complete_scene(load_scene(path), info)
+    assert (own.volumes[0].cmap, own.volumes[0].shade, own.image.background) == ("hot", True, "white")
+    chosen = complete_scene(load_scene(path, ["ambient=0.5"], "mip"), info).volumes[0]
+    assert (chosen.cmap, chosen.blending, chosen.gradient_opacity, chosen.ambient) == ("gray", "maximum", (), 0.5)
+    with pytest.raises(
+        SceneError, match=r"--preset bon: volumes\[0\].preset: not one of .* allowed tissue, bone, vessels"
+    ):
+        load_scene(path, preset="bon")
+    with pytest.raises(SceneError, match="not for blending: maximum"):
+        complete_scene(load_scene(path, ["preset=mip"]), info)
+    with pytest.raises(SceneError, match="--preset mip: no volume"):
+        scene_of_data("a.stl", sections=("meshes",), preset="mip")
 
 
 def test_what_is_seen_fills_the_picture() -> None:

@@ -17,7 +17,8 @@ from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, Volume, VolumeInfo, complete_scene, transfer_function
 from clusterviz.scene.camera import MARGIN, Vector, bounding_sphere, project_points
 from clusterviz.scene.checks import sine
-from clusterviz.scene.complete import default_clim, default_unit_distance
+from clusterviz.scene.complete import default_unit_distance
+from clusterviz.scene.volume_info import default_clim
 
 NAN = math.nan
 

@@ -1,0 +1,140 @@
+"""Information on a volume that completes a scene: grid, origin of the data, statistics of the values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+LARGEST = float(np.finfo(np.float64).max)
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeInfo:
+    """Grid and value statistics of a volume.
+
+    Attributes
+    ----------
+    shape_zyx : samples along z, y, x
+    spacing : distance of samples along x, y, z, world units
+    corners : float64 (8, 3), corners of the volume's box, world
+    minimum, maximum, percentile_1, percentile_99 : data values; undefined if the volume has no finite sample
+    finite : number of samples that are neither NaN nor infinite
+    orientation : see `Grid.orientation`
+    modality : see `clusterviz.data.source.Modality`; "" if unknown
+    is_integer : whether the samples have an integer type
+    histogram : int64 (bins,), equal bins from minimum to maximum
+    percentiles : pairs (q, value), exact
+    blocks : float64 (2, z, y, x), minimum and maximum of each block; the last along an axis may be smaller
+    block_sides : sides of a block along z, y and x, cells
+    values, counts : float64 (n,), int64 (n,), distinct values and their numbers of samples; None if the samples are not
+        whole numbers, or have too many distinct values
+    equal_share : share of equal pairs among neighbouring samples that do not both have the most frequent value
+    jump_share : share of pairs that differ by more than 1 among unequal neighbouring samples
+    """
+
+    shape_zyx: tuple[int, int, int]
+    spacing: tuple[float, float, float]
+    corners: NDArray[np.float64]
+    minimum: float
+    maximum: float
+    percentile_1: float
+    percentile_99: float
+    finite: int = 1
+    orientation: str = ""
+    modality: str = ""
+    is_integer: bool = False
+    histogram: NDArray[np.int64] | None = None
+    percentiles: tuple[tuple[float, float], ...] = ()
+    blocks: NDArray[np.float64] | None = None
+    block_sides: tuple[int, int, int] = (1, 1, 1)
+    values: NDArray[np.float64] | None = None
+    counts: NDArray[np.int64] | None = None
+    equal_share: float = 0.0
+    jump_share: float = 0.0
+
+    @property
+    def has_histogram(self) -> bool:
+        """Whether the values have a distribution: some are finite, and not all are equal."""
+        return self.histogram is not None and bool(self.histogram.any()) and self.minimum < self.maximum
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the volume is one sample thick along exactly one axis."""
+        return sorted(self.shape_zyx)[:2].count(1) == 1
+
+    def percentile(self, q: float) -> float:
+        """Return a percentile: the exact one if it is known, else as the histogram has it."""
+        known = {1.0: self.percentile_1, 99.0: self.percentile_99} | dict(self.percentiles)
+        if q in known or not self.has_histogram:
+            return known.get(q, self.minimum + q / 100 * (self.maximum - self.minimum))
+        shares, edges = self._distribution
+        return float(np.interp(q / 100, np.concatenate([[0.0], np.cumsum(shares)]), edges))
+
+    def share(self, low: float, high: float) -> float:
+        """Return the share of samples between two values, by the middles of the histogram's bins."""
+        if not self.has_histogram:
+            return 0.0
+        shares, edges = self._distribution
+        middles = (edges[1:] + edges[:-1]) / 2
+        return float(shares[(middles >= low) & (middles <= high)].sum())
+
+    @property
+    def mean_and_deviation(self) -> tuple[float, float]:
+        """Mean and standard deviation of the values, by the middles of the histogram's bins."""
+        shares, edges = self._distribution
+        middles = (edges[1:] + edges[:-1]) / 2
+        mean = float(shares @ middles)
+        return mean, math.sqrt(float(shares @ (middles - mean) ** 2))
+
+    @property
+    def foreground(self) -> tuple[float, float]:
+        """Otsu's threshold, and the 98th percentile of the values above it.
+
+        The brightest 1 % are clipped first, since few very bright samples raise the threshold far.
+
+        References
+        ----------
+        Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems, Man, and
+        Cybernetics, 1979.
+        """
+        share, edges = self._distribution
+        top = int(np.searchsorted(np.cumsum(share), 0.99))
+        clipped = share[: top + 1].copy()
+        clipped[top] += share[top + 1 :].sum()
+        cut = _otsu(clipped if top > 8 else share)
+        above = np.cumsum(share[cut + 1 :])
+        last = cut + 1 + int(np.searchsorted(above, 0.98 * above[-1])) if len(above) else cut
+        return float(edges[cut + 1]), float(edges[last + 1])
+
+    @property
+    def _distribution(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Share of the samples in each bin of the histogram, float64 (bins,), and the bins' ends, (bins + 1,)."""
+        assert self.histogram is not None
+        bins = self.histogram.astype(np.float64)
+        places = np.arange(len(bins) + 1) / len(bins)
+        return bins / bins.sum(), self.minimum * (1 - places) + self.maximum * places
+
+
+def _otsu(share: NDArray[np.float64]) -> int:
+    """Return the last bin of the background by Otsu's method."""
+    below, means = np.cumsum(share), np.cumsum(share * np.arange(len(share)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        between = (means[-1] * below - means) ** 2 / (below * (1 - below))
+    return int(np.nan_to_num(between[:-1]).argmax())
+
+
+def default_clim(info: VolumeInfo) -> tuple[float, float]:
+    """Return the 1st and 99th percentile, the whole range if they are equal, or a range around a constant."""
+    for low, high in ((info.percentile_1, info.percentile_99), (info.minimum, info.maximum)):
+        if math.isfinite(low) and math.isfinite(high) and low < high:
+            return float(low), float(high)
+    return range_around(next((v for v in (info.percentile_1, info.minimum) if math.isfinite(v)), 0.0))
+
+
+def range_around(value: float) -> tuple[float, float]:
+    """Return value ± 0.5, or value ± 2⁻²⁰ value if that is larger."""
+    half = max(0.5, abs(value) * 2.0**-20)
+    return max(value - half, -LARGEST), min(value + half, LARGEST)
