@@ -1,6 +1,7 @@
 """Presets: colours, opacity, blend mode and light of a volume by name, chosen from statistics of its values.
 
-A preset is a function (info, clim) -> keys of a volume; `clim` is None unless a user has set it. Where the values have no Hounsfield units, presets of computed tomography go by the histogram instead.
+A preset is a function (info, clim) -> keys of a volume; `clim` is None unless a user has set it. Where the values have
+no Hounsfield units, presets of computed tomography go by the histogram instead.
 
 Automatic settings are presets too: `clusterviz.scene.automatic` chooses one by the class of the values.
 """

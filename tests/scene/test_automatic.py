@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any, get_args
 
@@ -44,6 +45,11 @@ def facts_of(voxels: np.ndarray, brick: int = 64) -> VolumeInfo:
     _, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, ArraySource(voxels))
     assert opened is not None
     return opened.infos[0]
+
+
+@functools.cache
+def info_of(name: str) -> VolumeInfo:
+    return facts_of(VOLUMES[name][0])
 
 
 def completed(voxels: np.ndarray, *options: str) -> Scene:
@@ -91,8 +97,8 @@ def test_what_a_user_says_is_kept_and_an_opacity_ends_the_choosing() -> None:
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_suits_any_data(name: PresetName) -> None:
     """The keys it sets are those of `apply_preset`; they are valid, and something is visible wherever values differ."""
-    for about, (voxels, _) in VOLUMES.items():
-        info = facts_of(voxels)
+    for about in VOLUMES:
+        info = info_of(about)
         scene = complete_scene(scene_of_data("array", preset=name), info)
         assert Scene.model_validate(scene.model_dump(mode="json")) == scene
         volume = scene.volumes[0]
@@ -106,11 +112,10 @@ def test_a_preset_suits_any_data(name: PresetName) -> None:
 
 
 def test_presets_of_computed_tomography_go_by_hounsfield_units() -> None:
-    voxels = VOLUMES["computed tomography"][0]
     values = np.array([-1000.0, 40.0, 700.0])  # air, muscle, bone
     opacity = {}
     for name in ("tissue", "bone", "vessels"):
-        volume = complete_scene(scene_of_data("array", preset=name), facts_of(voxels)).volumes[0]
+        volume = complete_scene(scene_of_data("array", preset=name), info_of("computed tomography")).volumes[0]
         opacity[name] = transfer_function(volume).opacity(values).tolist()
     assert 0 == opacity["tissue"][0] < opacity["tissue"][1] < 0.1 < 0.5 < opacity["tissue"][2]
     assert opacity["bone"][:2] == opacity["vessels"][:2] == [0, 0]
@@ -120,7 +125,7 @@ def test_presets_of_computed_tomography_go_by_hounsfield_units() -> None:
 def test_a_preset_is_part_of_the_scene(tmp_path: Path) -> None:
     """Keys of the scene are kept, but `--preset` replaces them; an unknown name and an excluded key are errors."""
     assert get_args(PresetName) == tuple(PRESETS)
-    info, path = facts_of(VOLUMES["computed tomography"][0]), tmp_path / "scene.yaml"
+    info, path = info_of("computed tomography"), tmp_path / "scene.yaml"
     path.write_text("volumes: [{path: a.npy, preset: bone, cmap: hot, gradient_opacity: [[0, 0], [9, 1]]}]\n")
     own = complete_scene(load_scene(path), info)
     assert (own.volumes[0].cmap, own.volumes[0].shade, own.image.background) == ("hot", True, "white")
