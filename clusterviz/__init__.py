@@ -106,26 +106,18 @@ def render(
     """
     from clusterviz.comm import agree, limit_threads, open_channel
     from clusterviz.comm.mpi import MpiChannel
-    from clusterviz.errors import InputError
+    from clusterviz.data.given import given_scene
     from clusterviz.frame import render_frame
     from clusterviz.image.picture import Image, layers_of
     from clusterviz.scene import background_rgb
-    from clusterviz.scene.overrides import with_settings
 
     channel = open_channel() if comm is None else MpiChannel(comm)
     try:
         if channel.size > 1:
             limit_threads(channel.placement())
         with agree(channel, 0, "scene"):
-            opened, source = _scene_and_source(scene, grid)
-            named, in_memory = _named_objects(dict(settings))
-            opened = with_settings(opened, named)
-            if in_memory:
-                source = _joined_sources(opened, source, in_memory)
-            elif source is not None and any(v.time is not None or v.channel is not None for v in opened.volumes):
-                allowed = "array[time], array[..., channel]"
-                raise InputError("only files have time steps and channels", where="render", allowed=allowed)
-        rendered = render_frame(opened, channel, source)
+            opened, sources = given_scene(scene, grid, settings, "render")
+        rendered = render_frame(opened, channel, sources)
         if rendered.image is None:
             return None
         found = rendered.image
@@ -133,102 +125,6 @@ def render(
     finally:
         if isinstance(channel, MpiChannel) and comm is not None:
             channel.close()
-
-
-def _named_objects(settings: dict[str, Any]) -> tuple[Any, dict[str, list[Any]]]:
-    """Return settings with a name in place of each object in meshes, lines, points and grids, and the objects."""
-    from clusterviz.data.geometry import as_geometry
-    from clusterviz.data.vtk_cells import as_grid
-    from clusterviz.scene.field_types import Section
-    from clusterviz.scene.grids import LISTED_SECTIONS
-
-    found: dict[str, list[Any]] = {}
-    for name in LISTED_SECTIONS.keys() & settings.keys():
-        items, sections = settings[name], []
-        is_one = not isinstance(items, (list, tuple)) or (name in ("meshes", "grids") and isinstance(items, tuple))
-        found[name] = []
-        for number, item in enumerate([items] if is_one else items):
-            section: Any = item if isinstance(item, (dict, Section)) else {"path": item}
-            given = section.get("path") if isinstance(section, dict) else None
-            if given is None or isinstance(given, (str, os.PathLike)):
-                found[name].append(None)
-            else:
-                key = f"{name}[{number}]"
-                found[name].append(as_grid(given, key) if name == "grids" else as_geometry(given, name, key))
-                section = {**section, "path": "array"}
-            sections.append(section)
-        settings[name] = sections
-    return settings, found
-
-
-def _joined_sources(scene: Scene, source: Any, in_memory: dict[str, list[Any]]) -> list[Any]:
-    """Return what is given for each volume, entry of geometry and grid of a scene; None: the file is read."""
-    from clusterviz.scene.grids import LISTED_SECTIONS
-
-    given = list(source) if isinstance(source, list) else [source] * len(scene.volumes)
-    joined, rest = given[: len(scene.volumes)], given[len(scene.volumes) :]
-    for name in LISTED_SECTIONS:
-        count = len(getattr(scene, name))
-        if name in in_memory:
-            joined += in_memory[name]
-        else:  # as the scene was given: in memory, or files
-            joined += rest[:1] * count if rest else [None] * count
-    return joined
-
-
-def _scene_and_source(given: Any, grid: Any) -> tuple[Scene, Any]:
-    """Return the scene of an argument of `render`, and the data if it is not a file."""
-    from clusterviz.data import open_scene
-    from clusterviz.data.geometry import Geometry, Lines, Points, as_geometry
-    from clusterviz.data.memory import ArraySource
-    from clusterviz.data.vtk_cells import as_grid, is_grid
-    from clusterviz.errors import InputError
-    from clusterviz.scene import Scene, Volume
-    from clusterviz.scene.geometry import GEOMETRY_SECTIONS, as_sections
-    from clusterviz.scene.grids import GridSection
-
-    if isinstance(given, (list, tuple)):
-        return _several(given, grid)
-    if is_grid(given):
-        return Scene(grids=(GridSection(path="array"),), automatic=True), [as_grid(given, "render")]
-    if any(hasattr(given, name) for name in ("faces", "vertices")) or isinstance(given, (Geometry, Lines, Points)):
-        # Objects of pyvista may have all, of which some are empty.
-        cells = (("meshes", "faces"), ("lines", "lines"))
-        kind = next((name for name, attribute in cells if len(getattr(given, attribute, ()))), "points")
-        geometry = as_geometry(given, kind, "render")
-        parts = {"meshes": geometry.mesh, "lines": geometry.lines, "points": geometry.points}
-        each = [section(path="array") for name, section in GEOMETRY_SECTIONS.items() if parts[name]]
-        sections: dict[str, Any] = as_sections(each)
-        return Scene(**sections, automatic=True), [geometry] * len(each)
-    if hasattr(given, "__array__"):
-        import numpy as np
-
-        given, grid = ArraySource(np.asarray(given), grid), None
-    if grid is not None:
-        raise InputError("only an array takes a grid", where="render", found=f"a grid and {type(given).__name__}")
-    if isinstance(given, Scene):
-        return given, None
-    if isinstance(given, (str, os.PathLike)):
-        return open_scene(given), None
-    if all(hasattr(given, name) for name in ("name", "grid", "dtype", "read")):
-        return Scene(volumes=(Volume(path=given.name),), automatic=True), given
-    raise InputError("nothing to render", where="render", found=type(given).__name__, allowed="a scene, path or array")
-
-
-def _several(given: Sequence[Any], grids: Any) -> tuple[Scene, list[Source]]:
-    """Return the scene of several arrays and data sources, and the sources."""
-    from clusterviz.errors import InputError
-    from clusterviz.scene import Scene
-
-    each = [None] * len(given) if grids is None else list(grids)
-    if len(each) != len(given):
-        raise InputError("not one for each volume", where="render: grid", found=len(each), allowed=len(given))
-    parts = [_scene_and_source(data, grid) for data, grid in zip(given, each, strict=True)]
-    sources: list[Any] = [source for _, source in parts]
-    if not parts or any(source is None or isinstance(source, list) for source in sources):
-        allowed = "arrays, or objects with name, grid, dtype and read; files go into a scene"
-        raise InputError("not data", where="render", found="a list of other things", allowed=allowed)
-    return Scene(volumes=tuple(volume for scene, _ in parts for volume in scene.volumes), automatic=True), sources
 
 
 def __getattr__(name: str) -> Any:

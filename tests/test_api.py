@@ -136,6 +136,15 @@ def test_settings_are_keys_of_the_scene() -> None:
     assert np.array_equal(picture, render_frame(changed, LoopbackChannel()).image)  # type: ignore[arg-type]
 
 
+@pytest.mark.gl
+def test_a_notebook_shows_a_scene_as_its_picture() -> None:
+    scene = with_settings(clusterviz.Scene(volumes=(clusterviz.Volume(path="field:gaussian:8"),)), SMALL)
+    image = clusterviz.render(scene)
+    assert image is not None
+    assert image.max() > 0
+    assert scene._repr_png_() == image._repr_png_()
+
+
 def test_a_picture_is_an_array_that_shows_and_saves_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     image = clusterviz.render("field:gaussian:8", size=(6, 4), opacity=0.5, background=(1.0, 0.0, 0.0))
     assert image is not None

@@ -5,6 +5,7 @@ Keys are validated singly and per section. None means that `scene.complete` choo
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -513,6 +514,12 @@ class Scene(Section):
         check_pixel_format(self.volumes, self.quality.pixel)
         check_layers(self.volumes, self.grids, self.quality, self.image.layers)
         return self
+
+    def _repr_png_(self) -> bytes | None:
+        """Return the picture of `clusterviz.render` as a PNG file for notebooks."""
+        # Found by name: the renderers import this module.
+        image = import_module("clusterviz").render(self)
+        return None if image is None else bytes(image._repr_png_())
 
     @property
     def has_content(self) -> bool:
