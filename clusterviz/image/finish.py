@@ -34,10 +34,15 @@ def finish(rgba: NDArray[np.float32], background: Colour | None) -> NDArray[np.u
     """
     if rgba.ndim != 3 or rgba.shape[2] != 4:
         raise InputError("not a picture", where="finish", found=f"shape {rgba.shape}", allowed="(h, w, 4)")
-    alpha = rgba[..., 3:]
     if background is not None:
-        # The error of float32 is about 1e-7, a level 4e-3: the byte is exact except at ties.
-        return _bytes(rgba[..., :3] + (1 - alpha) * np.asarray(background, np.float32))
+        # The error of float32 is about 1e-7, a level 4e-3: the byte is exact except at ties. A channel at a time, since
+        # NumPy is slow on a last axis of 3.
+        blended, rest = np.empty((*rgba.shape[:2], 3), np.float32), 1 - rgba[..., 3]
+        for channel, colour in enumerate(np.asarray(background, np.float32)):
+            np.multiply(rest, colour, out=blended[..., channel])
+            blended[..., channel] += rgba[..., channel]
+        return _bytes(blended)
+    alpha = rgba[..., 3:]
     straight = np.zeros(rgba.shape, np.float32)
     with np.errstate(over="ignore"):
         np.divide(rgba[..., :3], alpha, out=straight[..., :3], where=alpha > 0)
@@ -47,8 +52,8 @@ def finish(rgba: NDArray[np.float32], background: Colour | None) -> NDArray[np.u
 
 def _bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Round [0, 1] to the nearest of 0…255; overwrites `values`."""
-    np.nan_to_num(values, copy=False, nan=0.0, posinf=1.0, neginf=0.0)
-    np.clip(values, 0, 1, out=values)
+    np.fmax(values, 0, out=values)  # 0 for NaN, unlike np.clip
+    np.minimum(values, 1, out=values)
     values *= 255
     values += 0.5
     return values.astype(np.uint8)

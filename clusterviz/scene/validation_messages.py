@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from typing import Any, get_args
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
@@ -53,7 +53,7 @@ BOUND_MESSAGES = {
 
 
 def scene_error(
-    error: ValidationError, where: str, options: Mapping[KeyPath, str] | None = None, root: type[Section] = Scene
+    error: ValidationError, where: str, options: Mapping[KeyPath, str] | None = None, root: type[BaseModel] = Scene
 ) -> SceneError:
     """Return a `SceneError` with one line for each error of a validation.
 
@@ -62,7 +62,7 @@ def scene_error(
     error : pydantic's error
     where : the scene file, or another name of the scene
     options : key path -> text of the option that set it, which is named instead of the file
-    root : the validated section
+    root : the validated section or message
     """
     found = {str(_error_of(details, where, options or {}, root)): None for details in error.errors()}
     lines = list(found)[:MAX_LISTED]
@@ -85,7 +85,7 @@ def format_key(key: KeyPath) -> str:
     return text
 
 
-def unknown_key(where: str, name: object, section: type[Section] | None) -> SceneError:
+def unknown_key(where: str, name: object, section: type[BaseModel] | None) -> SceneError:
     """Return the error for an unknown key, with the most similar known key."""
     known = list(section.model_fields) if section else []
     elsewhere = KEY_PATHS if section is Scene or any(section is other for _, other in SECTIONS) else {}
@@ -96,7 +96,7 @@ def unknown_key(where: str, name: object, section: type[Section] | None) -> Scen
     return SceneError(f"unknown key{hint}", where=where, found=name, allowed=", ".join(known) or None)
 
 
-def section_at(key: KeyPath, root: type[Section] = Scene) -> type[Section] | None:
+def section_at(key: KeyPath, root: type[BaseModel] = Scene) -> type[BaseModel] | None:
     """Return the section at a key path, or None."""
     section = root
     for part in key:
@@ -119,14 +119,14 @@ def format_value(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "…"
 
 
-def _section_in(annotation: Any) -> type[Section] | None:
+def _section_in(annotation: Any) -> type[BaseModel] | None:
     for candidate in (annotation, *get_args(annotation)):
-        if isinstance(candidate, type) and issubclass(candidate, Section):
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
             return candidate
     return None
 
 
-def _error_of(details: ErrorDetails, where: str, options: Mapping[KeyPath, str], root: type[Section]) -> SceneError:
+def _error_of(details: ErrorDetails, where: str, options: Mapping[KeyPath, str], root: type[BaseModel]) -> SceneError:
     kind, key, context = details["type"], details["loc"], details.get("ctx", {})
     found: str | None = None if kind == "missing" else format_value(details["input"])
     cause = context.get("error")
@@ -145,7 +145,7 @@ def _error_of(details: ErrorDetails, where: str, options: Mapping[KeyPath, str],
 
 
 def _describe(
-    kind: str, key: KeyPath, message: str, context: Mapping[str, Any], root: type[Section]
+    kind: str, key: KeyPath, message: str, context: Mapping[str, Any], root: type[BaseModel]
 ) -> tuple[str, str | None]:
     """Return the problem and the values allowed for an error of pydantic's own."""
     if kind in TYPE_MESSAGES:
@@ -168,7 +168,7 @@ def _describe(
     return message[:1].lower() + message[1:], None
 
 
-def _example(key: KeyPath, root: type[Section]) -> Any:
+def _example(key: KeyPath, root: type[BaseModel]) -> Any:
     """Return an example value of a key or list item, from the examples of its field; None without examples."""
     words = [part for part in key if isinstance(part, int) or not part.startswith("<")]
     last = max((place for place, part in enumerate(words) if isinstance(part, str)), default=-1)

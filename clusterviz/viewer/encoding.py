@@ -1,0 +1,129 @@
+"""Encoding of pictures for clients: JPEG while something moves, lossless PNG when it is still.
+
+A PNG holds the bytes that `render` writes for the same picture, with alpha if the background is transparent. A JPEG
+has no alpha: over a transparent background it is blended over the mean of the page's checkerboard.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from clusterviz.errors import ClustervizError
+from clusterviz.image.finish import Colour, finish
+from clusterviz.viewer.messages import pack
+
+CHECKERBOARD_MEAN: Colour = (0.5, 0.5, 0.5)
+PNG_LEVEL = 1
+"""Level of zlib; level 6 takes three times as long for pictures that are a sixth smaller."""
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """Format of a picture on its way to a client.
+
+    Attributes
+    ----------
+    format : jpeg or png
+    quality : of libjpeg, 1 to 100
+    reduction : sides are divided by this number
+    """
+
+    format: Literal["jpeg", "png"]
+    quality: int = 85
+    reduction: int = 1
+
+
+LOSSLESS = Encoding("png")
+LOSSY = (
+    Encoding("jpeg", 85),
+    Encoding("jpeg", 70),
+    Encoding("jpeg", 50),
+    Encoding("jpeg", 50, 2),
+    Encoding("jpeg", 30, 2),
+)
+"""Encodings of pictures that move, for ever slower links."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Picture with what a client needs to know of it.
+
+    Attributes
+    ----------
+    rgba : float32 (h, w, 4), premultiplied
+    background : (r, g, b) in [0, 1], or None for transparent
+    number : rises from picture to picture
+    revision : of the scene that it shows
+    input : newest input that it shows
+    still : whether it has the scene's full quality
+    camera : position, focal_point, view_up, view_angle and parallel_scale
+    seconds : time that it took to draw
+    """
+
+    rgba: NDArray[np.float32]
+    background: Colour | None
+    number: int
+    revision: int
+    input: int
+    still: bool
+    camera: dict[str, Any]
+    seconds: float
+    _messages: dict[Encoding, bytes] = field(default_factory=dict, init=False, repr=False)
+    _lock: Lock = field(default_factory=Lock, init=False, repr=False)
+
+    def message(self, encoding: Encoding) -> bytes:
+        """Return the picture as a binary message; encoded once, for all clients and threads."""
+        with self._lock:
+            if encoding not in self._messages:
+                self._messages[encoding] = pack(self._header(encoding), encode(self.rgba, self.background, encoding))
+            return self._messages[encoding]
+
+    def _header(self, encoding: Encoding) -> dict[str, Any]:
+        height, width = self.rgba.shape[:2]
+        return {
+            "kind": "picture",
+            "picture": self.number,
+            "revision": self.revision,
+            "input": self.input,
+            "still": self.still,
+            "width": width,
+            "height": height,
+            "format": encoding.format,
+            "camera": self.camera,
+            "seconds": self.seconds,
+        }
+
+
+def encode(rgba: NDArray[np.float32], background: Colour | None, encoding: Encoding) -> bytes:
+    """Return a picture as a file.
+
+    Parameters
+    ----------
+    rgba : float32 (h, w, 4), premultiplied
+    background : (r, g, b) in [0, 1], or None for transparent
+
+    Raises
+    ------
+    ClustervizError
+        The package that encodes JPEGs is missing.
+    """
+    if encoding.format == "png":
+        file = io.BytesIO()
+        Image.fromarray(finish(rgba, background)).save(file, format="png", compress_level=PNG_LEVEL)
+        return file.getvalue()
+    try:
+        from simplejpeg import encode_jpeg
+    except ImportError:
+        raise ClustervizError("the viewer needs simplejpeg: pip install 'clusterviz[view]'") from None
+    pixels = finish(rgba, CHECKERBOARD_MEAN if background is None else background)
+    if encoding.reduction > 1:
+        pixels = np.asarray(Image.fromarray(pixels).reduce(encoding.reduction))
+    found: bytes = encode_jpeg(pixels, quality=encoding.quality, colorsubsampling="420", fastdct=True)
+    return found

@@ -1,0 +1,254 @@
+"""HTTP and websocket server of the viewer: one port for the page, its files and its messages.
+
+It runs in a thread with an event loop of its own. Requests need the session's token: `/?token=…` sets it as a cookie,
+programs send `Authorization: Bearer …`. If the socket is bound to the loopback interface, `Host` must name that, so no
+foreign name that resolves to it is served (DNS rebinding). The `Origin` of a websocket must be the server's own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from hmac import compare_digest
+from ipaddress import ip_address
+from pathlib import Path
+from threading import Thread
+from urllib.parse import urlsplit
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+from clusterviz.errors import InputError
+from clusterviz.viewer.connection import CLOSE_SECONDS, Connection, Session
+from clusterviz.viewer.messages import MAX_TEXT_BYTES
+
+STATIC = Path(__file__).parent / "static"
+MEDIA_TYPES = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+}
+LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+SECURITY_HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+    "connect-src 'self'; worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+MAX_CLIENTS = 64
+TRY_LATER = 1013
+
+
+def open_socket(host: str, port: int) -> socket.socket:
+    """Return a socket that listens; port 0 takes a free port.
+
+    Raises
+    ------
+    InputError
+        The port is in use or not allowed, or the host is not of this machine.
+    """
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        return socket.create_server(address[:2], family=family, backlog=128)
+    except (OSError, OverflowError) as error:
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        allowed = "a free --port (0 takes any), a --host of this machine"
+        raise InputError(f"cannot listen: {reason}", where=f"{host}:{port}", allowed=allowed) from error
+
+
+class Server:
+    """Server of one session in a thread of its own.
+
+    Parameters
+    ----------
+    session : what clients steer
+    listening : socket of `open_socket`
+    token : secret that requests must know
+    origins : further origins of pages, such as https://hub.example, for proxies that change `Host`
+
+    Attributes
+    ----------
+    host, port : that the socket is bound to
+    """
+
+    def __init__(self, session: Session, listening: socket.socket, token: str, *, origins: Sequence[str] = ()) -> None:
+        self._session, self._socket = session, listening
+        self.host, self.port = listening.getsockname()[:2]
+        self._connections: set[Connection] = set()
+        self._encoders = ThreadPoolExecutor(4, "encoder")
+        routes = [Route("/", _page), Route("/static/{name}", _static), WebSocketRoute("/ws", self._serve_client)]
+        config = uvicorn.Config(
+            Guard(Starlette(routes=routes), token, self.host, self.port, origins),
+            loop="asyncio",
+            http="h11",
+            ws=_WebSocketProtocol,
+            ws_max_size=MAX_TEXT_BYTES,
+            ws_per_message_deflate=False,
+            lifespan="off",
+            log_config=None,
+            log_level="error",
+            access_log=False,
+            proxy_headers=False,
+            server_header=False,
+            timeout_graceful_shutdown=1,
+        )
+        self._server = uvicorn.Server(config)
+        self._loop = asyncio.new_event_loop()
+        self._thread = Thread(target=self._run, name="server", daemon=True)
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Send what is queued, end all connections and the thread."""
+        if self._thread.is_alive():
+            with suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(lambda: self._loop.create_task(self._finish()))
+            self._thread.join(2 * CLOSE_SECONDS + 2)
+        self._socket.close()
+        self._encoders.shutdown(wait=False, cancel_futures=True)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._server.serve(sockets=[self._socket]))
+        finally:
+            self._loop.close()
+
+    async def _finish(self) -> None:
+        ends = [asyncio.create_task(connection.finish()) for connection in self._connections]
+        if ends:
+            await asyncio.wait(ends, timeout=CLOSE_SECONDS)
+        self._server.should_exit = True
+
+    async def _serve_client(self, websocket: WebSocket) -> None:
+        await websocket.accept()
+        if len(self._connections) >= MAX_CLIENTS:
+            await websocket.close(TRY_LATER, "too many clients")
+            return
+        connection = Connection(websocket, self._encoders)
+        self._connections.add(connection)
+        try:
+            await connection.serve(self._session)
+        finally:
+            self._connections.discard(connection)
+
+
+class Guard:
+    """ASGI middleware that serves only those who know the token, under an own name and to pages of an own origin.
+
+    Parameters
+    ----------
+    app : application behind it
+    token, origins : as of `Server`
+    host, port : that the socket is bound to
+    """
+
+    def __init__(self, app: ASGIApp, token: str, host: str, port: int, origins: Sequence[str]) -> None:
+        self._app, self._token, self._origins = app, token.encode(), frozenset(each.rstrip("/") for each in origins)
+        self._cookie = f"clusterviz-{port}"
+        names = LOOPBACK_NAMES | {host} | {urlsplit(each).hostname for each in origins}
+        self._names = names if ip_address(host).is_loopback else None
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or pass it on."""
+        answer = self._answer(HTTPConnection(scope))
+        if scope["type"] == "websocket" and answer:
+            await WebSocket(scope, receive, send).send_denial_response(answer)
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in SECURITY_HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await (answer or self._app)(scope, receive, send if scope["type"] == "websocket" else send_with_headers)
+
+    def _answer(self, request: HTTPConnection) -> Response | None:
+        """Return the answer to a request that is refused, or that sets the cookie."""
+        headers, is_websocket = request.headers, request.scope["type"] == "websocket"
+        host, origin = headers.get("host", ""), headers.get("origin")
+        if self._names is not None and _hostname(host) not in self._names:
+            return PlainTextResponse("421: this is not a name of the server; pages of a proxy need --origin\n", 421)
+        if not is_websocket and request.url.path == "/" and "token" in request.query_params:
+            return self._login(request) if self._is_token(request.query_params["token"]) else _unauthorized()
+        has_bearer = self._is_token(headers.get("authorization", "").removeprefix("Bearer "))
+        if not has_bearer and not any(self._is_token(value) for value in self._cookies(headers.get("cookie", ""))):
+            return _unauthorized()
+        is_own = host and origin and urlsplit(origin).netloc == host
+        if is_websocket and not is_own and origin not in self._origins and (origin or not has_bearer):
+            return PlainTextResponse("403: a page of another origin; those of a proxy need --origin\n", 403)
+        return None
+
+    def _login(self, request: HTTPConnection) -> Response:
+        """Return a redirection to the page without the token, which sets the cookie."""
+        # A browser sends a strict cookie along with a redirection only if no other site led it here.
+        is_foreign = request.headers.get("sec-fetch-site") == "cross-site"
+        response = Response(headers={"Refresh": "0; url=./"}) if is_foreign else RedirectResponse("./", 303)
+        response.set_cookie(self._cookie, self._token.decode(), path=None, httponly=True, samesite="strict")
+        return response
+
+    def _cookies(self, header: str) -> list[str]:
+        pairs = (part.strip().partition("=") for part in header.split(";"))
+        return [value for name, _, value in pairs if name == self._cookie]
+
+    def _is_token(self, text: str) -> bool:
+        return compare_digest(text.encode(), self._token)
+
+
+class _WebSocketProtocol(WebSocketsSansIOProtocol):
+    """Protocol that hands its transport to the application, which ends clients that do not read."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        self.app_state = {**self.app_state, "transport": transport}
+
+    def keepalive_timeout(self) -> None:
+        # Closing in order would wait for the client to read what is buffered.
+        self.transport.abort()
+
+
+def _hostname(host: str) -> str | None:
+    """Return the name in a `Host` header, without port and brackets; None if there is none."""
+    try:
+        return urlsplit(f"//{host}").hostname
+    except ValueError:
+        return None
+
+
+def _unauthorized() -> Response:
+    return PlainTextResponse("401: open the address that `clusterviz view` printed, with its token\n", 401)
+
+
+async def _page(request: Request) -> Response:
+    return _file("index.html")
+
+
+async def _static(request: Request) -> Response:
+    return _file(request.path_params["name"])
+
+
+def _file(name: str) -> Response:
+    """Return a file of the page; only names in the folder are known, so no path leads out of it."""
+    path = {path.name: path for path in STATIC.glob("*") if path.suffix in MEDIA_TYPES}.get(name)
+    if path is None:
+        return PlainTextResponse("404: no such file\n", 404)
+    return Response(path.read_bytes(), media_type=MEDIA_TYPES[path.suffix])
