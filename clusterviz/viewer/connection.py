@@ -120,18 +120,18 @@ class Connection:
 
     async def serve(self, session: Session) -> None:
         """Exchange messages until one side ends the connection."""
-        number, closing = session.join(self), None
+        self._number, closing = session.join(self), None
         try:
             async with asyncio.TaskGroup() as group:
                 for part in self._read, self._write_queued, self._write_pictures, self._wait_for_closing:
                     group.create_task(part())
-                group.create_task(self._handle(session, number))
+                group.create_task(self._handle(session))
         except* WebSocketDisconnect:
             pass
         except* ClosedError as found:
             closing = found.exceptions[0]
         finally:
-            session.leave(number)
+            session.leave(self._number)
             self._has_ended.set()
         if isinstance(closing, ClosedError):
             await self._close(closing)
@@ -185,17 +185,17 @@ class Connection:
             self._pending.append(text)
             self._has_pending.set()
 
-    async def _handle(self, session: Session, number: int) -> None:
+    async def _handle(self, session: Session) -> None:
         limit = RateLimit(MAX_HANDLED)
         while True:
             await self._has_pending.wait()
             while self._pending:
                 await limit.wait()
                 self._has_room.set()
-                self._handle_one(session, number, self._pending.popleft())
+                self._handle_one(session, self._pending.popleft())
             self._has_pending.clear()
 
-    def _handle_one(self, session: Session, number: int, text: str) -> None:
+    def _handle_one(self, session: Session, text: str) -> None:
         try:
             message = parse(text)
         except InputError as error:
@@ -212,7 +212,7 @@ class Connection:
                 self.send({"type": "pong", "time": sent})
             case _:
                 try:
-                    session.receive(number, message)
+                    session.receive(self._number, message)
                 except ClustervizError as error:
                     found = getattr(message, "input", None)
                     self.send({"type": "error", "message": str(error), "key": None, "input": found})
@@ -233,7 +233,7 @@ class Connection:
             await self._wants_picture.wait()
             while taken := self._flow.take(time.monotonic()):
                 picture, encoding = taken
-                data = await self._loop.run_in_executor(self._encoders, picture.message, encoding)
+                data = await self._loop.run_in_executor(self._encoders, picture.message, encoding, self._number)
                 if picture.still and self._flow.has_newer:
                     continue
                 await self._write(data)

@@ -7,6 +7,7 @@ has no alpha: over a transparent background it is blended over the mean of the p
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any, Literal
@@ -61,7 +62,7 @@ class Picture:
     background : (r, g, b) in [0, 1], or None for transparent
     number : rises from picture to picture
     revision : of the scene that it shows
-    input : newest input that it shows
+    inputs : newest input that it shows, by the number of the client that sent it
     still : whether it has the scene's full quality
     camera : position, focal_point, view_up, view_angle and parallel_scale
     seconds : time that it took to draw
@@ -71,27 +72,24 @@ class Picture:
     background: Colour | None
     number: int
     revision: int
-    input: int
+    inputs: Mapping[int, int]
     still: bool
     camera: dict[str, Any]
     seconds: float
-    _messages: dict[Encoding, bytes] = field(default_factory=dict, init=False, repr=False)
+    _files: dict[Encoding, bytes] = field(default_factory=dict, init=False, repr=False)
     _lock: Lock = field(default_factory=Lock, init=False, repr=False)
 
-    def message(self, encoding: Encoding) -> bytes:
-        """Return the picture as a binary message; encoded once, for all clients and threads."""
+    def message(self, encoding: Encoding, client: int) -> bytes:
+        """Return the picture as a binary message to a client; it is encoded once, for all clients and threads."""
         with self._lock:
-            if encoding not in self._messages:
-                self._messages[encoding] = pack(self._header(encoding), encode(self.rgba, self.background, encoding))
-            return self._messages[encoding]
-
-    def _header(self, encoding: Encoding) -> dict[str, Any]:
+            if encoding not in self._files:
+                self._files[encoding] = encode(self.rgba, self.background, encoding)
         height, width = self.rgba.shape[:2]
-        return {
+        header = {
             "kind": "picture",
             "picture": self.number,
             "revision": self.revision,
-            "input": self.input,
+            "input": self.inputs.get(client, 0),
             "still": self.still,
             "width": width,
             "height": height,
@@ -99,6 +97,7 @@ class Picture:
             "camera": self.camera,
             "seconds": self.seconds,
         }
+        return pack(header, self._files[encoding])
 
 
 def encode(rgba: NDArray[np.float32], background: Colour | None, encoding: Encoding) -> bytes:

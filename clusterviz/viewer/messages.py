@@ -174,6 +174,7 @@ class Save(Part):
 
     type: Literal["save"] = "save"
     what: Literal["scene", "picture", "path", "command"]
+    format: Literal["png", "npz"] = Field(default="png", description="Of a picture.")
     width: SavedSide | None = Field(default=None, description="Of a picture, pixels.")
     height: SavedSide | None = Field(default=None, description="Of a picture, pixels.")
     keys: Annotated[tuple[KeyPose, ...], Field(max_length=MAX_KEY_FRAMES)] = Field(
