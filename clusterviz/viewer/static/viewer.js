@@ -47,6 +47,8 @@ export class Viewer {
     this.listeners = new Map();
     this.input = 0;
     this.sentTimes = new Map();
+    /** @type {?{width: number, height: number}} of the canvas, device pixels */
+    this.size = null;
     this.picks = 0;
     /** @type {?{camera: object, moving: boolean, input: number}} messages for the next frame */
     this.pendingView = null;
@@ -181,15 +183,16 @@ export class Viewer {
 
   greeted() {
     this.pictureCanvas.restart();
-    this.steered = false;
+    this.input = 0;
+    this.sentTimes.clear();
+    this.sizeWanted = true;
     this.connectionBanner.show("");
     this.updateStatus();
   }
 
   stateChanged() {
     if (!this.camera) this.camera = completeCamera(this.state.scene.camera);
-    if (this.steers && !this.steered) this.sendSize();
-    this.steered = this.steers;
+    if (this.sizeWanted) this.sendSize();
     showSteering(this.steeringBanner, this.hello?.client, this.state, (action, client) => this.steer(action, client));
     this.overlayCanvas.stateChanged();
     this.toolbar.update();
@@ -302,7 +305,7 @@ export class Viewer {
     this.updateStatus();
   }
 
-  /** Whether the picture's camera is newer than the one of this client's input. */
+  /** Whether the picture's camera is at least as new as this client's newest one. */
   followsPicture(header) {
     if (this.viewInput.active || this.animation || this.pendingView) return false;
     return !this.steers || header.input >= this.input;
@@ -321,16 +324,18 @@ export class Viewer {
     const width = Math.round(box?.inlineSize ?? entry.contentRect.width * ratio);
     const height = Math.round(box?.blockSize ?? entry.contentRect.height * ratio);
     if (width < 1 || height < 1) return;
+    this.size = {width, height};
     this.pictureCanvas.resize(width, height);
     [this.surface.width, this.surface.height] = [width, height];
     this.overlayCanvas.draw();
     clearTimeout(this.resizeTimer);
-    this.resizeTimer = setTimeout(() => this.sendSize(), this.state ? RESIZE_MILLISECONDS : 0);
+    if (this.state) this.resizeTimer = setTimeout(() => this.sendSize(), RESIZE_MILLISECONDS);
   }
 
   sendSize() {
-    const {width, height} = this.surface;
-    if (!this.steers || !this.pictureCanvas.canvas.clientWidth) return;
+    if (!this.size) return;
+    const {width, height} = this.size;
+    this.sizeWanted = false;
     const share = Math.min(1, MAX_SIDE / Math.max(width, height));
     const [columns, rows] = [width, height].map((side) => Math.max(1, Math.round(side * share)));
     this.send({type: "size", width: columns, height: rows});
