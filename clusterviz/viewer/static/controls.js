@@ -197,8 +197,7 @@ export class Form {
 
 /** A row of a panel: a label and what it names. */
 export function labelled(label, ...controls) {
-  const [first] = controls;
-  if (!first.getAttribute("aria-label")) controls.forEach((one) => one.setAttribute("aria-label", one.title || label));
+  for (const one of controls) if (one.matches("input, select")) one.ariaLabel ??= one.title || label;
   return createElement("div", {class: "row"}, createElement("span", {class: "label"}, label), ...controls);
 }
 
