@@ -51,6 +51,7 @@ SECURITY_HEADERS = {
     "Cache-Control": "no-store",
 }
 MAX_CLIENTS = 64
+MAX_PORT = 65535
 TRY_LATER = 1013
 
 
@@ -63,6 +64,8 @@ def open_socket(host: str, port: int) -> socket.socket:
         The port is in use or not allowed, or the host is not of this machine.
     """
     try:
+        if not 0 <= port <= MAX_PORT:  # the system's functions take it modulo 65536
+            raise OverflowError("no such port")
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         return socket.create_server(address[:2], family=family, backlog=128)
     except (OSError, OverflowError) as error:
@@ -193,7 +196,7 @@ class Guard:
         has_bearer = self._is_token(headers.get("authorization", "").removeprefix("Bearer "))
         if not has_bearer and not any(self._is_token(value) for value in self._cookies(headers.get("cookie", ""))):
             return _unauthorized()
-        is_own = host and origin and urlsplit(origin).netloc == host
+        is_own = bool(host) and origin in (f"http://{host}", f"https://{host}")
         if is_websocket and not is_own and origin not in self._origins and (origin or not has_bearer):
             return PlainTextResponse("403: a page of another origin; those of a proxy need --origin\n", 403)
         return None
