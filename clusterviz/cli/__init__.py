@@ -53,6 +53,11 @@ COMMANDS: dict[str, Command] = {
         "Render an orbit or a path as a movie or as numbered pictures.",
         "mpirun -n 4 clusterviz animate scene.yaml --orbit 360 --frames 90 -o movie.mp4",
     ),
+    "view": Command(
+        "clusterviz.cli.view",
+        "Show a scene or a data file in the browser; the ranks of a job draw it.",
+        "clusterviz view head.nii.gz --ranks 4",
+    ),
     "verify": Command(
         "clusterviz.cli.verify",
         "Render a scene on several rank counts, and compare the pictures.",

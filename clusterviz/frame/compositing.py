@@ -61,8 +61,15 @@ class Compositing:
     def __init__(self, several: bool) -> None:
         self._several = several
         self._warned = set[str]()
+        self._made_for: object = None
         self._compositor: Compositor | None = None
         self._tiles: TileCollector | None = None
+
+    def for_one_frame(self) -> Compositing:
+        """Return a compositor of a single frame, which warns of nothing that this one has warned of."""
+        single = Compositing(several=False)
+        single._warned = self._warned
+        return single
 
     def picture(
         self, run: Run, work: RankWork, partials: Sequence[PartialImage], counts: RankFrame
@@ -74,6 +81,10 @@ class Compositing:
                 compile_kernels(run.channel)
             with run.clock.stage("encode", "round"):
                 partials = [rounded(partial, pixel) for partial in partials]
+        made_for = work.scene.image.size, _operator(work)
+        if made_for != self._made_for:
+            self.close()
+            self._tiles, self._made_for = None, made_for
         if work.mode == "sort-first":
             return self._collected(run, work, partials, counts)
         if work.mode == "hybrid":

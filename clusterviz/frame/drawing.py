@@ -16,7 +16,7 @@ from clusterviz.composite.opacity_in_front import opacity_in_front
 from clusterviz.data.source import Index
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.residency import Residency, has_passes
-from clusterviz.frame.run import Run
+from clusterviz.frame.run import Options, Run
 from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage, Rect, joined
 from clusterviz.partition import Piece
@@ -111,6 +111,11 @@ class Drawing:
         if self._renderers is not None:
             self._renderers.drop(bricks)
 
+    def forget(self) -> None:
+        """Forget what the last frame has found, so that the next one is drawn as a first one."""
+        if self._renderers is not None:
+            self._renderers.forget()
+
     def stored(self, bricks: Sequence[Index]) -> dict[Index, Stored]:
         """Return bricks of this rank, as they lie in GPU memory."""
         return self._renderers.stored(bricks) if self._renderers else {}
@@ -134,7 +139,7 @@ class Drawing:
         """
         with run.local("render"):
             mine = work.pieces_of(run.channel.rank)
-            pieces = mine if tiles is None else self._in_tiles(mine, tiles)
+            pieces = mine if tiles is None else self._in_tiles(run, mine, tiles)
             self.sample_counts, self.fragments, self._pieces = [], [], mine if tiles is None else []
             if self._renderers is None or work.plan is None:
                 return [], RankFrame({})
@@ -142,7 +147,7 @@ class Drawing:
             if passes:
                 passes.begin(work.plan, mine)
             began, began_cpu = perf_counter(), process_time()
-            drawn = self._renderers.draw(work.plan, pieces, partial(run.options.progress, "render"), passes)
+            drawn = self._renderers.draw(work.plan, pieces, partial(_report, run.options), passes)
             counts = replace(self._counted(drawn), cpu_seconds=process_time() - began_cpu)
             if passes:
                 run.clock.add("load", passes.seconds)
@@ -204,9 +209,10 @@ class Drawing:
             self._residency = Residency(self._reader, renderers, prefers_cpu(run.options.device))
         return self._residency.prepare(plan, work.holds, limit, self._most_bytes or 0)
 
-    def _in_tiles(self, pieces: Sequence[Piece], tiles: Iterable[Rect]) -> Iterator[Piece]:
+    def _in_tiles(self, run: Run, pieces: Sequence[Piece], tiles: Iterable[Rect]) -> Iterator[Piece]:
         """Yield all pieces of each tile, and keep those that were drawn."""
         for tile in tiles:
+            run.options.poll()
             for piece in pieces:
                 self._pieces.append(replace(piece, rect=tile))
                 yield self._pieces[-1]
@@ -245,3 +251,9 @@ class Drawing:
             kbuffer=all_counts(each.kbuffer for each in drawn),
             cut_short=sum(each.cut_short for each in drawn),
         )
+
+
+def _report(options: Options, done: float) -> None:
+    """Report the progress of drawing, which may end it."""
+    options.progress("render", done)
+    options.poll()

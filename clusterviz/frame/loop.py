@@ -18,17 +18,18 @@ from dataclasses import replace
 
 from clusterviz.comm import Channel
 from clusterviz.data import ALL_STEPS, ONE_STEP
-from clusterviz.errors import SceneError
+from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.compositing import Compositing, open_async_compositing
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import Bricks, Given, open_time_steps, open_volumes
+from clusterviz.frame.opening import Bricks, Given, Opened, open_time_steps, open_volumes
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Options, Progress, Run
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
 from clusterviz.plan.plan import changed_settings
 from clusterviz.render.choice import prefers_cpu
 from clusterviz.report.decisions import Change
+from clusterviz.scene.diff import is_same_volume
 from clusterviz.scene.grids import KBuffer
 from clusterviz.scene.values import Scene
 
@@ -125,21 +126,32 @@ class FrameLoop:
         self._drawing = Drawing(self._reader)
         self._planner = FramePlanner(run, self._drawing, opened, self.scene, several)
 
-    def frame(self, scene: Scene | None = None, number: int = 0) -> Rendered:
+    def frame(self, scene: Scene | None = None, number: int = 0, *, alone: bool = False) -> Rendered:
         """Draw one frame; the costs of the first include opening the volume. Raises as `render_frame`.
+
+        After an error that all ranks have raised another frame may be drawn.
 
         Parameters
         ----------
         scene : may differ from the loop's scene in camera, time steps, transfer function and quality; None: the loop's
             scene
         number : of the frame, for errors and statistics
+        alone : forget what earlier frames have taught, so that the picture has the same bits as that of `render_frame`
         """
-        run = self._run.numbered(number)
-        with run.clock.stage("total", f"frame {number}"):
-            drawn = self._draw(run, scene or self.scene)
-            image, counts = self._compositing.finish(run, drawn)
-        rendered = self._compositing.gather(run, drawn, image, counts)
+        run, scene = self._run.numbered(number), scene or self.scene
         self._run = run.restarted()
+        if alone:
+            self._planner.forget(run, scene)
+            self._drawing.forget()
+        compositing = self._compositing.for_one_frame() if alone else self._compositing
+        try:
+            with run.clock.stage("total", f"frame {number}"):
+                drawn = self._draw(run, scene)
+                image, counts = compositing.finish(run, drawn)
+        except ClustervizError:
+            self._drawing.forget()
+            raise
+        rendered = compositing.gather(run, drawn, image, counts)
         self._planner.auto_mode.learn(self._run, drawn.work, rendered.statistics.per_rank)
         return rendered
 
@@ -171,6 +183,15 @@ class FrameLoop:
             last = async_compositing.take()
             if last is not None:
                 yield last
+
+    @property
+    def opened(self) -> Opened | None:
+        """The content; None if the scene has none."""
+        return self._opened
+
+    def suits(self, scene: Scene) -> bool:
+        """Return whether a frame may show a completed scene; if not, its content has to be opened anew."""
+        return is_same_volume(self.scene, scene) and (self._opened is None or self._opened.suits(scene))
 
     def _draw(self, run: Run, scene: Scene) -> DrawnFrame:
         self._open_time_steps(run, scene)

@@ -80,6 +80,10 @@ class OpenedVolume:
         """Type of the value ranges of groups of cells: that of the voxels."""
         return self.source.dtype
 
+    def suits(self, scene: Scene) -> bool:
+        """Return whether the bricks have the margins that a scene needs."""
+        return self.layout.margin >= _layout(scene, scene.volumes[0], self.source).margin
+
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
         return make_plan(scene, self.source.grid, self.source.dtype, self.layout, self.summary)
@@ -147,6 +151,10 @@ class OpenedContent:
     def range_type(self) -> np.dtype[Any]:
         """Type of the value ranges of groups of cells."""
         return np.dtype(np.float64)
+
+    def suits(self, scene: Scene) -> bool:
+        """Return whether the bricks suit a scene: they are read with the margins of each plan."""
+        return True
 
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""

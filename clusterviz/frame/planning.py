@@ -78,6 +78,12 @@ class FramePlanner:
         self._last = self._work(run, scene, plan, accuracy)
         return self._last
 
+    def forget(self, run: Run, scene: Scene) -> None:
+        """Forget what earlier frames have taught, so that the next frame is planned as a single one; collective."""
+        self.auto_mode.close()
+        self.auto_mode = AutoMode(run, self._drawing, self.opened, scene, several=False)
+        self._error_bound = None
+
     @property
     def last_plan(self) -> Plan | None:
         """Plan of the last frame; None without one."""

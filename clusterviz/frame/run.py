@@ -52,6 +52,7 @@ class Options:
     overlap : of many frames, composite each while the next one is drawn, if MPI supports two threads
     keep_drawn : return the partial images with the picture
     keep_bricks : keep bricks in main memory too, for frames with other transfer functions
+    poll : called on every rank, repeatedly while it draws; a ClustervizError that it raises ends the frame on all ranks
     """
 
     device: Device = None
@@ -63,6 +64,7 @@ class Options:
     overlap: bool = True
     keep_drawn: bool = False
     keep_bricks: bool = False
+    poll: Callable[[], None] = lambda: None
 
 
 class Run:

@@ -102,7 +102,8 @@ class Raycaster:
         self.forget()
 
     def forget(self) -> None:
-        """Forget what earlier draws have taught of fragments, which changes the dispatches of a draw."""
+        """Forget what earlier draws have found; it changes the dispatches of a draw."""
+        self._last_frame.forget()
         self._pools, self._last_ends = Pools(), LastEnds()
 
     @property

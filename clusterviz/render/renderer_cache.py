@@ -105,6 +105,11 @@ class RendererCache:
         if self._caster is not None:
             self._caster.drop(bricks)
 
+    def forget(self) -> None:
+        """Forget what the last frame has found, so that the next one is drawn as a first one."""
+        if self._caster is not None:
+            self._caster.forget()
+
     def reserve(self, bricks: int) -> None:
         """Allocate GPU memory for so many bricks in all, at once; what was there is dropped if it is less."""
         if self._caster is not None:

@@ -7,10 +7,11 @@ from typing import Any
 from clusterviz.errors import SceneError
 from clusterviz.scene.geometry import as_sections
 from clusterviz.scene.validation_messages import format_value
-from clusterviz.scene.values import Camera, Quality, Scene
+from clusterviz.scene.values import Camera, Clip, ImageSettings, Quality, Scene, Volume
 
-CHANGING = ("time", "cmap", "clim", "opacity", "opacity_unit_distance", "threshold")
-"""Keys of a volume that may differ between frames, like all keys of camera and quality."""
+OPENED = ("path", "array", "channel", "detail", "spacing", "origin", "direction")
+"""Keys of a volume that frames share, like all keys of the cluster. The other ones may differ between frames, and so do
+all keys of camera, picture, lights, clip and quality, as far as bricks have the margins that they need."""
 GEOMETRY_CHANGING = (
     "color",
     "cmap",
@@ -57,8 +58,13 @@ def differences(before: Any, after: Any, key: str = "") -> list[str]:
     return [] if before == after else [f"{key}: was {format_value(before)}, is {format_value(after)}"]
 
 
+def is_same_volume(first: Scene, scene: Scene) -> bool:
+    """Return whether two scenes may be frames of the same loop."""
+    return scene == first or _shared_part(first) == _shared_part(scene)
+
+
 def check_same_volume(first: Scene, scene: Scene) -> None:
-    """Refuse a frame that differs from the first in more than camera, transfer function and quality.
+    """Refuse a frame that differs from the first in content that has been opened, or in the distribution of the work.
 
     Raises
     ------
@@ -67,7 +73,7 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
     """
     found = differences(_shared_part(first), _shared_part(scene)) if scene != first else []
     if found:
-        allowed = f"another camera or quality, or {', '.join(CHANGING)} of a volume"
+        allowed = f"another view or quality, or keys of a volume but {', '.join(OPENED)}"
         allowed += f", or {', '.join(GEOMETRY_CHANGING)} of geometry" if scene.geometry else ""
         allowed += f", or {', '.join(GRID_CHANGING)} of grids" if scene.grids else ""
         raise SceneError("frames differ in more than they can", found=found[0], allowed=allowed)
@@ -75,11 +81,13 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
 
 def _shared_part(scene: Scene) -> dict[str, Any]:
     """Return the part of a scene that all frames share."""
-    volumes = tuple(volume.model_copy(update=dict.fromkeys(CHANGING)) for volume in scene.volumes)
+    keys = set(Volume.model_fields) - set(OPENED)
+    volumes = tuple(volume.model_copy(update=dict.fromkeys(keys)) for volume in scene.volumes)
     geometry = as_sections(
         section.model_copy(update={key: None for key in GEOMETRY_CHANGING if key in type(section).model_fields})
         for section in scene.geometry
     )
     grids = tuple(grid.model_copy(update=dict.fromkeys(GRID_CHANGING)) for grid in scene.grids)
-    update = {"camera": Camera(), "volumes": volumes, "grids": grids, "quality": Quality(), **geometry}
+    view = {"camera": Camera(), "image": ImageSettings(), "clip": Clip(), "lights": (), "quality": Quality()}
+    update = {**view, "volumes": volumes, "grids": grids, **geometry}
     return scene.model_copy(update=update).model_dump(mode="json", warnings=False)

@@ -49,7 +49,7 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = (), pres
         data = _sections(_parse(read_text(where, SceneError), where), where)
         by_preset = _apply_preset(data, preset, PRESET_DEFAULTS)
         data, options = apply_overrides(data, parsed)
-        return _checked(_absolute(data, Path(where).absolute().parent), where, by_preset | options)
+        return check_scene(_absolute(data, Path(where).absolute().parent), where, by_preset | options)
 
 
 def scene_of_data(
@@ -71,7 +71,7 @@ def scene_of_data(
     found: dict[str, Any] = {name: [{"path": where, **each} for each in keys] for name in sections}
     by_preset = _apply_preset(found, preset)
     data, options = apply_overrides({**found, "automatic": True}, parse_overrides(overrides))
-    return _checked(_absolute(data, Path.cwd()), where, by_preset | options)
+    return check_scene(_absolute(data, Path.cwd()), where, by_preset | options)
 
 
 def _apply_preset(data: dict[str, Any], preset: str | None, replaced: Iterable[str] = ()) -> dict[KeyPath, str]:
@@ -156,7 +156,19 @@ def _is_path(key: str, text: str) -> bool:
     return bool(text.strip()) and not text.startswith("field:") and "://" not in text
 
 
-def _checked(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]) -> Scene:
+def check_scene(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]) -> Scene:
+    """Return the scene of raw data, whose colour maps and tables are there.
+
+    Parameters
+    ----------
+    where : the scene file, or another name of the scene
+    options : key path -> text of the option that set it
+
+    Raises
+    ------
+    SceneError
+        A key is unknown, or a value invalid.
+    """
     try:
         scene = Scene.model_validate(data)
     except ValidationError as error:

@@ -19,6 +19,7 @@ from clusterviz.scene.field_types import Section, current_key
 from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import (
+    KEY_PATHS,
     SECTIONS,
     KeyPath,
     format_key,
@@ -115,6 +116,47 @@ def apply_overrides(data: dict[str, Any], overrides: Sequence[Override]) -> tupl
         _assign(data, key, override)
         options[key] = override.option
     return data, options
+
+
+def apply_changes(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Set keys in a copy of raw scene data.
+
+    Parameters
+    ----------
+    changes : new values by full paths ("volumes.0.clim", "lights"); None removes the key, or the item of a list
+
+    Raises
+    ------
+    SceneError
+        A key is unknown, or no full path.
+    """
+    overrides = [Override(_full_path(name), value, name) for name, value in changes.items()]
+    data, _ = apply_overrides(data, [each for each in overrides if each.value is not None])
+    for override in overrides:
+        if override.value is None:
+            _remove(data, override.key)
+    return data
+
+
+def _full_path(name: str) -> KeyPath:
+    key = parse_key(name, name)
+    if key[0] not in Scene.model_fields:
+        found = format_key(KEY_PATHS[str(key[0])]) if key[0] in KEY_PATHS else "volumes.0.clim"
+        raise SceneError("not a full path of a key", where=name, found=name, allowed=f"a path, such as {found}")
+    _check_known(key, name)
+    return key
+
+
+def _remove(data: Any, key: KeyPath) -> None:
+    """Remove a key or an item from raw scene data, if it is there."""
+    for part in key[:-1]:
+        is_there = isinstance(part, int) and isinstance(data, list) and part < len(data)
+        data = data.get(part) if isinstance(data, dict) else data[part] if is_there else None
+    last = key[-1]
+    if isinstance(data, dict):
+        data.pop(last, None)
+    elif isinstance(data, list) and isinstance(last, int) and last < len(data):
+        del data[last]
 
 
 def parse_key(name: str, where: str) -> KeyPath:

@@ -198,6 +198,11 @@ class VectorCaster:
                 drawn[-1] = replace(drawn[-1], early_discarding=counts)
         return drawn
 
+    def forget(self) -> None:
+        """Forget what the last frame has found."""
+        self._last_frame.forget()
+        self._last_ends, self._pools = LastEnds(), Pools()
+
     def release(self) -> None:
         """Forget the bricks."""
         self._skips, self._tables, self.pool = {}, TableCache(), Memory(self.slot)

@@ -1,0 +1,156 @@
+"""What clients are told of the content: histograms, ranges, boxes, colour maps, and the keys of scenes."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import InputError
+from clusterviz.scene.colormaps import colour_points, map_names
+from clusterviz.scene.complete import Info, VolumeInfo, box_corners, complete_scene, divided_infos
+from clusterviz.scene.transfer import opacity_points
+from clusterviz.scene.values import Scene
+
+PREVIEW_COLOURS = 16
+MOST_BINS = 256
+"""Bins of a histogram and points of a transfer function, at most."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """What is known of the data of a scene; see `viewer.session.Content`.
+
+    Attributes
+    ----------
+    infos : on each volume, each entry of geometry and each grid, as opened
+    types : of the samples of each volume
+    """
+
+    infos: tuple[Info, ...]
+    types: tuple[str, ...] = ()
+    percentiles: tuple[Mapping[float, float], ...] = field(default=())
+
+    def complete(self, scene: Scene) -> Scene:
+        """Return a scene with all keys."""
+        return complete_scene(scene, self.infos)
+
+    def hello(self) -> dict[str, Any]:
+        """Return what a client is told once."""
+        return {
+            "version": version("clusterviz"),
+            "colour_maps": colour_maps(),
+            "presets": [],
+            "keys": known_keys(),
+        }
+
+    def preset(self, scene: Scene, volume: int, name: str) -> Mapping[str, Any]:
+        """Return the changes of a preset, by full keys."""
+        raise InputError("unknown preset", where=f"volumes[{volume}]", found=name)
+
+    def state(self, completed: Scene) -> dict[str, Any]:
+        """Return what a client is told of the data and of the transfer functions."""
+        volumes, geometry, grids = divided_infos(self.infos)
+        boxes = [info.corners for info in volumes]
+        found = [np.asarray(info.box) for info in geometry] + [np.asarray(info.box) for info in grids]
+        boxes += map(box_corners, found)
+        corners = np.concatenate([box for box in boxes if len(box)] or [np.zeros((1, 3))])
+        named = zip(completed.geometry_keys, completed.geometry, geometry, strict=True)
+        return {
+            "volumes": [
+                {**_volume(info), **_entry(f"volumes.{n}", section)}
+                for n, (info, section) in enumerate(zip(volumes, completed.volumes, strict=True))
+            ],
+            "geometry": [
+                {**_entry(key.replace("[", ".").rstrip("]"), section), "bounds": _bounds(np.asarray(info.box))}
+                for key, section, info in named
+            ],
+            "grids": [
+                {**_entry(f"grids.{n}", section), "bounds": _bounds(np.asarray(info.box))}
+                for n, (info, section) in enumerate(zip(grids, completed.grids, strict=True))
+            ],
+            "bounds": _bounds(np.array([corners.min(axis=0), corners.max(axis=0)])),
+        }
+
+
+def _volume(info: VolumeInfo) -> dict[str, Any]:
+    counts = info.histogram if info.histogram is not None else np.zeros(0, np.int64)
+    return {
+        "shape_zyx": list(info.shape_zyx),
+        "spacing": list(info.spacing),
+        "is_integer": info.is_integer,
+        "minimum": info.minimum,
+        "maximum": info.maximum,
+        "percentiles": {"1": info.percentile_1, "99": info.percentile_99},
+        "histogram": {"low": info.minimum, "high": info.maximum, "counts": counts[:MOST_BINS].tolist()},
+        "corners": info.corners.tolist(),
+        "orientation": info.orientation,
+    }
+
+
+def _entry(key: str, section: Any) -> dict[str, Any]:
+    """Return the key, the name and the completed transfer function of an entry of a scene."""
+    clim, cmap, opacity = section.clim, section.cmap, getattr(section, "opacity", None)
+    colours = opacities = None
+    if clim is not None and cmap is not None:
+        values, rgb = colour_points(cmap, clim)
+        colours = np.column_stack([values, rgb])[:MOST_BINS].tolist()
+    if clim is not None and opacity is not None and not isinstance(opacity, float):
+        opacities = np.column_stack(opacity_points(opacity, clim))[:MOST_BINS].tolist()
+    return {"key": key, "name": Path(section.path).name, "colour_points": colours, "opacity_points": opacities}
+
+
+def _bounds(box: NDArray[np.float64]) -> list[list[float]]:
+    return box.tolist() if len(box) else [[0.0] * 3, [0.0] * 3]
+
+
+@functools.cache
+def colour_maps() -> list[dict[str, Any]]:
+    """Return all colour maps with a preview of `PREVIEW_COLOURS` colours."""
+    places, found = np.linspace(0, 1, PREVIEW_COLOURS), []
+    for name in map_names():
+        values, rgb = colour_points(name, (0.0, 1.0))
+        colours = np.stack([np.interp(places, values, channel) for channel in np.asarray(rgb).T], axis=1)
+        found.append({"name": name, "colours": colours.round(3).tolist()})
+    return found
+
+
+@functools.cache
+def known_keys() -> dict[str, Any]:
+    """Return description, choices and limits of the keys of scenes, by their full paths; indices are 0."""
+    schema = Scene.model_json_schema()
+    found: dict[str, Any] = {}
+    _add_keys(found, schema, schema["$defs"], "")
+    return found
+
+
+def _add_keys(found: dict[str, Any], section: Mapping[str, Any], known: Mapping[str, Any], path: str) -> None:
+    for name, entry in section.get("properties", {}).items():
+        full = f"{path}.{name}" if path else name
+        found[full] = _limits(entry)
+        options = [entry, *entry.get("anyOf", [])]
+        options += [option["items"] for option in options if "items" in option]
+        for option in options:
+            inner = known.get(option.get("$ref", "").rpartition("/")[2])
+            if inner and "properties" in inner:
+                is_list = option is not entry and option not in entry.get("anyOf", [])
+                _add_keys(found, inner, known, f"{full}.0" if is_list else full)
+
+
+def _limits(entry: Mapping[str, Any]) -> dict[str, Any]:
+    words = {"minimum": "minimum", "maximum": "maximum", "exclusiveMinimum": "above", "exclusiveMaximum": "below"}
+    options: Sequence[Mapping[str, Any]] = [entry, *entry.get("anyOf", [])]
+    about: dict[str, Any] = {"description": entry.get("description", "")}
+    if "default" in entry:
+        about["default"] = entry["default"]
+    for option in options:
+        about |= {words[key]: option[key] for key in words if key in option}
+        if choices := option.get("enum") or ([option["const"]] if "const" in option else []):
+            about["choices"] = [*about.get("choices", []), *choices]
+    return about

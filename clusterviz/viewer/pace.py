@@ -1,0 +1,132 @@
+"""Size and quality of pictures while the view moves, chosen so that each is drawn within a time budget.
+
+A frame takes a fixed time and a time for each sample, `seconds = fixed + pixels / step · per_sample`, learnt from the
+frames that were drawn. The settings are those of a ladder: each level has about two thirds of the samples of the one
+before. The level changes at once where the budget is exceeded, and becomes finer only if the next one would clearly
+fit, so that it does not alternate.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from clusterviz.scene.values import Scene
+
+
+@dataclass(frozen=True)
+class Level:
+    """Settings of pictures while the view moves.
+
+    Attributes
+    ----------
+    scale : of the picture's sides
+    step : factor on the step
+    early_termination : opacity left, at which rays may end, at least
+    """
+
+    scale: float
+    step: float
+    early_termination: float
+
+    @property
+    def cost(self) -> float:
+        """Samples, relative to the full picture."""
+        return self.scale * self.scale / self.step
+
+
+LEVELS = (
+    Level(1.0, 1.0, 0.0),
+    Level(1.0, 1.0, 0.02),
+    Level(1.0, 1.5, 0.02),
+    Level(0.8, 1.5, 0.02),
+    Level(0.7, 2.0, 0.03),
+    Level(0.6, 2.0, 0.03),
+    Level(0.5, 2.0, 0.03),
+    Level(0.45, 2.5, 0.04),
+    Level(0.4, 3.0, 0.05),
+    Level(0.33, 3.0, 0.05),
+    Level(0.28, 3.5, 0.05),
+    Level(0.22, 4.0, 0.05),
+    Level(0.16, 4.0, 0.05),
+)
+"""From the full picture on, each with fewer samples."""
+FIRST = 8
+"""Level of the first picture, whose cost is unknown."""
+LEARNING = 0.3
+"""Weight of the newest frame among the costs."""
+ROOM = 0.8
+"""Share of the budget within which a finer level has to fit."""
+PAUSE = 4
+"""Least number of frames before a level becomes finer again."""
+SMALLEST_SIDE = 16
+
+
+class Pace:
+    """Choice of the level from frame to frame.
+
+    Parameters
+    ----------
+    budget_seconds : of a frame
+
+    Attributes
+    ----------
+    level : index in `LEVELS` of the next frame
+    """
+
+    def __init__(self, budget_seconds: float) -> None:
+        self._budget = budget_seconds
+        self._per_cost: float | None = None
+        self._fixed = 0.0
+        self._pixels = 0
+        self._since_change = 0
+        self.level = FIRST
+
+    def settings(self, scene: Scene) -> Scene:
+        """Return a completed or given scene with the settings of the level."""
+        level, quality = LEVELS[self.level], scene.quality
+        width, height = (max(SMALLEST_SIDE, round(level.scale * side)) for side in scene.image.size)
+        image = scene.image.model_copy(update={"size": (width, height), "layers": ()})
+        ends = max(quality.early_termination, level.early_termination)
+        changed = {"step": quality.step * level.step, "early_termination": ends, "max_error": None}
+        return scene.model_copy(update={"image": image, "quality": quality.model_copy(update=changed)})
+
+    def learn(self, pixels: int, seconds: float, fixed_seconds: float) -> None:
+        """Learn from a frame of the present level.
+
+        Parameters
+        ----------
+        pixels : of the full picture
+        seconds : of the frame
+        fixed_seconds : of these, those that do not depend on the picture's size
+        """
+        cost = LEVELS[self.level].cost * pixels
+        variable = max(1e-6, seconds - fixed_seconds) / cost
+        known = self._per_cost
+        # A cost that has changed much, as with another transfer function, replaces what was known.
+        is_other = known is None or not 0.5 < variable / known < 2.0
+        weight = 1.0 if is_other else LEARNING
+        self._per_cost = variable if known is None else known + weight * (variable - known)
+        self._fixed += (1.0 if is_other else LEARNING) * (fixed_seconds - self._fixed)
+        self._pixels = pixels
+        self._since_change += 1
+        self._choose(seconds)
+
+    def predicted(self, level: int) -> float:
+        """Return the expected seconds of a level; infinite before the first frame."""
+        if self._per_cost is None:
+            return math.inf
+        return self._fixed + self._per_cost * LEVELS[level].cost * self._pixels
+
+    def _choose(self, seconds: float) -> None:
+        coarsest = len(LEVELS) - 1
+        if self.predicted(self.level) > self._budget:
+            fitting = (n for n in range(self.level, coarsest) if self.predicted(n) <= self._budget)
+            level = next(fitting, coarsest)
+        else:
+            level = self.level
+            if self._since_change >= PAUSE or seconds < self._budget / 3:
+                finer = range(self.level)
+                level = next((n for n in finer if self.predicted(n) <= ROOM * self._budget), self.level)
+        if level != self.level:
+            self.level, self._since_change = level, 0

@@ -1,0 +1,271 @@
+"""Drawing of a live session on all ranks.
+
+Rank 0 takes requests from the session and sends them to the other ranks, which wait with a growing back-off. One
+request is one frame of a `FrameLoop`, which is opened again where the scene names other content. A still picture is
+abandoned on all ranks as soon as there is newer input.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from clusterviz.comm import Channel
+from clusterviz.comm.channel import Pending
+from clusterviz.errors import ClustervizError
+from clusterviz.frame import FrameLoop, Options, Rendered
+from clusterviz.frame.opening import Given
+from clusterviz.scene.values import Scene
+from clusterviz.viewer.describe import Content
+from clusterviz.viewer.pace import Pace
+from clusterviz.viewer.session import Job, Request, Session
+
+WAKE, STOP = 7101, 7102
+"""Tags of messages from rank 0: there is a command; a frame is abandoned (1), or not (0)."""
+LONGEST_SLEEP, SHORTEST_SLEEP = 5e-3, 2e-4
+"""Sleep of waiting ranks between two looks for a command, seconds: it grows with the time that they have waited."""
+IDLE_SECONDS = 1.0
+"""Time that rank 0 waits for a request before it looks for a signal."""
+
+
+class AbandonedError(ClustervizError):
+    """A frame was abandoned, as newer input has come."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """What all ranks do next.
+
+    Attributes
+    ----------
+    kind : draw a frame, or end
+    scene : completed
+    alone : decide on the frame as on a single one
+    may_stop : whether newer input abandons the frame
+    """
+
+    kind: Literal["draw", "end"]
+    scene: Scene | None = None
+    alone: bool = False
+    may_stop: bool = False
+
+
+class Abandoning:
+    """Agreement of all ranks to abandon a frame, on rank 0's decision.
+
+    Rank 0 sends each rank one message a frame: while it draws, if there is newer input, else at the end.
+
+    Parameters
+    ----------
+    channel : to the other ranks
+    has_input : on rank 0, whether there is newer input
+    """
+
+    def __init__(self, channel: Channel, has_input: Callable[[], bool]) -> None:
+        self._channel, self._has_input = channel, has_input
+        self._answer, self._pending = np.zeros(1, np.uint8), list[Pending]()
+        self._is_open = False
+        self.abandoned = False
+
+    def begin(self) -> None:
+        """Begin a frame that may be abandoned."""
+        self._is_open, self.abandoned = True, False
+        if self._channel.rank:
+            self._pending = [self._channel.post_receive(self._answer, 0, STOP)]
+
+    def poll(self) -> None:
+        """Abandon the frame if there is reason to; called while a rank draws.
+
+        Raises
+        ------
+        AbandonedError
+            Rank 0 has decided so.
+        """
+        if not self._is_open or self.abandoned:
+            return
+        if self._channel.rank == 0:
+            if self._has_input():
+                self._tell(True)
+        elif self._pending and self._channel.test_some(self._pending):
+            self._pending, self.abandoned = [], bool(self._answer[0])
+        if self.abandoned:
+            raise AbandonedError("newer input has come")
+
+    def end(self) -> bool:
+        """End the frame; return whether it was abandoned, the same on every rank."""
+        if self._channel.rank == 0 and not self.abandoned:
+            self._tell(False)
+        while self._pending:
+            if self._channel.wait_some(self._pending):
+                self._pending, self.abandoned = [], bool(self._answer[0])
+        self._channel.wait_sends()
+        self._is_open = False
+        return self.abandoned
+
+    def _tell(self, abandoned: bool) -> None:
+        self.abandoned = abandoned
+        self._answer[0] = abandoned
+        for rank in range(1, self._channel.size):
+            self._channel.isend(self._answer, rank, STOP)
+
+
+class RenderLoop:
+    """Frames of a session on all ranks.
+
+    Parameters
+    ----------
+    scene : as given
+    channel : to the other ranks
+    source : the data instead of the files that the scene names
+    options : how to run
+
+    Raises
+    ------
+    ClustervizError
+        As `FrameLoop` does.
+    """
+
+    def __init__(self, scene: Scene, channel: Channel, source: Given = None, options: Options | None = None) -> None:
+        self._channel, self._source = channel, source
+        self._session: Session | None = None
+        self._abandoning = Abandoning(channel, self._has_input)
+        self._options = replace(options or Options(), overlap=False, keep_bricks=True, poll=self._abandoning.poll)
+        self._loop = FrameLoop(scene, channel, source, self._options)
+        self._frames = 0
+
+    @property
+    def scene(self) -> Scene:
+        """The completed scene, as it was opened."""
+        return self._loop.scene
+
+    @property
+    def content(self) -> Content:
+        """What is known of the data."""
+        opened = self._loop.opened
+        return Content(opened.infos if opened else ())
+
+    def follow(self) -> None:
+        """Draw what rank 0 says until the end; for all other ranks."""
+        while (command := self._next_command()).kind != "end":
+            try:
+                self._draw(command)
+            except ClustervizError as error:
+                if not error.agreed:
+                    raise
+        self.close()
+
+    def lead(self, session: Session, pace: Pace) -> None:
+        """Draw what a session asks for until it is closed; for rank 0."""
+        self._session = session
+        while not session.is_ended:
+            request = session.next_request(IDLE_SECONDS)
+            if isinstance(request, Request):
+                self._answer(session, request, pace)
+            elif isinstance(request, Job):
+                self._do(session, request)
+        self._send(Command("end"))
+        self.close()
+
+    def close(self) -> None:
+        """Free what the frames needed; collective."""
+        self._loop.__exit__(None)
+
+    def _answer(self, session: Session, request: Request, pace: Pace) -> None:
+        began = time.perf_counter()
+        completed = request.completed
+        scene = pace.settings(completed) if request.moving else completed
+        try:
+            rendered = self._draw_on_all(Command("draw", scene, not request.moving, not request.moving))
+        except ClustervizError as error:
+            if not error.agreed:
+                raise
+            session.failed(request, error)
+            return
+        if rendered is None or rendered.image is None:
+            return
+        seconds = time.perf_counter() - began
+        if request.moving:
+            width, height = completed.image.size
+            drawing = rendered.statistics.seconds.get("render", 0.0)
+            pace.learn(width * height, seconds, seconds - drawing)
+        statistics = _statistics(rendered)
+        session.finished(request, rendered.image, seconds, statistics, rendered.statistics.warnings)
+
+    def _do(self, session: Session, job: Job) -> None:
+        """Answer a pick, or write a file."""
+
+    def _draw_on_all(self, command: Command) -> Rendered | None:
+        self._send(command)
+        return self._draw(command)
+
+    def _draw(self, command: Command) -> Rendered | None:
+        """Draw a frame; None if it was abandoned; collective."""
+        scene = command.scene
+        assert scene is not None, "there is something to draw"
+        if not self._loop.suits(scene):
+            self._reopen(scene)
+        if command.may_stop:
+            self._abandoning.begin()
+        self._frames += 1
+        try:
+            rendered = self._loop.frame(scene, self._frames, alone=command.alone)
+        except ClustervizError:
+            if command.may_stop and self._abandoning.end():
+                return None
+            raise
+        return None if command.may_stop and self._abandoning.end() else rendered
+
+    def _reopen(self, scene: Scene) -> None:
+        """Open the content of another scene; if that fails, the last one stays."""
+        loop = FrameLoop(scene, self._channel, self._source, self._options)
+        self._loop.__exit__(None)
+        self._loop = loop
+        if self._session is not None:
+            self._session.reopened(self.content)
+
+    def _has_input(self) -> bool:
+        return self._session is not None and self._session.has_input()
+
+    def _send(self, command: Command) -> None:
+        """Send a command to the waiting ranks."""
+        wake = np.zeros(1, np.uint8)
+        for rank in range(1, self._channel.size):
+            self._channel.isend(wake, rank, WAKE)
+        if self._channel.size > 1:
+            self._channel.broadcast(command)
+            self._channel.wait_sends()
+
+    def _next_command(self) -> Command:
+        """Wait for a command of rank 0; the sleep between looks grows with the time."""
+        began = time.perf_counter()
+        pending = [self._channel.post_receive(np.zeros(1, np.uint8), 0, WAKE)]
+        while not self._channel.test_some(pending):
+            waited = time.perf_counter() - began
+            time.sleep(min(LONGEST_SLEEP, max(SHORTEST_SLEEP, waited / 100)))
+        return self._channel.broadcast(Command("end"))
+
+
+def _statistics(rendered: Rendered) -> dict[str, Any]:
+    """Return the statistics of a frame as clients are told."""
+    statistics = rendered.statistics
+    stages = [name for name in statistics.seconds if name != "total"]
+    names = ("samples", "bricks_drawn", "bytes_sent", "peak_memory_bytes")
+    per_rank = [
+        {
+            "seconds": {name: rank.seconds.get(name, 0.0) for name in stages},
+            "total": rank.seconds.get("total", 0.0),
+            **{name: int(getattr(rank, name)) for name in names},
+        }
+        for rank in statistics.per_rank
+    ]
+    return {
+        "total_seconds": statistics.seconds.get("total", 0.0),
+        "stages": stages,
+        "per_rank": per_rank,
+        "imbalance": statistics.imbalance,
+        "boxes": [],
+    }
