@@ -314,8 +314,7 @@ class Session:
         with self._lock:
             self._pictures += 1
             background = background_rgb(request.completed.image.background)
-            shown_input = request.inputs.get(self._steering or 0, 0) if not self._shared else 0
-            about = self._pictures, request.revision, shown_input, still, camera, seconds
+            about = self._pictures, request.revision, request.inputs, still, camera, seconds
             self._picture = shown = Picture(picture, background, *about)
             self._drawn, self._was_moving, self._drawn_data = request.number, request.moving, self._shown.data
             if still:
