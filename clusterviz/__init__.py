@@ -107,7 +107,7 @@ def render(
     from clusterviz.comm import agree, limit_threads, open_channel
     from clusterviz.comm.mpi import MpiChannel
     from clusterviz.data.given import given_scene
-    from clusterviz.frame import render_frame
+    from clusterviz.frame import Options, render_frame
     from clusterviz.image.picture import Image, layers_of
     from clusterviz.scene import background_rgb
 
@@ -117,7 +117,7 @@ def render(
             limit_threads(channel.placement())
         with agree(channel, 0, "scene"):
             opened, sources = given_scene(scene, grid, settings, "render")
-        rendered = render_frame(opened, channel, sources)
+        rendered = render_frame(opened, channel, sources, Options(annotate=True))
         if rendered.image is None:
             return None
         found = rendered.image

@@ -23,6 +23,7 @@ import typer
 from numpy.typing import NDArray
 
 from clusterviz.cli.arguments import (
+    AnnotateOption,
     Define,
     DeviceOption,
     LayersOption,
@@ -49,6 +50,7 @@ from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
 from clusterviz.scene import background_rgb
 from clusterviz.scene.animation import KeyFrames, load_path, scenes_along
+from clusterviz.scene.annotations import with_annotations
 from clusterviz.scene.diff import differences
 from clusterviz.scene.values import Scene
 
@@ -271,6 +273,7 @@ def command(
     preset: PresetOption = None,
     size: Size = None,
     layers: LayersOption = None,
+    annotate: AnnotateOption = False,
     fps: Annotated[float, typer.Option(min=0.01, help="Frames per second.")] = 25.0,
     resume: Annotated[bool, typer.Option("--resume", help="Render only frames that are not there yet.")] = False,
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
@@ -283,6 +286,7 @@ def command(
     with agree(channel, 0, "scene"):
         opened, device_choice = open_scene(scene, overrides_of(define, size, layers), preset), parse_device(device)
         keys = load_path(path) if path else None
+        opened = with_annotations(opened) if annotate else opened
         opened = opened if orbit is None else fit_to_orbit(opened)
         opened, steps = with_time_steps(opened, time_steps)
         count = frame_count(orbit, keys, frames, fps, str(path), max(steps.values(), default=0))
@@ -296,7 +300,13 @@ def command(
     changing = keys is not None and bool(keys.transfer)
     debug, traced = bool(context.obj["debug"]), bool(trace)
     options = Options(
-        device_choice, debug=debug, write=movie.write, trace=traced, overlap=overlap, keep_bricks=changing
+        device_choice,
+        debug=debug,
+        write=movie.write,
+        trace=traced,
+        overlap=overlap,
+        annotate=True,
+        keep_bricks=changing,
     )
     with FrameLoop(opened, channel, options=options) as loop:
         with agree(channel, 0, "path"):

@@ -38,6 +38,14 @@ LayersOption = Annotated[
 ]
 
 
+AnnotateOption = Annotated[
+    bool,
+    typer.Option(
+        "--annotate", help="Draw scalar bars, axes grid, orientation marker and time stamp, unless the scene says no."
+    ),
+]
+
+
 def overrides_of(define: list[str] | None, size: str | None, layers: str | None = None) -> list[str]:
     """Return options as overrides of the scene; size and layers take precedence."""
     overrides = [*(define or []), *([f"image.size={list(parse_size(size))}"] if size else [])]

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from clusterviz.cli.arguments import (
+    AnnotateOption,
     Define,
     DeviceOption,
     LayersOption,
@@ -33,6 +34,7 @@ from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.image.files import check_writable, write_image
 from clusterviz.image.picture import layers_of
 from clusterviz.scene import background_rgb
+from clusterviz.scene.annotations import with_annotations
 from clusterviz.scene.text import picture_metadata, scene_summary
 from clusterviz.scene.values import Scene
 
@@ -47,6 +49,7 @@ def command(
     preset: PresetOption = None,
     size: Size = None,
     layers: LayersOption = None,
+    annotate: AnnotateOption = False,
     stats: Annotated[Path | None, typer.Option(metavar="F.json", help="Write what each rank did as JSON.")] = None,
     trace: Annotated[Path | None, typer.Option(metavar="F.json", help="Write a trace for Perfetto.")] = None,
     check: Annotated[
@@ -59,13 +62,16 @@ def command(
     channel, startup = start()
     with agree(channel, 0, "scene"):
         opened, device_choice = open_scene(scene, overrides_of(define, size, layers), preset), parse_device(device)
+        opened = with_annotations(opened) if annotate else opened
     with agree(channel, 0, "output"):
         if channel.rank == 0:
             check_writable(output, bool(opened.image.layers))
             check_reports(stats, trace)
     tracing = Tracing(channel, trace)
     with show_progress(STEPS if channel.rank == 0 else (), per_step=True) as progress:
-        options = Options(device_choice, check, context.obj["debug"], progress, _writer(output), bool(trace))
+        options = Options(
+            device_choice, check, context.obj["debug"], progress, _writer(output), bool(trace), annotate=True
+        )
         rendered = render_frame(opened, channel, options=options)
     tracing.add(rendered.spans)
     tracing.write()

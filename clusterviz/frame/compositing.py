@@ -37,6 +37,7 @@ from clusterviz.image.compare import compare
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage, joined
 from clusterviz.image.picture import Image as Picture
+from clusterviz.image.picture import layers_of
 from clusterviz.render.crossing import named_layers
 from clusterviz.render.render_result import finish_projection
 from clusterviz.report.decisions import Change
@@ -160,6 +161,8 @@ class Compositing:
             if image is not None:
                 image = Picture(image, layers=named_layers(names, image, where, normals))
         with run.local("write", "finish"):
+            if image is not None and run.options.annotate:
+                image = _annotated(image, drawn)
             if image is not None:
                 run.options.write(image, drawn.work.scene, drawn.number)
         return image, counts
@@ -231,6 +234,16 @@ def _finished(run: Run, work: RankWork, composed: NDArray[Any] | None) -> Image 
     with run.clock.stage("finish", "project"):
         finished = finish_projection(work.plan, composed)
     return composed.copy() if finished is composed else finished
+
+
+def _annotated(image: Image, drawn: DrawnFrame) -> Image:
+    """Return the picture with the annotations of its scene; other layers stay as they are."""
+    if drawn.work.scene.annotations.is_empty:
+        return image
+    from clusterviz.annotations import annotated
+
+    found = annotated(np.asarray(image), drawn.work.scene, drawn.infos)
+    return Picture(found, layers=layers_of(image)) if isinstance(image, Picture) else found
 
 
 def _check(

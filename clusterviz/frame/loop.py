@@ -116,6 +116,11 @@ class FrameLoop:
     ) -> None:
         _refuse_undrawn(scene)
         run = self._run = Run(channel, options or Options())
+        if run.options.annotate and not scene.annotations.is_empty:
+            with run.local("open"):
+                from clusterviz.annotations import check_library
+
+                check_library()
         self._several, self._warned = several, set[Change]()
         self._compositing = Compositing(several)
         with run.clock.stage("total", "open"):

@@ -39,7 +39,7 @@ STEPS = (
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a run; none changes the picture.
+    """Options of a run; none but `annotate` changes the picture.
 
     Attributes
     ----------
@@ -51,6 +51,7 @@ class Options:
     trace : record spans
     overlap : of many frames, composite each while the next one is drawn, if MPI supports two threads
     keep_drawn : return the partial images with the picture
+    annotate : draw the scene's annotations into the picture; comparisons and measurements are of pictures without them
     keep_bricks : keep bricks in main memory too, for frames with other transfer functions
     poll : called on every rank, repeatedly while it draws; a ClustervizError that it raises ends the frame on all ranks
     """
@@ -63,6 +64,7 @@ class Options:
     trace: bool = False
     overlap: bool = True
     keep_drawn: bool = False
+    annotate: bool = False
     keep_bricks: bool = False
     poll: Callable[[], None] = lambda: None
 

@@ -47,7 +47,12 @@ EYE_SIDES = {
 
 
 def fitted_camera(
-    camera: Camera, corners: Floats, spacing: float, size: tuple[int, int], orientation: str = ""
+    camera: Camera,
+    corners: Floats,
+    spacing: float,
+    size: tuple[int, int],
+    orientation: str = "",
+    margin: float = MARGIN,
 ) -> Camera:
     """Return a camera with position, focal point and view_up; values that are set are kept.
 
@@ -58,6 +63,7 @@ def fitted_camera(
     spacing : world units; the size of a scene whose points all coincide
     size : width and height of the picture, pixels
     orientation : anatomical directions of x, y and z of the world, such as "RAS"; "" if unknown
+    margin : around the points, as a share of half the picture's sides
 
     Returns
     -------
@@ -85,7 +91,7 @@ def fitted_camera(
     if fits:
         points = _sphere(centre, radius) if camera.fit == "orbit" else corners
         ahead, aside = _view_coordinates(focal_point, focal_point, position, view_up, points)
-        needed = np.abs(aside) / (1 - MARGIN) / (size[0] / size[1], 1.0)
+        needed = np.abs(aside) / (1 - margin) / (size[0] / size[1], 1.0)
         nearest = math.dist(focal_point, centre) + MIN_RADII * radius
         tangent = math.tan(math.radians(angle) / 2)
         distance = max(nearest, min(float((needed.max(axis=1) / tangent - ahead).max()), MAX_DISTANCE))
@@ -143,13 +149,22 @@ def project_points(camera: Camera, points: Floats, size: tuple[int, int]) -> tup
     pixels : float64 (n, 2), x and y from the top left corner; undefined where `ahead` is not positive
     ahead : float64 (n,), depth along the direction of view, world units
     """
-    position, focal_point, view_up = camera_vectors(camera)
-    ahead, aside = _view_coordinates(position, focal_point, position, view_up, points)
-    if camera.parallel_scale is not None:
-        half: Any = camera.parallel_scale
-    else:
-        half = np.where(ahead > 0, ahead, np.inf)[:, None] * math.tan(math.radians(camera.view_angle) / 2)
+    ahead, aside = camera_coordinates(camera, points)
+    half = half_height(camera, np.where(ahead > 0, ahead, np.inf))[:, None]
     return np.array(size) / 2 + aside * (1, -1) / half * size[1] / 2, ahead
+
+
+def camera_coordinates(camera: Camera, points: Floats) -> tuple[Floats, Floats]:
+    """Return depths (n,) and right and up coordinates (n, 2) of points from a completed camera's eye, world units."""
+    position, focal_point, view_up = camera_vectors(camera)
+    return _view_coordinates(position, focal_point, position, view_up, points)
+
+
+def half_height(camera: Camera, ahead: Floats) -> Floats:
+    """Return half the picture's height in world units at depths ahead of the eye."""
+    if camera.parallel_scale is not None:
+        return np.full_like(ahead, camera.parallel_scale)
+    return ahead * math.tan(math.radians(camera.view_angle) / 2)
 
 
 def bounding_sphere(corners: Floats, spacing: float) -> tuple[Vector, float]:

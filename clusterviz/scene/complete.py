@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from clusterviz.scene.automatic import Info as Info
 from clusterviz.scene.automatic import automatic_scene, own_colours
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.camera import fitted_camera, is_completed
+from clusterviz.scene.camera import MARGIN, fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.geometry import (
     GeometryInfo,
@@ -33,6 +33,8 @@ UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene
 DEFAULT_CMAP = "bone"
 RADIUS_OF_DIAGONAL: dict[type[GeometrySection], float] = {LinesSection: 1 / 500, PointsSection: 1 / 200}
 """Radius of tubes and spheres, if none is given, as a share of the diagonal of their box."""
+MARGIN_OF_AXES = 0.14
+"""Margin of a fitted scene with an axes grid, whose labels are outside of the box."""
 DEFAULT_OPACITY = ((0.0, 0.0), (0.3, 0.0), (1.0, 0.9))
 """(share of clim, opacity); the lowest values, in most data air, solvent or noise, are transparent."""
 
@@ -64,13 +66,16 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     boxes = [box_corners(info.grown_box(section)) for section, info in zip(geometry, known, strict=True)]
     boxes += [box_corners(info.box) for info in gridded]
     parts = [*(visible_corners(*pair) for pair in zip(volumes, each, strict=True)), *boxes]
+    if scene.annotations.outline or scene.annotations.axes:
+        parts += [info.corners for info in each]
     corners = np.concatenate(parts or [np.zeros((1, 3))])
     if not corners.size:
         corners = np.concatenate([info.corners for info in each] or [np.zeros((1, 3))])
     # The size of a scene whose points all coincide.
     spacing = min((min(info.spacing) for info in each), default=1.0)
     orientation = next((info.orientation for info in each if info.orientation), "")
-    camera = fitted_camera(scene.camera, corners, spacing, scene.image.size, orientation)
+    margin = MARGIN_OF_AXES if scene.annotations.axes else MARGIN
+    camera = fitted_camera(scene.camera, corners, spacing, scene.image.size, orientation, margin)
     return scene.model_copy(update={"camera": camera})
 
 
@@ -79,6 +84,19 @@ def divided_infos(infos: Sequence[Info]) -> tuple[list[VolumeInfo], list[Geometr
     volumes = [info for info in infos if isinstance(info, VolumeInfo)]
     geometry = [info for info in infos if isinstance(info, GeometryInfo)]
     return volumes, geometry, [info for info in infos if isinstance(info, GridInfo)]
+
+
+def content_corners(scene: Scene, infos: Sequence[Info]) -> NDArray[np.float64]:
+    """Return the corners of a box around all content of a completed scene, float64 (8, 3), x fastest; (0, 3) of none.
+
+    The box of a single volume has the volume's own directions, any other the world's.
+    """
+    volumes, geometry, grids = divided_infos(infos)
+    if len(infos) == len(volumes) == 1:
+        return volumes[0].corners
+    boxes = [info.grown_box(section) for section, info in zip(scene.geometry, geometry, strict=True)]
+    points = np.concatenate([np.empty((0, 3)), *(info.corners for info in volumes), *boxes, *(g.box for g in grids)])
+    return box_corners(np.stack([points.min(axis=0), points.max(axis=0)]) if len(points) else points)
 
 
 def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:

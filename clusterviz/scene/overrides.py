@@ -34,6 +34,7 @@ from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from clusterviz.scene.annotations import Annotations
     from clusterviz.scene.cluster import Codec, Compositing, Distribution, Mode, Tiling, Transport
     from clusterviz.scene.geometry import Edges
     from clusterviz.scene.grids import KBuffer
@@ -243,7 +244,8 @@ def _assign(data: dict[str, Any], key: KeyPath, override: Override) -> None:
         if following is None:
             place[part] = override.value
             return
-        if isinstance(part, str) and place.get(part) is None:
+        # A section that is true is on with its defaults.
+        if isinstance(part, str) and (place.get(part) is None or place[part] is True):
             place[part] = [] if isinstance(following, int) else {}
         place = place[part]
 
@@ -363,6 +365,7 @@ class Settings(TypedDict, total=False):
     clip: Clip | Mapping[str, Any]
     camera: Camera | Mapping[str, Any]
     image: ImageSettings | Mapping[str, Any]
+    annotations: Annotations | Mapping[str, Any]
     quality: Quality | Mapping[str, Any]
     cluster: Cluster | Mapping[str, Any]
 

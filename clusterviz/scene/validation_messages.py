@@ -100,7 +100,7 @@ def section_at(key: KeyPath, root: type[BaseModel] = Scene) -> type[BaseModel] |
     """Return the section at a key path, or None."""
     section = root
     for part in key:
-        if isinstance(part, int):
+        if isinstance(part, int) or part.startswith("<"):
             continue
         field = section.model_fields.get(part)
         inner = _section_in(field.annotation) if field else None
@@ -120,10 +120,9 @@ def format_value(value: Any) -> str:
 
 
 def _section_in(annotation: Any) -> type[BaseModel] | None:
-    for candidate in (annotation, *get_args(annotation)):
-        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
-            return candidate
-    return None
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _section_in(part))), None)
 
 
 def _error_of(details: ErrorDetails, where: str, options: Mapping[KeyPath, str], root: type[BaseModel]) -> SceneError:

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from clusterviz.scene.annotations import Annotations
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING
 from clusterviz.scene.blend_modes import Blending as Blending
 from clusterviz.scene.checks import (
@@ -468,7 +469,7 @@ class Quality(Section):
 
 
 class Scene(Section):
-    """Scene: volumes, meshes, lines, points, grids, lights, clipping, camera, image, quality and cluster settings."""
+    """Scene: what is shown, lights, clipping, camera, image, annotations, quality and cluster settings."""
 
     volumes: Annotated[tuple[Volume, ...], Field(max_length=8)] = Field(
         default=(),
@@ -504,6 +505,7 @@ class Scene(Section):
     clip: Clip = Field(default=Clip(), description="Clipping of everything shown.")
     camera: Camera = Field(default=Camera(), description="The camera.")
     image: ImageSettings = Field(default=ImageSettings(), description="The picture.")
+    annotations: Annotations = Field(default=Annotations(), description="Text and lines that explain the picture.")
     quality: Quality = Field(default=Quality(), description="Accuracy and cost.")
     cluster: Cluster = Field(default=Cluster(), description="Distribution of the work over ranks.")
 

@@ -17,7 +17,7 @@ LEVELS = (
     ("image",),
     ("kernels",),
     ("scene", "codec", "report"),
-    ("data", "gl", "comm"),
+    ("data", "gl", "comm", "annotations"),
     ("spmd",),
     ("plan",),
     ("partition",),
