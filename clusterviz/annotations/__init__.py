@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from clusterviz.annotations.canvas import check_library
+from clusterviz.annotations.defaults import with_annotations
 from clusterviz.annotations.picture import annotated
 
-__all__ = ["annotated", "check_library"]
+__all__ = ["annotated", "check_library", "with_annotations"]

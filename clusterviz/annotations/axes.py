@@ -18,7 +18,7 @@ from clusterviz.scene.values import Camera
 Floats = NDArray[np.float64]
 TICK, GAP = 0.4, 0.35
 """Length of a tick and distance of its label, in font sizes."""
-TICK_DISTANCE = (4.0, 2.2)
+TICK_DISTANCE = (4.0, 3.0)
 """Least distance of ticks from left to right, and from top to bottom, in font sizes."""
 MOST_TICKS = 8
 SHORTEST_EDGE = 3.0

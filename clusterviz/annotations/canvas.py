@@ -144,7 +144,8 @@ class Canvas:
         straight = drawn.reshape(-1, 4)[index].astype(np.float32) / 255
         rgba = np.concatenate([straight[:, :3] * straight[:, 3:], straight[:, 3:]], axis=1)
         if halo is not None:
-            behind = around.reshape(-1)[index].astype(np.float32)[:, None] * (HALO_OPACITY / 255)
+            # Thin strokes of small text do not cover a whole pixel.
+            behind = np.minimum(2 / 255 * around.reshape(-1)[index].astype(np.float32)[:, None], 1) * HALO_OPACITY
             rgba += (1 - straight[:, 3:]) * behind * np.array([*halo, 1.0], np.float32)
         return Overlay(index, rgba)
 

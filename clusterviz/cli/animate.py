@@ -22,6 +22,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from clusterviz.annotations import with_annotations
 from clusterviz.cli.arguments import (
     AnnotateOption,
     Define,
@@ -50,7 +51,6 @@ from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
 from clusterviz.scene import background_rgb
 from clusterviz.scene.animation import KeyFrames, load_path, scenes_along
-from clusterviz.scene.annotations import with_annotations
 from clusterviz.scene.diff import differences
 from clusterviz.scene.values import Scene
 

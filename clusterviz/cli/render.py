@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from clusterviz.annotations import with_annotations
 from clusterviz.cli.arguments import (
     AnnotateOption,
     Define,
@@ -34,7 +35,6 @@ from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.image.files import check_writable, write_image
 from clusterviz.image.picture import layers_of
 from clusterviz.scene import background_rgb
-from clusterviz.scene.annotations import with_annotations
 from clusterviz.scene.text import picture_metadata, scene_summary
 from clusterviz.scene.values import Scene
 

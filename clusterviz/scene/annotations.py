@@ -5,16 +5,13 @@ The words are those of VTK and ParaView. Each is off by default, and on with its
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.checks import InvalidValueError, to_builtin
 from clusterviz.scene.field_types import FINITE, Background, Flag, Number, Section
-
-if TYPE_CHECKING:
-    from clusterviz.scene.values import Scene
 
 TIME_FIELD = "{time}"
 
@@ -163,17 +160,3 @@ DRAWN = ("scalar_bar", "outline", "axes", "orientation", "title", "text", "time"
 def section_of(value: bool | Kind, kind: type[Kind]) -> Kind | None:
     """Return the section of a key that may be a switch; None if it is off."""
     return kind() if value is True else value or None
-
-
-def with_annotations(scene: Scene) -> Scene:
-    """Return a scene with the annotations of `--annotate`; keys that are set are kept.
-
-    These are scalar bar, outline, axes grid, orientation marker and time stamp, and a legend if some of several
-    contents have no scalars.
-    """
-    given, several = scene.annotations, len(scene.volumes) + len(scene.grids) + len(scene.geometry) > 1
-    names = ["scalar_bar", "outline", "axes", "orientation", "time"]
-    if several and any(section.scalars is None for section in scene.geometry):
-        names.append("legend")
-    found = {name: True for name in names if name not in given.model_fields_set}
-    return scene.model_copy(update={"annotations": given.model_copy(update=found)})

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import clusterviz
-from clusterviz.annotations import annotated
+from clusterviz.annotations import annotated, with_annotations
 from clusterviz.annotations.canvas import Canvas
 from clusterviz.annotations.numbers import tick_labels, ticks
 from clusterviz.annotations.picture import _kept_fixed, contrast
@@ -23,7 +23,6 @@ from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.frame import Options, render_frame
 from clusterviz.image.finish import finish
 from clusterviz.scene import Camera, Scene, Volume, background_rgb, complete_scene
-from clusterviz.scene.annotations import with_annotations
 from clusterviz.scene.camera import project_points
 from clusterviz.scene.complete import VolumeInfo, box_corners
 from clusterviz.scene.geometry import LinesSection

@@ -177,7 +177,7 @@ def test_the_schema_describes_every_key() -> None:
     described(schema)
     for section in schema["$defs"].values():
         described(section)
-    sections = {*LISTED_SECTIONS, "volumes", "lights", "clip", "camera", "image", "quality", "cluster"}
+    sections = {*LISTED_SECTIONS, "volumes", "lights", "clip", "camera", "image", "annotations", "quality", "cluster"}
     assert set(schema["properties"]) == {*sections, "automatic"}
 
 
