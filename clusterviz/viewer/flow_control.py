@@ -23,7 +23,7 @@ from clusterviz.viewer.encoding import LOSSLESS, LOSSY, Encoding, Picture
 MIN_WINDOW, MAX_WINDOW = 2, 8
 """Pictures on their way to a client."""
 FEW_WAITING, MANY_WAITING = 1.0, 2.0
-"""Pictures waiting on the link: with fewer than the first, a full window grows; with more than the second it shrinks."""
+"""Pictures waiting on the link: with fewer than the first a full window grows, with more than the second it shrinks."""
 ACK_SECONDS = 10.0
 """Time after which a picture without acknowledgement counts as lost."""
 SLOW, FAST = 1 / 12, 1 / 20
