@@ -58,6 +58,11 @@ COMMANDS: dict[str, Command] = {
         "Show a scene or a data file in the browser; the ranks of a job draw it.",
         "clusterviz view head.nii.gz --ranks 4",
     ),
+    "replay": Command(
+        "clusterviz.cli.replay",
+        "Render a picture again from the scene that it holds, and say what differs.",
+        "mpirun -n 4 clusterviz replay head.png",
+    ),
     "verify": Command(
         "clusterviz.cli.verify",
         "Render a scene on several rank counts, and compare the pictures.",

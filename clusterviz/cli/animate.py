@@ -41,12 +41,13 @@ from clusterviz.data import open_scene, open_source
 from clusterviz.data.axes import Subset
 from clusterviz.errors import InputError, OutputError
 from clusterviz.frame import FrameLoop, Options
-from clusterviz.image.files import LAYERED, check_writable, read_image, write_image
+from clusterviz.frame.picture_file import write_picture
+from clusterviz.image.files import LAYERED, check_writable, read_image
 from clusterviz.image.movie import check_encoder, write_movie
-from clusterviz.image.picture import layers_of
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
 from clusterviz.report.frame_coherence import FrameCoherence, together
+from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
 from clusterviz.scene import background_rgb
@@ -137,7 +138,7 @@ class FrameFiles:
             temporary.write_text(json.dumps(record_content, indent=2) + "\n")
         return list(range(frames))
 
-    def write(self, number: int, image: NDArray[np.float32], scene: Scene) -> None:
+    def write(self, image: NDArray[np.float32], scene: Scene, made: Provenance) -> None:
         """Write one picture.
 
         Raises
@@ -145,7 +146,7 @@ class FrameFiles:
         OutputError
             The picture cannot be written; earlier ones are kept.
         """
-        write_image(self.path(number), image, background_rgb(scene.image.background), layers=layers_of(image))
+        write_picture(self.path(made.number), image, scene, made)
 
     def finish(self, frames: int, frames_per_second: float) -> None:
         """Encode the movie, if the output is one, and remove its pictures."""
@@ -418,14 +419,14 @@ class _Animation:
                 if self._keep and self._channel.rank == 0:
                     self.statistics.append(rendered.statistics)
 
-    def write(self, image: object, scene: Scene, number: int) -> None:
+    def write(self, image: NDArray[np.float32], scene: Scene, made: Provenance) -> None:
         """Queue a frame for writing while others are drawn and composited."""
         files, tracing = self._files, self._tracing
 
         def job() -> None:
             began = time.perf_counter()
-            files.write(number, image, scene)  # type: ignore[union-attr, arg-type]
-            tracing.add([Span(f"write frame {number}", "finish", began, time.perf_counter(), row="writing")])
+            files.write(image, scene, made)  # type: ignore[union-attr]
+            tracing.add([Span(f"write frame {made.number}", "finish", began, time.perf_counter(), row="writing")])
 
         if files and self._thread:
             self._thread.put(job)

@@ -32,10 +32,10 @@ from clusterviz.cli.instrumentation import (
 from clusterviz.comm import agree
 from clusterviz.data import open_scene
 from clusterviz.frame import STEPS, Options, render_frame
-from clusterviz.image.files import check_writable, write_image
-from clusterviz.image.picture import layers_of
-from clusterviz.scene import background_rgb
-from clusterviz.scene.text import picture_metadata, scene_summary
+from clusterviz.frame.picture_file import write_picture
+from clusterviz.image.files import check_writable
+from clusterviz.report.provenance import Provenance
+from clusterviz.scene.text import scene_summary
 from clusterviz.scene.values import Scene
 
 
@@ -85,7 +85,5 @@ def command(
         print_info(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""))
 
 
-def _writer(output: Path) -> Callable[[Any, Scene, int], None]:
-    return lambda image, scene, number: write_image(
-        output, image, background_rgb(scene.image.background), picture_metadata(scene), layers_of(image)
-    )
+def _writer(output: Path) -> Callable[[Any, Scene, Provenance], None]:
+    return lambda image, scene, made: write_picture(output, image, scene, made)

@@ -16,6 +16,7 @@ from clusterviz.frame.opening import open_volumes
 from clusterviz.image.files import read_text
 from clusterviz.scene.automatic import classify_values
 from clusterviz.scene.complete import divided_infos
+from clusterviz.scene.files import dump_scene, load_picture_scene
 from clusterviz.scene.text import commented_scene
 
 
@@ -27,7 +28,7 @@ def command(
 ) -> None:
     """Print the completed scene as YAML: clusterviz scene head.nii.gz > head.yaml renders to the same picture."""
     if scene.lower().endswith(".png"):
-        print(read_text(scene), end="")
+        print(dump_scene(load_picture_scene(scene, read_text(scene))), end="")
         return
     channel, _ = start()
     with agree(channel, 0, "scene"):

@@ -42,6 +42,7 @@ from clusterviz.render.crossing import named_layers
 from clusterviz.render.render_result import finish_projection
 from clusterviz.report.decisions import Change
 from clusterviz.report.early_discarding import all_counts
+from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans
 from clusterviz.scene.visibility import visibility_warnings
@@ -164,7 +165,7 @@ class Compositing:
             if image is not None and run.options.annotate:
                 image = _annotated(image, drawn)
             if image is not None:
-                run.options.write(image, drawn.work.scene, drawn.number)
+                run.options.write(image, drawn.work.scene, _provenance(run, drawn))
         return image, counts
 
     def gather(self, run: Run, drawn: DrawnFrame, image: Image | None, counts: RankFrame) -> Rendered:
@@ -261,6 +262,15 @@ def _check(
             if difference.count:
                 name = work.scene.cluster.compositing
                 raise ClustervizError(f"{name} and serial compositing disagree: {difference}")
+
+
+def _provenance(run: Run, drawn: DrawnFrame) -> Provenance:
+    """Return how a frame was made; on rank 0."""
+    work, counts = drawn.work, drawn.counts
+    rounding = rounding_bound(work.scene.quality.pixel, max(1, len(work.order)))
+    detail = work.plan.detail if work.plan else ()
+    device = counts.renderer, counts.driver
+    return Provenance(drawn.number, run.channel.size, *device, rounding, work.accuracy, detail)
 
 
 def _operator(work: RankWork) -> Operator:

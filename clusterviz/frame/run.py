@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure, agree
 from clusterviz.render.choice import Device
+from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import STAGES, Clock
 from clusterviz.scene.values import Scene
 
@@ -47,7 +48,7 @@ class Options:
     check : check that each visible brick is drawn once; composite a second time, serially, and compare
     debug : show the traceback of a failure that ends the job
     progress : called on every rank when a step begins, and repeatedly while it draws
-    write : called on rank 0 with the picture, the completed scene and the frame's number; its time counts as "finish"
+    write : called on rank 0 with the picture, the completed scene and how it was made; its time counts as "finish"
     trace : record spans
     overlap : of many frames, composite each while the next one is drawn, if MPI supports two threads
     keep_drawn : return the partial images with the picture
@@ -60,7 +61,7 @@ class Options:
     check: bool = False
     debug: bool = False
     progress: Progress = lambda step, done=0.0: None
-    write: Callable[[Image, Scene, int], None] = lambda image, scene, number: None
+    write: Callable[[Image, Scene, Provenance], None] = lambda image, scene, made: None
     trace: bool = False
     overlap: bool = True
     keep_drawn: bool = False

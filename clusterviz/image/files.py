@@ -25,12 +25,16 @@ Layers = Mapping[str, NDArray[Any]]
 LAYERED = (".exr", ".npz")
 CHANNELS = {"depth": ("Z",), "normal": ("X", "Y", "Z"), "opacity": ("A",), "object": ("ID",)}
 """Names of a layer's channels in .exr files, behind the layer's own and a dot."""
-TEXT_KEY = "clusterviz scene"
-"""Keyword of the PNG's text chunk."""
+TEXT_KEY, RECORD_KEY = "clusterviz scene", "clusterviz record"
+"""Keywords of a PNG's text chunks: the scene, and how it was drawn."""
 
 
 def write_image(
-    path: str | os.PathLike[str], rgba: Pixels, background: Colour | None, text: str = "", layers: Layers | None = None
+    path: str | os.PathLike[str],
+    rgba: Pixels,
+    background: Colour | None,
+    text: str | Mapping[str, str] = "",
+    layers: Layers | None = None,
 ) -> None:
     """Write a picture in the format of its extension, atomically.
 
@@ -39,7 +43,7 @@ def write_image(
     path : ends in .npy, .npz, .exr (float32, premultiplied, before the background) or .png, .jpg, .gif (8 bit, over it)
     rgba : float32 (h, w, 4), premultiplied
     background : (r, g, b) in [0, 1] or None for transparent; unused by .npy, .npz and .exr
-    text : description of the picture, kept in a .png for `read_text`
+    text : description of the picture, or several by their keywords, kept in a .png for `read_text`
     layers : other layers; for .exr and .npz
 
     Raises
@@ -54,7 +58,7 @@ def write_image(
         raise InputError("not a picture", where=str(path), found=f"shape {rgba.shape}", allowed="(h, w, 4)")
     with replacing(path) as temporary:
         if write is _write_png:
-            _write_png(temporary, rgba, background, text)
+            _write_png(temporary, rgba, background, {TEXT_KEY: text} if isinstance(text, str) else text)
         elif layers:
             (_write_exr if write is _write_exr else _write_npz)(temporary, rgba, background, layers)
         else:
@@ -97,8 +101,8 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
     return np.ascontiguousarray(rgba, np.float32)
 
 
-def read_text(path: str | os.PathLike[str]) -> str:
-    """Return the text that `write_image` kept in a PNG.
+def read_text(path: str | os.PathLike[str], key: str = TEXT_KEY) -> str:
+    """Return the text that `write_image` kept in a PNG under a keyword.
 
     Raises
     ------
@@ -109,11 +113,12 @@ def read_text(path: str | os.PathLike[str]) -> str:
 
     try:
         with Image.open(path) as file:
-            text = file.info.get(TEXT_KEY)
+            text = file.info.get(key)
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError("cannot be read as a picture", where=str(path), found=error) from error
     if not text:
-        raise InputError("no scene in the picture", where=str(path), allowed="a .png that `clusterviz render` wrote")
+        what = key.rpartition(" ")[2]
+        raise InputError(f"no {what} in the picture", where=str(path), allowed="a .png that `clusterviz render` wrote")
     return str(text)
 
 
@@ -134,12 +139,13 @@ def _write_npy(path: Path, rgba: Pixels, background: Colour | None) -> None:
         file.write(pixels.data)
 
 
-def _write_png(path: Path, rgba: Pixels, background: Colour | None, text: str = "") -> None:
+def _write_png(path: Path, rgba: Pixels, background: Colour | None, text: Mapping[str, str] | None = None) -> None:
     from PIL import Image, PngImagePlugin
 
     chunks = PngImagePlugin.PngInfo()
-    if text:
-        chunks.add_itxt(TEXT_KEY, text, zip=True)
+    for key, each in (text or {}).items():
+        if each:
+            chunks.add_itxt(key, each, zip=True)
     with path.open("wb") as file:
         Image.fromarray(finish(rgba, background)).save(file, format="png", pnginfo=chunks)
 

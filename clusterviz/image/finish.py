@@ -50,6 +50,15 @@ def finish(rgba: NDArray[np.float32], background: Colour | None) -> NDArray[np.u
     return _bytes(straight)
 
 
+def as_shown(rgba: NDArray[np.float32], background: Colour | None) -> NDArray[np.float32]:
+    """Return the premultiplied picture, float32 (h, w, 4), that a reader finds in the bytes of `finish`."""
+    found = finish(rgba, background).astype(np.float32) / np.float32(255)
+    if background is not None:
+        return np.dstack([found, np.ones(found.shape[:2], np.float32)])
+    found[..., :3] *= found[..., 3:]
+    return found
+
+
 def _bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Round [0, 1] to the nearest of 0…255; overwrites `values`."""
     np.fmax(values, 0, out=values)  # 0 for NaN, unlike np.clip

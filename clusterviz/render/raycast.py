@@ -112,6 +112,11 @@ class Raycaster:
         return str(self._context.info["GL_RENDERER"])
 
     @property
+    def driver(self) -> str:
+        """Versions of OpenGL and of its driver."""
+        return str(self._context.info["GL_VERSION"])
+
+    @property
     def voxel_bytes(self) -> int:
         """Bytes of GPU memory of the bricks."""
         return self.pool.bytes

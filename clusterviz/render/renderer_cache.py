@@ -157,12 +157,12 @@ class RendererCache:
 
     @property
     def held(self) -> dict[str, Any]:
-        """Return the renderer's name, the number of bricks, and their voxels and bytes of memory."""
+        """Return the renderer's name, its driver, the number of bricks, and their voxels and bytes of memory."""
         if self._caster is None:
             return {}
         pool = self._caster.pool
         counted = {"bricks": len(pool.bricks), "voxels": pool.voxels, "voxel_bytes": pool.bytes}
-        return {"renderer": self._caster.renderer, **counted}
+        return {"renderer": self._caster.renderer, "driver": self._caster.driver, **counted}
 
     def release(self) -> None:
         """Free all resources."""

@@ -80,7 +80,7 @@ class RankFrame:
     cpu_seconds : CPU time of drawing, all threads
     bytes_raw, bytes_sent, messages_sent : bytes and messages of compositing without the final gather
     peak_memory_bytes : peak resident size of the process
-    renderer : name of the renderer, as in OpenGL
+    renderer, driver : name of the renderer and version of its driver, as in OpenGL; no driver on the CPU
     frame_coherence : statistics of frame coherence; None if quality.frame_coherence is false
     early_discarding : statistics of early fragment discarding; None if all fragments are stored
     kbuffer : counts of a k-buffer; None without one
@@ -107,6 +107,7 @@ class RankFrame:
     messages_sent: int = 0
     peak_memory_bytes: int = 0
     renderer: str = ""
+    driver: str = ""
     frame_coherence: FrameCoherence | None = None
     early_discarding: EarlyDiscarding | None = None
     kbuffer: KBufferCounts | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +88,27 @@ def _apply_preset(data: dict[str, Any], preset: str | None, replaced: Iterable[s
     return {("volumes", number, "preset"): option for number in range(len(volumes))}
 
 
+def load_picture_scene(path: str | os.PathLike[str], text: str, overrides: Sequence[str] = ()) -> Scene:
+    """Return the scene that a picture holds.
+
+    Parameters
+    ----------
+    path : the picture; paths in its scene are relative to its folder
+    text : the scene in the picture, YAML
+    overrides : as of `load_scene`; their paths are relative to the working folder
+
+    Raises
+    ------
+    SceneError
+        The scene is damaged, of another version of clusterviz, or an override is not valid.
+    """
+    where = f"{os.fspath(path)}: scene"
+    with guard(SceneError, where):
+        data = _absolute(_sections(_parse(text, where), where), Path(path).absolute().parent)
+        data, options = apply_overrides(data, parse_overrides(overrides))
+        return _checked(_absolute(data, Path.cwd()), where, options)
+
+
 def dump_scene(scene: Scene) -> str:
     """Return a scene as YAML with all keys, including defaults; `load_scene` reads it back as an equal scene."""
     return write_yaml(scene.model_dump(mode="json"))
@@ -136,7 +157,21 @@ def _sections(data: Any, where: str) -> dict[str, Any]:
 
 
 def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return raw scene data with paths joined to a folder; values of other types are left to validation."""
+    """Return raw scene data with paths joined to a folder."""
+    return change_paths(data, lambda text: os.path.normpath(folder / Path(text).expanduser()))
+
+
+def data_paths(scene: Scene) -> dict[str, str]:
+    """Return the path of each volume, entry of geometry and grid by its key, such as volumes.0.path."""
+    return {
+        f"{name}.{number}.path": entry.path
+        for name in ("volumes", *LISTED_SECTIONS)
+        for number, entry in enumerate(getattr(scene, name))
+    }
+
+
+def change_paths(data: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
+    """Return raw scene data with other paths of files; values of other types are left to validation."""
     lists = [data.get(name) for name in ("volumes", *LISTED_SECTIONS)]
     for entry in (entry for entries in lists if isinstance(entries, list) for entry in entries):
         if not isinstance(entry, dict):
@@ -145,7 +180,7 @@ def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         for section, key in ((entry, "path"), (entry, "cmap"), (entry, "shader"), (table, "path")):
             text = section.get(key) if isinstance(section, dict) else None
             if isinstance(section, dict) and isinstance(text, str) and _is_path(key, text):
-                section[key] = os.path.normpath(folder / Path(text).expanduser())
+                section[key] = change(text)
     return data
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.field_types import Section
+from clusterviz.scene.files import change_paths
 from clusterviz.scene.geometry import GeometrySection, LinesSection, PointsSection
 from clusterviz.scene.values import Scene, Volume
 from clusterviz.scene.yaml_text import SceneDumper, write_yaml
@@ -54,9 +58,26 @@ def scene_summary(scene: Scene) -> str:
     return "; ".join(parts)
 
 
-def picture_metadata(scene: Scene) -> str:
-    """Return the YAML text embedded in pictures: all sections but `cluster`, on which pictures do not depend."""
-    return write_yaml(scene.model_dump(mode="json", exclude={"cluster"}))
+def picture_metadata(scene: Scene, folder: Path) -> str:
+    """Return the YAML text embedded in a picture: all sections but `cluster`, on which pictures do not depend.
+
+    Parameters
+    ----------
+    folder : of the picture, absolute; see `portable_path`
+    """
+    data = scene.model_dump(mode="json", exclude={"cluster"})
+    return write_yaml(change_paths(data, lambda path: portable_path(path, folder)))
+
+
+def portable_path(path: str, folder: Path) -> str:
+    """Return a path relative to a folder if both share another folder than the root; else to ~, else as it is."""
+    if not os.path.isabs(path):  # data in memory
+        return path
+    if os.path.commonpath([path, folder]) != os.sep:
+        return os.path.relpath(path, folder)
+    with suppress(ValueError, RuntimeError):
+        return f"~/{Path(path).relative_to(Path.home())}"
+    return path
 
 
 def _key_lines(section: Section, indent: str) -> list[str]:

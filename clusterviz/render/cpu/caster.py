@@ -115,6 +115,11 @@ class VectorCaster:
         return cpu_name(self._width)
 
     @property
+    def driver(self) -> str:
+        """There is none."""
+        return ""
+
+    @property
     def voxel_bytes(self) -> int:
         """Memory taken by voxels."""
         return self.pool.bytes
