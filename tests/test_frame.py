@@ -63,7 +63,7 @@ def test_statistics_name_every_stage_and_count_what_was_done() -> None:
 @pytest.mark.gl
 def test_the_picture_is_given_to_write_on_rank_0_only() -> None:
     written: list[tuple[int, ...]] = []
-    draw(3, write=lambda image, scene, number: written.append(image.shape))
+    draw(3, write=lambda image, scene, made: written.append(image.shape))
     assert written == [(18, 24, 4)]
 
 

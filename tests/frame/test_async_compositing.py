@@ -17,6 +17,7 @@ from clusterviz.errors import RankError
 from clusterviz.frame import FrameLoop, Options, Rendered, Run
 from clusterviz.frame.compositing import Compositing
 from clusterviz.render.renderer_cache import RendererCache
+from clusterviz.report.provenance import Provenance
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.overrides import with_settings
 
@@ -68,7 +69,7 @@ def test_pictures_and_counts_are_those_without_overlap(ranks: int, settings: dic
 
     def run(channel: LoopbackChannel) -> tuple[list[Rendered], list[Rendered]]:
         views = scenes(**settings)
-        write = lambda image, scene, number: written.append(number)  # noqa: E731
+        write = lambda image, scene, made: written.append(made.number)  # noqa: E731
         return draw(channel, views, write=write), draw(channel, views, overlap=False)
 
     check_consistency(*run_loopback(ranks, run)[0])
@@ -137,10 +138,10 @@ def test_what_fails_is_raised_on_all_ranks_and_earlier_frames_are_kept(
             raise ValueError("odd")
         return right(caster, *arguments)
 
-    def write(image: Any, scene: Scene, number: int) -> None:
-        if number == failing_write:
+    def write(image: Any, scene: Scene, made: Provenance) -> None:
+        if made.number == failing_write:
             raise OSError("full")
-        written.append(number)
+        written.append(made.number)
 
     def run(channel: LoopbackChannel) -> str:
         with pytest.raises(RankError) as error:
