@@ -125,13 +125,13 @@ def test_pictures_that_cannot_be_rendered_again(cli: Callable[..., Any], tmp_pat
     [
         ("/a/data/b.h5:/x", "/a/pictures", "../data/b.h5:/x"),
         ("/a/b.npy", "/a", "b.npy"),
-        ("/home/me/b.npy", "/tmp", "~/b.npy"),
+        ("/users/me/b.npy", "/tmp", "~/b.npy"),
         ("/scratch/b.npy", "/tmp", "/scratch/b.npy"),
         ("array", "/tmp", "array"),
     ],
 )
 def test_paths_in_pictures(path: str, folder: str, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HOME", "/home/me")
+    monkeypatch.setenv("HOME", "/users/me")
     assert portable_path(path, Path(folder)) == expected
 
 
