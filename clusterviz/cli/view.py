@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
+from clusterviz.cli.arguments import Define, DeviceOption, PresetOption, SceneArgument, Size, overrides_of, parse_device
 from clusterviz.cli.console import print_info
 from clusterviz.cli.instrumentation import start
 from clusterviz.cli.jobs import OVERSUBSCRIBE, job_command
@@ -36,6 +36,7 @@ def command(
     context: typer.Context,
     scene: SceneArgument,
     define: Define = None,
+    preset: PresetOption = None,
     size: Size = None,
     ranks: Annotated[
         int | None, typer.Option(min=1, help="Start so many ranks with mpirun; default: those of the launcher, or one.")
@@ -60,7 +61,7 @@ def command(
         _start_job(ranks)
     channel, _ = start()
     with agree(channel, 0, "scene"):
-        opened, device_choice = open_scene(scene, overrides_of(define, size)), parse_device(device)
+        opened, device_choice = open_scene(scene, overrides_of(define, size), preset), parse_device(device)
     with agree(channel, 0, "port"):
         listening = open_socket(host, port) if channel.rank == 0 else None
     if listening is not None and not _is_loopback(host):

@@ -106,7 +106,7 @@ def load_picture_scene(path: str | os.PathLike[str], text: str, overrides: Seque
     with guard(SceneError, where):
         data = _absolute(_sections(_parse(text, where), where), Path(path).absolute().parent)
         data, options = apply_overrides(data, parse_overrides(overrides))
-        return _checked(_absolute(data, Path.cwd()), where, options)
+        return check_scene(_absolute(data, Path.cwd()), where, options)
 
 
 def dump_scene(scene: Scene) -> str:
