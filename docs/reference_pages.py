@@ -16,6 +16,7 @@ import clusterviz
 from clusterviz.cli import COMMANDS, command_line
 from clusterviz.scene import scene_schema
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.viewer.messages import MESSAGES
 
 Schema = dict[str, Any]
 
@@ -120,6 +121,19 @@ def blend_modes() -> Iterator[str]:
     yield from table(head, list[tuple[object, ...]](rows))
 
 
+def viewer_messages() -> Iterator[str]:
+    """The messages of the viewer's clients."""
+    yield "# Messages of the viewer's clients\n\nThe [protocol](../viewer-protocol.md) says how they are sent."
+    for name, message in MESSAGES.items():
+        schema = message.model_json_schema()
+        yield f"\n## {name}"
+        yield from keys(name, {**schema, "properties": {**schema["properties"], "type": {"const": name}}})
+        for part, section in schema.get("$defs", {}).items():
+            if "properties" in section:
+                yield f"\n### {part}"
+                yield from keys(part, section)
+
+
 def api() -> Iterator[str]:
     """The names of `clusterviz`, which autodoc writes out."""
     yield "# Python API\n"
@@ -150,7 +164,7 @@ def write_pages(folder: Path) -> None:
     """Write the pages into a folder."""
     folder.mkdir(exist_ok=True)
     pages = {"commands": commands(), "scene": scene(scene_schema()), "blend-modes": blend_modes(), "python": api()}
-    pages["modules"] = modules()
+    pages |= {"viewer-messages": viewer_messages(), "modules": modules()}
     for page, lines in pages.items():
         text = "\n".join(lines) + "\n"
         path = folder / f"{page}.md"

@@ -136,7 +136,7 @@ class Preset(Part):
 
     type: Literal["preset"] = "preset"
     volume: Annotated[int, Field(ge=0, le=1000)] = Field(description="Index of the volume.")
-    name: ShortText
+    name: ShortText = Field(description="One of the presets of hello.")
 
 
 class Pick(Part):

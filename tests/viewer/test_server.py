@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import io
 import json
@@ -85,9 +86,9 @@ class Served:
             answer.text = answer.read().decode()  # type: ignore[attr-defined]
             return answer
 
-    def connect(self, **headers: str) -> AbstractContextManager[ClientConnection]:
+    def connect(self, port: int = 0, **headers: str) -> AbstractContextManager[ClientConnection]:
         return connect(
-            f"ws://{self.address}/ws",
+            f"ws://127.0.0.1:{port or self.server.port}/ws",
             additional_headers=headers or BEARER,
             compression=None,
             max_size=None,
@@ -146,7 +147,34 @@ def closed(client: ClientConnection) -> tuple[int, str]:
     return end.value.rcvd.code, end.value.rcvd.reason
 
 
-OWN, NONE = "own", "none"
+@contextmanager
+def slow_link(port: int, delay: float, megabits: float) -> Iterator[int]:
+    """Port of a relay to another over a link with a delay to each side and a bandwidth."""
+
+    async def carry(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        loop, free = asyncio.get_running_loop(), 0.0
+        while data := await reader.read(16384):
+            free = max(free, loop.time()) + len(data) / (megabits * 125_000)
+            loop.call_at(free + delay, writer.write, data)
+            await asyncio.sleep(free - loop.time())
+
+    async def relay(near: asyncio.StreamReader, back: asyncio.StreamWriter) -> None:
+        far, there = await asyncio.open_connection("127.0.0.1", port, limit=16384)
+        await asyncio.gather(carry(near, there), carry(far, back))
+
+    async def serve() -> None:
+        await asyncio.start_server(relay, sock=listening)
+        await ended.wait()
+
+    listening, ended, loop = open_socket("127.0.0.1", 0), asyncio.Event(), asyncio.new_event_loop()
+    thread = threading.Thread(target=lambda: asyncio.Runner(loop_factory=lambda: loop).run(serve()))
+    thread.start()
+    yield listening.getsockname()[1]
+    loop.call_soon_threadsafe(ended.set)
+    thread.join()
+
+
+OWN: Any = "own"
 REQUESTS = {
     "no-token": ("/", {}, 401),
     "wrong-token": ("/?token=wrong", {}, 401),
@@ -334,6 +362,27 @@ def test_ten_thousand_messages_a_second_delay_nobody() -> None:
         handled = len(served.session.messages)
         assert pongs >= 10
         assert handled < count / 2
+
+
+def test_slow_link_shows_eight_pictures_a_second() -> None:
+    """The link has 10 Mb/s and 100 ms of delay; 25 pictures a second of 76 kB are drawn, more than it takes."""
+    blocks = np.random.default_rng(1).random((75, 100, 4), np.float32)
+    with serving() as served, slow_link(served.server.port, 0.05, 10) as port, served.connect(port) as client:
+        received(client)
+        served.session.rgba = np.kron(blocks, np.ones((8, 8, 1), np.float32))
+        shown, begin, number = 0, time.monotonic(), 0
+
+        def draw() -> None:
+            for number in range(1, 101):
+                served.session.show(number, still=number == 100)
+                time.sleep(0.04)
+
+        drawing = threading.Thread(target=draw)
+        drawing.start()
+        while number < 100:
+            number, shown = received(client)["picture"], shown + 1
+        assert shown / (time.monotonic() - begin) >= 8
+        drawing.join()
 
 
 def test_edits_are_not_left_out() -> None:
