@@ -21,7 +21,8 @@ export class AppearancePanel {
     this.viewer = viewer;
     this.form = new Form(viewer);
     this.annotations = createElement("div");
-    this.element = createElement("div", {}, this.backgroundRow(), this.angleRow(), this.projectionRow(), this.annotations);
+    const rows = [this.backgroundRow(), this.angleRow(), this.projectionRow(), this.annotations];
+    this.element = createElement("div", {}, ...rows);
     viewer.on("camera", () => this.showCamera());
   }
 
@@ -68,7 +69,7 @@ export class AppearancePanel {
     this.parallel = createElement("input", {type: "checkbox"});
     this.parallel.addEventListener("change", () => this.viewer.setCamera(otherProjection(this.camera)));
     this.scale = createElement("span", {class: "muted"});
-    const row = createElement("label", {class: "row check"}, this.parallel, createElement("span", {}, "Parallel projection"), this.scale);
+    const row = createElement("label", {class: "row check"}, this.parallel, "Parallel projection", this.scale);
     row.dataset.key = "camera.parallel_scale";
     return row;
   }

@@ -47,7 +47,8 @@ export class ClipPanel {
   add(name) {
     const state = this.viewer.state;
     const axis = AXIS_NAMES.indexOf(name);
-    const normal = axis < 0 ? tidy(cameraAxes(this.viewer.camera ?? state.scene.camera).forward) : [0, 0, 0].with(axis, 1);
+    const forward = cameraAxes(this.viewer.camera ?? state.scene.camera).forward;
+    const normal = axis < 0 ? tidy(forward) : [0, 0, 0].with(axis, 1);
     this.send([...this.planes, [tidy(boundsCentre(state)), normal]]);
     this.viewer.setOverlay({clip: true});
   }
@@ -133,7 +134,8 @@ export class ClipPanel {
     const whole = bounds[0].flatMap((low, axis) => [low, bounds[1][axis]]);
     const toggle = createElement("input", {type: "checkbox"});
     const rows = createElement("div", {}, ...whole.map((_, part) => boxRow(form, part, bounds)));
-    const frame = createElement("div", {class: "card"}, createElement("label", {class: "row check"}, toggle, "Clip box"), rows);
+    const head = createElement("label", {class: "row check"}, toggle, "Clip box");
+    const frame = createElement("div", {class: "card"}, head, rows);
     const field = form.bind("clip.box", frame, (box) => {
       toggle.checked = Boolean(box);
       rows.hidden = !box;
@@ -158,9 +160,9 @@ function planeTitle(name) {
 }
 
 function planeHead(number, isOn, remove) {
-  const box = createElement("input", {type: "checkbox", title: isOn ? "Switch this plane off" : "Switch this plane on"});
+  const box = createElement("input", {type: "checkbox", title: `Switch this plane ${isOn ? "off" : "on"}`});
   box.checked = isOn;
   const label = createElement("label", {class: "check"}, box, `Plane ${number + 1}`);
-  const head = createElement("div", {class: "row head"}, label, button("✕", remove, {title: "Remove this plane", class: "icon"}));
-  return [box, head];
+  const drop = button("✕", remove, {title: "Remove this plane", class: "icon"});
+  return [box, createElement("div", {class: "row head"}, label, drop)];
 }

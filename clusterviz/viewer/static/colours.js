@@ -1,7 +1,8 @@
 // Choice of a colour map: names with previews, a search, and the reverse of each.
 
-import {button} from "./controls.js";
+import {button, labelled} from "./controls.js";
 import {createElement} from "./elements.js";
+import {hasColourPoints} from "./transfer_model.js";
 
 /** CSS gradient of colours [[r, g, b], …] at equal distances. */
 export function cssGradient(colours) {
@@ -20,14 +21,15 @@ export class ColourMapPicker {
     this.name = "";
     this.preview = createElement("span", {class: "preview"});
     this.title = createElement("span", {class: "map-name"});
-    this.search = createElement("input", {type: "search", placeholder: "Search…", "aria-label": "Search colour maps"});
+    this.search = createElement("input", {type: "search", placeholder: "Search…", title: "Search colour maps"});
     this.list = createElement("div", {class: "map-list"});
     this.opened = createElement("details", {class: "map-choice"});
     this.opened.append(createElement("summary", {}, this.preview, this.title), this.search, this.list);
     this.reverse = createElement("input", {type: "checkbox", title: "Reverse the colours"});
     const points = editColours && button("edit", editColours, {title: "Edit the colours as control points"});
-    this.element = createElement("div", {class: "row map-row"}, createElement("span", {class: "label"}, "Colours"), this.opened);
-    this.element.append(createElement("label", {class: "inline"}, this.reverse, "reverse"), ...(points ? [points] : []));
+    const reverse = createElement("label", {class: "inline"}, this.reverse, "reverse");
+    this.element = labelled("Colours", this.opened, reverse, ...(points ? [points] : []));
+    this.element.classList.add("map-row");
     this.points = points;
     this.field = form.bind(key, this.element, (value, state) => this.show(value, state));
     this.listen();
@@ -56,7 +58,7 @@ export class ColourMapPicker {
   item({name, colours}) {
     const preview = createElement("span", {class: "preview"});
     preview.style.backgroundImage = cssGradient(colours);
-    return createElement("button", {type: "button", title: name, onclick: () => this.choose(name)}, preview, createElement("span", {}, name));
+    return createElement("button", {type: "button", title: name, onclick: () => this.choose(name)}, preview, name);
   }
 
   filter() {
@@ -80,7 +82,7 @@ export class ColourMapPicker {
     this.name = isName ? value : "";
     this.reverse.checked = isName && value.endsWith("_r");
     this.reverse.disabled = !isName || value.endsWith(".json");
-    if (this.points) this.points.hidden = Array.isArray(value?.[0]) && value[0].length === 4;
+    if (this.points) this.points.hidden = hasColourPoints(value);
     this.title.textContent = isName ? value : value ? "control points" : "";
     this.preview.style.backgroundImage = cssGradient(this.colours(value));
   }

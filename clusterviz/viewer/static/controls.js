@@ -3,12 +3,20 @@
 import {createElement} from "./elements.js";
 
 /** @typedef {import("./viewer.js").Viewer} Viewer */
-/** @typedef {{key: string, element: HTMLElement, show: (value: any, state: any) => void, busy: boolean, input: number}} Field */
+/**
+ * @typedef {object} Field
+ * @property {string} key
+ * @property {HTMLElement} element
+ * @property {(value: any, state: any) => void} show
+ * @property {boolean} busy  whether it is dragged, so that states do not move it
+ * @property {number} input  number of its last edit
+ */
 
 const SVG_NAMESPACE = "http://www.w3.org/2000/svg";
 let gestureCount = 0;
 
-/** Create an SVG element. @type {(tag: string, attributes?: Record<string, any>, ...children: (Node | string)[]) => any} */
+/** Create an SVG element.
+ * @type {(tag: string, attributes?: Record<string, any>, ...children: (Node | string)[]) => any} */
 export function createSvg(tag, attributes = {}, ...children) {
   const element = document.createElementNS(SVG_NAMESPACE, tag);
   changeAttributes(element, attributes);
@@ -40,7 +48,8 @@ export function parseNumber(text) {
 
 /** "#rrggbb" of [r, g, b] in 0..1. */
 export function hexColour(rgb) {
-  return "#" + rgb.map((part) => Math.round(255 * Math.min(1, Math.max(0, part))).toString(16).padStart(2, "0")).join("");
+  const byte = (part) => Math.round(255 * Math.min(1, Math.max(0, part)));
+  return `#${rgb.map((part) => byte(part).toString(16).padStart(2, "0")).join("")}`;
 }
 
 /** [r, g, b] in 0..1 of "#rrggbb". */
@@ -118,12 +127,14 @@ export class Form {
 
   /**
    * A slider with a number beside it, for a number or for one part of a list of numbers.
-   * @param {{low: number, high: number, log?: boolean, part?: number}} options  the slider's range; the number may leave it
+   * @param {{low: number, high: number, log?: boolean, part?: number}} options  the slider's range, which the number
+   *   may leave
    */
   slider(key, label, options) {
     const slider = sliderInput();
     let whole = [];
-    const send = (value, gesture) => this.send(field, options.part == null ? value : whole.with(options.part, value), gesture);
+    const {part} = options;
+    const send = (value, gesture) => this.send(field, part == null ? value : whole.with(part, value), gesture);
     const input = numberInput(send);
     const row = labelled(label, slider, input);
     row.classList.add("with-slider");
@@ -134,7 +145,7 @@ export class Form {
     });
     const field = this.bind(key, row, (found) => {
       whole = found ?? [];
-      const value = options.part == null ? found : whole[options.part];
+      const value = part == null ? found : whole[part];
       if (value != null) slider.value = String(slidePosition(value, options));
       showText(input, formatNumber(value));
     });
@@ -144,7 +155,8 @@ export class Form {
   /** One of some names; `choices` are names, or [value, text] pairs. `more(value)` are keys that change with it. */
   select(key, label, choices = keyFacts(this.viewer, key).choices ?? [], more = () => ({})) {
     const pairs = choices.map((choice) => (Array.isArray(choice) ? choice : [choice, String(choice)]));
-    const select = createElement("select", {}, ...pairs.map(([value, text]) => createElement("option", {value: JSON.stringify(value)}, text)));
+    const option = ([value, text]) => createElement("option", {value: JSON.stringify(value)}, text);
+    const select = createElement("select", {}, ...pairs.map(option));
     select.addEventListener("change", () => {
       const value = JSON.parse(select.value);
       this.send(field, value, {more: more(value)});
@@ -211,7 +223,8 @@ export function button(text, onPress, attributes = {}) {
  * Arrow keys change the value by a hundredth of its magnitude, with shift by a tenth.
  */
 export function numberInput(commit, {title = "", empty = false} = {}) {
-  const input = createElement("input", {type: "text", inputmode: "decimal", class: "number", title, autocomplete: "off"});
+  const attributes = {type: "text", inputmode: "decimal", class: "number", autocomplete: "off"};
+  const input = createElement("input", {...attributes, title});
   const finish = () => {
     input.dataset.typed = "";
     const value = parseNumber(input.value);

@@ -3,7 +3,9 @@
 /** @typedef {{low: number, high: number, counts: number[]}} Histogram */
 
 /** The editor's parts, in units of its view box. */
-export const PLOT = {left: 6, right: 334, top: 14, bottom: 128, bar: 134, barBottom: 148, ticks: 167, width: 340, height: 172};
+export const PLOT = {
+  left: 6, right: 334, top: 14, bottom: 138, bar: 144, barBottom: 158, ticks: 177, width: 340, height: 181,
+};
 
 /** The visible part of the value axis, and the opacity axis. */
 export class PlotAxes {

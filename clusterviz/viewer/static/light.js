@@ -35,7 +35,7 @@ export class LightsPanel {
     this.list = createElement("div", {class: "lights"});
     this.list.dataset.key = "lights";
     const add = button("+ headlight", () => this.add({type: "headlight"}), {title: "A light that shines from the eye"});
-    const scene = button("+ scene light", () => this.add(this.newLight()), {title: "A light that is fixed in the world"});
+    const scene = button("+ scene light", () => this.add(this.newLight()), {title: "A light fixed in the world"});
     this.element = createElement("div", {}, this.list, createElement("div", {class: "row"}, add, scene));
     this.stop = viewer.on("camera", () => this.spheres?.forEach((sphere) => sphere.draw()));
   }
@@ -75,8 +75,10 @@ export class LightsPanel {
     const path = `lights.${index}`;
     const remove = () => this.viewer.edit({lights: this.lights.toSpliced(index, 1)}, {moving: false});
     const title = createElement("span", {class: "label"}, light.type === "headlight" ? "Headlight" : "Scene light");
-    const head = createElement("div", {class: "row head"}, title, button("✕", remove, {title: "Remove this light", class: "icon"}));
-    const rows = [this.form.colour(`${path}.color`, "Colour"), this.form.slider(`${path}.intensity`, "Intensity", {low: 0, high: 2})];
+    const drop = button("✕", remove, {title: "Remove this light", class: "icon"});
+    const head = createElement("div", {class: "row head"}, title, drop);
+    const intensity = this.form.slider(`${path}.intensity`, "Intensity", {low: 0, high: 2});
+    const rows = [this.form.colour(`${path}.color`, "Colour"), intensity];
     if (light.type === "scene") rows.push(...this.sceneRows(path, index, light.positional));
     return createElement("div", {class: "card"}, head, ...rows);
   }
@@ -102,7 +104,7 @@ class LightSphere {
     this.index = index;
     this.dot = createSvg("circle", {r: 6, class: "light-dot"});
     const size = SPHERE_RADIUS + 8;
-    const label = "Direction of the light: the centre is from the eye, the inner circle from the side, the rim from behind";
+    const label = "Direction of the light. Centre: from the eye; inner circle: from the side; rim: from behind.";
     this.svg = createSvg("svg", {viewBox: `${-size} ${-size} ${2 * size} ${2 * size}`, class: "sphere", tabindex: 0});
     this.svg.append(createSvg("title", {}, label), createSvg("circle", {r: SPHERE_RADIUS, class: "rim"}));
     this.svg.append(createSvg("circle", {r: SPHERE_RADIUS / 2, class: "side"}), this.dot);

@@ -10,7 +10,7 @@ import {SavePanel} from "./save.js";
 import {StatisticsPanel} from "./statistics.js";
 import {ContentsPanel} from "./volumes.js";
 
-/** Panels from top to bottom: title, class, whether it is open at first, and whether a client that watches may use it. */
+/** Panels from top to bottom: title, class, whether it is open at first, whether a client that watches may use it. */
 const PANELS = [
   ["Contents", ContentsPanel, true, false],
   ["Lights", LightsPanel, false, false],
@@ -28,7 +28,7 @@ const PANELS = [
  */
 export function createPanels(viewer) {
   const history = historyRow(viewer);
-  const frames = PANELS.map(([title, Panel, isOpen, isForAll]) => panelFrame(title, new Panel(viewer), isOpen, isForAll));
+  const frames = PANELS.map(([title, Panel, ...options]) => panelFrame(title, new Panel(viewer), ...options));
   const element = createElement("div", {class: "panels"}, history.element, ...frames.map((frame) => frame.element));
   const show = (state) => {
     clearErrors(element);
@@ -52,7 +52,8 @@ function historyRow(viewer) {
     redo.disabled = !steers || !state.can_redo;
     reset.disabled = !steers;
   };
-  return {element: createElement("div", {class: "history"}, undo, redo, createElement("span", {class: "spacer"}), reset), show};
+  const spacer = createElement("span", {class: "spacer"});
+  return {element: createElement("div", {class: "history"}, undo, redo, spacer, reset), show};
 }
 
 /** A panel that can be folded; its contents are shown while it is open. */

@@ -1,6 +1,6 @@
 // Panel of the quality: each setting, with its measured time and error.
 
-import {Form, formatNumber} from "./controls.js";
+import {Form, button, formatNumber} from "./controls.js";
 import {createElement} from "./elements.js";
 
 const QUALITY_ROWS = [
@@ -18,7 +18,7 @@ const QUALITY_ROWS = [
 /** Seconds as "1.2 s" or "35 ms". */
 export function formatSeconds(seconds) {
   if (seconds == null) return "–";
-  return seconds >= 0.9995 ? `${seconds.toPrecision(3)} s` : `${formatNumber(Number((1000 * seconds).toPrecision(3)))} ms`;
+  return seconds >= 0.9995 ? `${seconds.toPrecision(3)} s` : `${Number((1000 * seconds).toPrecision(3))} ms`;
 }
 
 /** An error of a full scale of 1 as a share of 1/255. */
@@ -72,7 +72,8 @@ export class QualityPanel {
 
   table({key, value, choices}) {
     const slowest = Math.max(...choices.map((choice) => choice.seconds ?? 0)) || 1;
-    return createElement("div", {class: "choices"}, ...choices.map((choice) => this.choice(key, choice, value, slowest)));
+    const rows = choices.map((choice) => this.choice(key, choice, value, slowest));
+    return createElement("div", {class: "choices"}, ...rows);
   }
 
   choice(key, {value, seconds, error}, present, slowest) {
@@ -80,9 +81,11 @@ export class QualityPanel {
     bar.style.width = `${(100 * (seconds ?? 0)) / slowest}%`;
     const take = () => this.viewer.edit({[key]: value}, {moving: false});
     const isPresent = JSON.stringify(value) === JSON.stringify(present);
-    const attributes = {type: "button", onclick: take, "aria-pressed": String(isPresent), title: `Set ${key} to this value`};
+    const attributes = {"aria-pressed": String(isPresent), title: `Set ${key} to this value`};
     const texts = [choiceText(value), formatSeconds(seconds), formatError(error)];
-    return createElement("button", attributes, bar, ...texts.map((text) => createElement("span", {}, text)));
+    const row = button("", take, attributes);
+    row.append(bar, ...texts.map((text) => createElement("span", {}, text)));
+    return row;
   }
 }
 

@@ -1,6 +1,6 @@
 // Panel of what is kept: scene, picture, command line, and the key frames of a camera path.
 
-import {button, formatNumber, labelled, numberInput, showText} from "./controls.js";
+import {button, formatNumber, labelled, numberInput, parseNumber, showText} from "./controls.js";
 import {createElement} from "./elements.js";
 
 const KEY_FRAME_SECONDS = 2;
@@ -80,7 +80,8 @@ export class SavePanel {
   pictureRow() {
     const side = (title) => numberInput(() => undefined, {title});
     [this.width, this.height] = [side("width"), side("height")];
-    const save = button("Picture", () => this.ask("picture", {width: Number(this.width.value), height: Number(this.height.value)}));
+    const size = () => ({width: parseNumber(this.width.value), height: parseNumber(this.height.value)});
+    const save = button("Picture", () => this.ask("picture", size()), {title: "This picture in any size"});
     const row = labelled("Size", this.width, this.height, save);
     row.classList.add("vector");
     row.dataset.key = "save";
@@ -130,15 +131,17 @@ export class SavePanel {
     const update = button("set", () => this.update(index), {title: "Take the present view for this key frame"});
     const up = button("↑", () => this.swap(index - 1), {title: "Earlier", class: "icon"});
     const down = button("↓", () => this.swap(index), {title: "Later", class: "icon"});
-    const remove = button("✕", () => this.setFrames(this.frames.toSpliced(index, 1)), {title: "Remove", class: "icon"});
+    const drop = () => this.setFrames(this.frames.toSpliced(index, 1));
+    const remove = button("✕", drop, {title: "Remove", class: "icon"});
     [up.disabled, down.disabled] = [index === 0, index === this.frames.length - 1];
     const label = createElement("span", {class: "label"}, `Key ${index + 1}`);
     return createElement("div", {class: "row key-frame"}, label, time, "s", go, update, up, down, remove);
   }
 
   setTime(index, value) {
-    const isFree = Number.isFinite(value) && this.frames.every((frame, other) => other === index || frame.time !== value);
-    if (isFree) this.setFrames(this.frames.with(index, {...this.frames[index], time: value}));
+    const isTaken = this.frames.some((frame, other) => other !== index && frame.time === value);
+    const changed = {...this.frames[index], time: value};
+    if (Number.isFinite(value) && !isTaken) this.setFrames(this.frames.with(index, changed));
     else this.showFrames();
   }
 

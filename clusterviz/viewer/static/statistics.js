@@ -54,7 +54,8 @@ export class StatisticsPanel {
     this.boxes = createElement("input", {type: "checkbox"});
     this.boxes.addEventListener("change", () => viewer.setOverlay({boxes: this.boxes.checked}));
     const boxes = createElement("label", {class: "row check"}, this.boxes, "Show the ranks' boxes in the picture");
-    this.element = createElement("div", {class: "statistics"}, this.warnings, this.total, this.bars, this.legend, this.table, boxes);
+    const parts = [this.warnings, this.total, this.bars, this.legend, this.table, boxes];
+    this.element = createElement("div", {class: "statistics"}, ...parts);
     viewer.on("statistics", (message) => this.showStatistics(message));
     viewer.on("overlay", () => (this.boxes.checked = Boolean(viewer.overlay.boxes)));
     if (viewer.statistics) this.showStatistics(viewer.statistics);
@@ -67,7 +68,8 @@ export class StatisticsPanel {
   }
 
   showStatistics({total_seconds: total, stages, per_rank: ranks, imbalance}) {
-    this.total.textContent = `Frame: ${formatSeconds(total)}${ranks.length > 1 ? ` · imbalance ${imbalance?.toFixed(2) ?? "–"}` : ""}`;
+    const balance = ranks.length > 1 ? ` · imbalance ${imbalance?.toFixed(2) ?? "–"}` : "";
+    this.total.textContent = `Frame: ${formatSeconds(total)}${balance}`;
     const parts = ranks.map((rank) => stageParts(rank, stages, total));
     const scale = Math.max(total, ...parts.map((each) => each.reduce((sum, part) => sum + part.seconds, 0)));
     this.bars.replaceChildren(...parts.map((each, rank) => bar(rank, each, scale)));
@@ -77,7 +79,8 @@ export class StatisticsPanel {
 
   /** The stages that take any time, with the time of the slowest rank. */
   showLegend(stages, parts) {
-    const longest = (stage) => Math.max(...parts.map((each) => each.find((part) => part.stage === stage)?.seconds ?? 0));
+    const secondsOf = (each, stage) => each.find((part) => part.stage === stage)?.seconds ?? 0;
+    const longest = (stage) => Math.max(...parts.map((each) => secondsOf(each, stage)));
     const shown = stages.map((stage) => [stage, longest(stage)]).filter(([, seconds]) => seconds > 0);
     this.legend.replaceChildren(...shown.map(([stage, seconds]) => legendItem(stage, seconds)));
   }
@@ -91,7 +94,8 @@ export class StatisticsPanel {
       const cells = [...texts, formatBytes(rank.peak_memory_bytes)].map((text) => createElement("td", {}, text));
       return createElement("tr", {}, createElement("th", {}, sample, String(number)), ...cells);
     });
-    this.table.replaceChildren(createElement("thead", {}, createElement("tr", {}, ...head)), createElement("tbody", {}, ...rows));
+    const titles = createElement("thead", {}, createElement("tr", {}, ...head));
+    this.table.replaceChildren(titles, createElement("tbody", {}, ...rows));
   }
 }
 
@@ -107,7 +111,8 @@ function bar(rank, parts, scale) {
 }
 
 function segment({stage, seconds}, scale) {
-  const part = createElement("span", {title: `${stage}: ${formatSeconds(seconds)}`, "data-stage": stage, "data-seconds": seconds});
+  const title = `${stage}: ${formatSeconds(seconds)}`;
+  const part = createElement("span", {title, "data-stage": stage, "data-seconds": seconds});
   part.style.width = `${(100 * seconds) / scale}%`;
   part.style.background = stageColour(stage);
   return part;

@@ -1,53 +1,24 @@
 // Editor of a transfer function: colour, opacity, isovalues and colour limits over the histogram.
 
-import {Form, createSvg, button, formatNumber, hexColour, labelled, maySteer, newGesture, numberInput} from "./controls.js";
-import {createElement} from "./elements.js";
-import {rgbOfHex, changeAttributes, showText, valueAt} from "./controls.js";
-import {PLOT, PlotAxes, histogramPath} from "./histogram.js";
 import {ColourMapPicker} from "./colours.js";
-
-/**
- * A handle of the plot: a control point of opacity ("point") or colour ("colour"), an isovalue ("surface"), or an end of
- * the colour limits ("limit").
- * @typedef {{kind: "point"|"surface"|"limit"|"colour", index: number}} Handle
- */
+import {
+  Form, button, formatNumber, hexColour, labelled, maySteer, newGesture, numberInput, rgbOfHex, showText, valueAt,
+} from "./controls.js";
+import {createElement} from "./elements.js";
+import {PLOT} from "./histogram.js";
+import {TransferModel, betweenNeighbours, columnAt, contentEntry, insertByValue} from "./transfer_model.js";
+import {HANDLE_NAMES, TransferPlot, handleOf} from "./transfer_plot.js";
 
 const OPACITY_PRESETS = ["linear", "linear_r", "geom", "geom_r", "sigmoid", "sigmoid_r", "foreground"];
-/** Parts of the curve between two points where the opacity axis is not linear. */
-const CURVE_PARTS = 16;
-const HANDLE_NAMES = {point: "Point", surface: "Isovalue", limit: "Colour limit", colour: "Colour point"};
 const HANDLE_KEYS = {point: "opacity", surface: "isosurfaces", limit: "clim", colour: "cmap"};
-
-/** Entry of `state.volumes`, `state.geometry` or `state.grids` for the section at a path such as "volumes.0". */
-export function contentEntry(state, path) {
-  const each = [...(state.volumes ?? []), ...(state.geometry ?? []), ...(state.grids ?? [])];
-  return each.find((entry) => entry.key === path) ?? {};
-}
-
-/** Put a row into a list of control points, after those of the same value; return its index. */
-export function insertByValue(points, row) {
-  const after = points.findIndex((point) => point[0] > row[0]);
-  const index = after < 0 ? points.length : after;
-  points.splice(index, 0, row);
-  return index;
-}
-
-/** A value between those of its neighbours, so that control points stay in order; equal ones are a step. */
-export function betweenNeighbours(points, index, value) {
-  const low = points[index - 1]?.[0] ?? -Infinity;
-  const high = points[index + 1]?.[0] ?? Infinity;
-  return Math.min(high, Math.max(low, value));
-}
-
-/** Opacity at a value of control points; null without points. */
-export function opacityAt(points, value) {
-  if (!points.length) return null;
-  const right = points.findIndex((point) => point[0] > value);
-  if (right === 0) return points[0][1];
-  if (right < 0) return points[points.length - 1][1];
-  const [[x0, y0], [x1, y1]] = [points[right - 1], points[right]];
-  return y0 + ((value - x0) / (x1 - x0)) * (y1 - y0);
-}
+/** Rows that stay when others are removed. */
+const LEAST_ROWS = {point: 1, colour: 2, surface: 0, limit: 2};
+/** Largest opacity up to which small opacities are spread at first. */
+const SPREAD_BELOW = 0.25;
+const CLICK_UNITS = 1.5;
+/** Way up or down after which an isovalue gets an opacity of its own, units of the plot. */
+const OWN_OPACITY_UNITS = 8;
+const ARROW_DIRECTIONS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
 
 export class TransferEditor {
   /**
@@ -58,47 +29,296 @@ export class TransferEditor {
     this.viewer = viewer;
     this.path = path;
     this.form = new Form(viewer);
-    this.axis = new PlotAxes(0, 1);
-    /** @type {Handle | null} */
+    this.model = new TransferModel();
+    this.plot = new TransferPlot();
+    this.entry = {};
+    /** @type {?import("./transfer_model.js").Handle} */
     this.selected = null;
-    this.points = [];
-    this.surfaces = null;
-    this.limits = null;
-    this.colours = null;
-    this.stops = [];
-    this.element = createElement("div", {class: "transfer"});
-    this.buildPlot();
-    this.buildRows();
-  }
-
-  buildPlot() {
-    const id = `transfer-${Math.random().toString(36).slice(2)}`;
-    this.gradient = createSvg("linearGradient", {id, gradientUnits: "userSpaceOnUse"});
-    const {left, right, top, bottom, bar, barBottom} = PLOT;
-    const size = {x: left, width: right - left};
-    this.histogram = createSvg("path", {class: "histogram"});
-    this.area = createSvg("path", {class: "area", fill: `url(#${id})`});
-    this.curve = createSvg("path", {class: "curve"});
-    this.ticks = createSvg("g", {class: "ticks"});
-    this.handles = createSvg("g");
-    this.clip = createSvg("clipPath", {id: `${id}-clip`}, createSvg("rect", {...size, y: 0, height: bottom + 1}));
-    this.svg = createSvg(
-      "svg",
-      {viewBox: `0 0 ${PLOT.width} ${PLOT.height}`, class: "plot", tabindex: 0, role: "group"},
-      createSvg("defs", {}, this.gradient, this.clip),
-      createSvg("rect", {...size, y: top, height: bottom - top, class: "plot-background"}),
-      createSvg("g", {"clip-path": `url(#${id}-clip)`}, this.histogram, this.area, this.curve),
-      createSvg("rect", {...size, y: bar, height: barBottom - bar, fill: `url(#${id})`, class: "colour-bar"}),
-      this.ticks,
-      this.handles,
-    );
-    this.svg.setAttribute("aria-label", "Transfer function: double click adds a point, + and - zoom, 0 shows all values");
-    this.wrapper = createElement("div", {class: "plot-frame"}, this.svg);
+    this.dragged = null;
+    this.frame = createElement("div", {class: "plot-frame"}, this.plot.element);
+    this.picker = new ColourMapPicker(this.form, `${path}.cmap`, () => this.editColours());
+    this.addSurfaceButton = button("+ isovalue", () => this.addSurface(), {title: "Add an isosurface"});
+    this.surfaceRow = createElement("div", {class: "row"}, this.addSurfaceButton);
+    this.element = createElement("div", {class: "transfer"}, this.toolRow(), this.frame, this.selectedRow());
+    this.element.append(this.picker.element, this.limitRow(), this.surfaceRow);
+    this.bindKeys();
     this.listen();
   }
 
+  // Rows ---------------------------------------------------------------------------------------------------------
+
+  toolRow() {
+    const {axes} = this.plot;
+    const zoom = (factor) => () => this.zoom(factor, (axes.low + axes.high) / 2);
+    this.spread = createElement("input", {type: "checkbox"});
+    this.spread.addEventListener("change", () => this.setSpread(this.spread.checked));
+    const names = ["points", ...OPACITY_PRESETS];
+    const about = {title: "Control points, or a preset over the colour limits", "aria-label": "Opacity"};
+    this.shape = createElement("select", about, ...names.map((name) => createElement("option", {value: name}, name)));
+    this.shape.addEventListener("change", () => this.takeShape(this.shape.value));
+    const spread = createElement("label", {class: "inline", title: "Spread small opacities"}, this.spread, "spread");
+    return createElement(
+      "div", {class: "row tools"},
+      createElement("span", {class: "inline"}, "Opacity", this.shape), spread,
+      createElement("span", {class: "spacer"}),
+      button("−", zoom(2), {title: "Show more values", class: "icon"}),
+      button("+", zoom(0.5), {title: "Show fewer values", class: "icon"}),
+      button("⟷", () => this.showLimits(), {title: "Show the values between the colour limits", class: "icon"}),
+      button("all", () => this.showAll(), {title: "Show all values"}),
+    );
+  }
+
+  selectedRow() {
+    const change = (column) => (value, gesture) => this.changeSelected(column, value, gesture);
+    this.valueInput = numberInput(change(0), {title: "value"});
+    this.opacityInput = numberInput(change(1), {title: "opacity", empty: true});
+    this.colourInput = createElement("input", {type: "color", title: "colour"});
+    this.listenColour();
+    this.selectedLabel = createElement("span", {class: "label"}, "Point");
+    this.removeButton = button("✕", () => this.removeSelected(), {title: "Remove (Delete)", class: "icon"});
+    const inputs = [this.valueInput, this.opacityInput, this.colourInput, this.removeButton];
+    this.selectedLine = createElement("div", {class: "row selected-row"}, this.selectedLabel, ...inputs);
+    return this.selectedLine;
+  }
+
+  limitRow() {
+    const change = (index) => (value, gesture) => {
+      this.model.limits = this.model.limits.with(index, value);
+      this.send("limit", gesture);
+    };
+    this.limitInputs = ["low", "high"].map((title, index) => numberInput(change(index), {title}));
+    const fit = button("1–99 %", () => this.takePercentiles(), {title: "From the 1st to the 99th percentile"});
+    const whole = button("all", () => this.takeRange(), {title: "From the minimum to the maximum"});
+    this.limitButtons = [fit, whole];
+    this.limitLine = labelled("Colour limits", ...this.limitInputs, fit, whole);
+    this.limitLine.classList.add("vector");
+    return this.limitLine;
+  }
+
+  /** Bind the keys that the plot shows; each element is where errors of its key appear. */
+  bindKeys() {
+    const {model} = this;
+    const bind = (kind, element, show) => this.form.bind(`${this.path}.${HANDLE_KEYS[kind]}`, element, show);
+    const limits = (state) => valueAt(state.scene, this.path).clim;
+    this.fields = {
+      point: bind("point", this.frame, (value, state) => model.takeOpacity(value, this.entry, limits(state))),
+      surface: bind("surface", this.surfaceRow, (value) => model.takeSurfaces(value)),
+      limit: bind("limit", this.limitLine, (value) => (model.limits = value ?? null)),
+      colour: this.picker.field,
+    };
+    this.frame.title = "";
+    const showPicker = this.fields.colour.show;
+    this.fields.colour.show = (value, state) => {
+      showPicker(value, state);
+      model.takeColours(value, this.entry, limits(state));
+    };
+  }
+
+  // What is shown ------------------------------------------------------------------------------------------------
+
+  /** Show a state. */
+  show(state) {
+    this.entry = contentEntry(state, this.path);
+    this.form.show(state);
+    const {minimum, percentiles} = this.entry;
+    this.setRange();
+    this.chooseSpread();
+    this.surfaceRow.hidden = this.model.surfaces === null;
+    this.limitButtons[0].hidden = !percentiles;
+    this.limitButtons[1].hidden = minimum == null;
+    this.frame.classList.toggle("without-opacity", Boolean(valueAt(state.scene, this.path)?.transfer_2d));
+    this.draw();
+  }
+
+  setRange() {
+    const {axes} = this.plot;
+    const range = this.model.range(this.entry);
+    if (this.range?.[0] === range[0] && this.range[1] === range[1]) return;
+    const wasWhole = !this.range || axes.isWhole();
+    this.range = range;
+    axes.setWhole(...range);
+    if (wasWhole && !this.dragged) axes.showWhole();
+  }
+
+  /** Spread small opacities at first if all of them are small. */
+  chooseSpread() {
+    if (this.hasChosenSpread || !this.model.points.length) return;
+    this.hasChosenSpread = true;
+    this.spread.checked = Math.max(...this.model.points.map((point) => point[1])) < SPREAD_BELOW;
+    this.plot.axes.power = this.spread.checked ? 1 / 3 : 1;
+  }
+
+  setSpread(isSpread) {
+    this.plot.axes.power = isSpread ? 1 / 3 : 1;
+    this.draw();
+  }
+
+  draw() {
+    this.plot.draw(this.model, this.entry.histogram, this.selected);
+    this.drawSelected();
+    this.limitInputs.forEach((input, at) => showText(input, formatNumber(this.model.limits?.[at])));
+    const name = this.model.preset ?? "points";
+    const isKnown = [...this.shape.options].some((option) => option.value === name);
+    if (!isKnown) this.shape.append(createElement("option", {value: name}, name));
+    this.shape.value = name;
+  }
+
+  drawSelected() {
+    const row = this.model.row(this.selected);
+    const kind = this.selected?.kind ?? "point";
+    const hasOpacity = kind === "point" || kind === "surface";
+    this.selectedLine.classList.toggle("empty", !row);
+    this.selectedLabel.textContent = HANDLE_NAMES[kind];
+    this.opacityInput.hidden = !hasOpacity;
+    this.colourInput.hidden = kind !== "colour";
+    this.removeButton.hidden = kind === "limit";
+    const inputs = [this.valueInput, this.opacityInput, this.colourInput, this.removeButton];
+    inputs.forEach((input) => (input.disabled = !row));
+    const isSurface = row && kind === "surface";
+    this.opacityInput.placeholder = isSurface ? formatNumber(columnAt(this.model.points, row[0])) : "";
+    showText(this.valueInput, row ? formatNumber(row[0]) : "");
+    showText(this.opacityInput, row && hasOpacity ? formatNumber(row[1]) : "");
+    if (row && kind === "colour") this.colourInput.value = hexColour(row.slice(1));
+  }
+
+  zoom(factor, value) {
+    this.plot.axes.zoom(factor, value);
+    this.draw();
+  }
+
+  showAll() {
+    this.plot.axes.showWhole();
+    this.draw();
+  }
+
+  showLimits() {
+    const {axes} = this.plot;
+    const [low, high] = this.model.limits ?? axes.whole;
+    const margin = 0.05 * (high - low) || 0.01 * Math.abs(low);
+    axes.showRange(low - margin, high + margin);
+    this.draw();
+  }
+
+  // Edits --------------------------------------------------------------------------------------------------------
+
+  /** Send a kind's rows, and draw them. */
+  send(kind, gesture = {}) {
+    this.form.send(this.fields[kind], this.model.sceneValue(kind), gesture);
+    this.draw();
+  }
+
+  sendRows(kind, rows, gesture = {}) {
+    this.model.setRows(kind, rows);
+    this.send(kind, gesture);
+  }
+
+  /** Move a handle to a value and, where it has one, an opacity. */
+  moveHandle({kind, index}, value, opacity, gesture) {
+    const rows = this.model.rows(kind);
+    const row = [...rows[index]];
+    row[0] = kind === "surface" ? value : betweenNeighbours(rows, index, value);
+    const hasOpacity = kind === "point" || (kind === "surface" && row[1] !== null);
+    if (hasOpacity) row[1] = opacity ?? row[1];
+    this.sendRows(kind, rows.with(index, row), gesture);
+  }
+
+  /** Take a field's value for the selected handle; text that is no number is sent as it is, and refused. */
+  changeSelected(column, value, gesture) {
+    const row = this.model.row(this.selected);
+    if (!row) return;
+    const {kind, index} = this.selected;
+    const rows = this.model.rows(kind);
+    const changed = row.with(column, value);
+    const isOrdered = column > 0 || kind === "surface" || kind === "limit" || typeof value === "string";
+    if (isOrdered) return void this.sendRows(kind, rows.with(index, changed), gesture);
+    const others = rows.toSpliced(index, 1);
+    this.selected = {kind, index: insertByValue(others, changed)};
+    this.sendRows(kind, others, gesture);
+  }
+
+  listenColour() {
+    let merge = newGesture("colour");
+    const change = (moving) => {
+      const {index} = this.selected;
+      const row = [this.model.colours[index][0], ...rgbOfHex(this.colourInput.value)];
+      this.sendRows("colour", this.model.colours.with(index, row), {moving, merge});
+    };
+    this.colourInput.addEventListener("input", () => change(true));
+    this.colourInput.addEventListener("change", () => {
+      change(false);
+      merge = newGesture("colour");
+    });
+  }
+
+  add(kind, row) {
+    const rows = [...this.model.rows(kind)];
+    const index = kind === "surface" ? rows.push(row) - 1 : insertByValue(rows, row);
+    this.selected = {kind, index};
+    this.sendRows(kind, rows);
+    this.plot.focus(this.selected);
+  }
+
+  addColour(value) {
+    this.model.editColours((one) => this.rounded(one));
+    const rgb = [1, 2, 3].map((part) => Number(columnAt(this.model.colours, value, part).toFixed(4)));
+    this.add("colour", [value, ...rgb]);
+  }
+
+  addSurface() {
+    const {low, high} = this.plot.axes;
+    this.add("surface", [this.rounded((low + high) / 2), null]);
+  }
+
+  /** Add a point halfway to the next one. */
+  addBeside() {
+    if (this.selected?.kind !== "point") return;
+    const {points} = this.model;
+    const [here, next] = [points[this.selected.index], points[this.selected.index + 1]];
+    const value = next ? (here[0] + next[0]) / 2 : (here[0] + this.plot.axes.high) / 2;
+    this.add("point", [this.rounded(value), Number(columnAt(points, value).toFixed(4))]);
+  }
+
+  /** Turn a named colour map into control points. */
+  editColours() {
+    this.model.editColours((value) => this.rounded(value));
+    this.send("colour");
+  }
+
+  removeSelected() {
+    if (!this.model.row(this.selected)) return;
+    const {kind, index} = this.selected;
+    const rows = this.model.rows(kind);
+    if (rows.length <= LEAST_ROWS[kind]) return;
+    this.selected = rows.length > 1 ? {kind, index: Math.max(0, index - 1)} : null;
+    this.sendRows(kind, rows.toSpliced(index, 1));
+    if (this.selected) this.plot.focus(this.selected);
+  }
+
+  takeShape(name) {
+    if (name === "points") this.sendRows("point", this.model.points);
+    else this.form.send(this.fields.point, name);
+  }
+
+  takePercentiles() {
+    const {percentiles} = this.entry;
+    this.sendRows("limit", [[percentiles["1"]], [percentiles["99"]]]);
+  }
+
+  takeRange() {
+    this.sendRows("limit", [[this.entry.minimum], [this.entry.maximum]]);
+  }
+
+  /** A value rounded to what the visible range resolves. */
+  rounded(value) {
+    const {low, high} = this.plot.axes;
+    const digits = Math.ceil(-Math.log10((high - low) / 2000));
+    return digits >= 0 && digits < 16 ? Number(value.toFixed(digits)) : Number(value.toPrecision(5));
+  }
+
+  // Pointer and keys ---------------------------------------------------------------------------------------------
+
   listen() {
-    const on = (name, react, options) => this.svg.addEventListener(name, react, options);
+    const on = (name, react, options) => this.plot.element.addEventListener(name, react, options);
     on("pointerdown", (event) => this.grab(event));
     on("pointermove", (event) => this.drag(event));
     on("pointerup", (event) => this.release(event));
@@ -110,394 +330,60 @@ export class TransferEditor {
     on("focusin", (event) => this.select(handleOf(event.target)));
   }
 
-  buildRows() {
-    const {form, path} = this;
-    const gesture = (kind, change) => (value, options) => this.changeSelected(kind, change, value, options);
-    this.valueInput = numberInput(gesture("value", 0), {title: "value"});
-    this.opacityInput = numberInput(gesture("opacity", 1), {title: "opacity", empty: true});
-    this.colourInput = createElement("input", {type: "color", title: "colour", class: "hidden"});
-    this.listenColour();
-    this.selectedLabel = createElement("span", {class: "label"}, "Point");
-    const remove = button("✕", () => this.removeSelected(), {title: "Remove (Delete)", class: "icon"});
-    this.selectedRow = createElement("div", {class: "row selected-row"}, this.selectedLabel, this.valueInput);
-    this.selectedRow.append(this.opacityInput, this.colourInput, remove);
-    this.removeButton = remove;
-    this.picker = new ColourMapPicker(form, `${path}.cmap`, () => this.editColours());
-    this.element.append(this.toolRow(), this.wrapper, this.selectedRow, this.picker.element, this.limitRow());
-    this.bindKeys();
-  }
-
-  toolRow() {
-    const zoom = (factor) => () => this.zoomAbout(factor, (this.axis.low + this.axis.high) / 2);
-    this.spread = createElement("input", {type: "checkbox", title: "Spread small opacities: cube root"});
-    this.spread.addEventListener("change", () => this.setPower(this.spread.checked ? 1 / 3 : 1));
-    const names = ["points", ...OPACITY_PRESETS];
-    this.shape = createElement("select", {title: "Opacity: control points, or a preset over the colour limits"});
-    this.shape.append(...names.map((name) => createElement("option", {value: name}, name)));
-    this.shape.addEventListener("change", () => this.takeShape(this.shape.value));
-    return createElement(
-      "div",
-      {class: "row tools"},
-      labelledInline("Opacity", this.shape),
-      createElement("span", {class: "spacer"}),
-      createElement("label", {class: "inline"}, this.spread, "∛"),
-      button("−", zoom(2), {title: "Show more values", class: "icon"}),
-      button("+", zoom(0.5), {title: "Show fewer values", class: "icon"}),
-      button("limits", () => this.showLimits(), {title: "Show the values between the colour limits"}),
-      button("all", () => this.showAll(), {title: "Show all values"}),
-    );
-  }
-
-  limitRow() {
-    const change = (at) => (value, options) => this.send("limit", this.limits.with(at, value), options);
-    this.limitInputs = [0, 1].map((at) => numberInput(change(at), {title: ["low", "high"][at]}));
-    const fit = button("1–99 %", () => this.takePercentiles(), {title: "From the 1st to the 99th percentile"});
-    const whole = button("all", () => this.takeRange(), {title: "From the minimum to the maximum"});
-    const row = labelled("Colour limits", ...this.limitInputs, fit, whole);
-    row.classList.add("vector");
-    this.limitButtons = [fit, whole];
-    this.rows = {limit: row};
-    return row;
-  }
-
-  /** Bind the four keys that the plot shows; each element is where errors of its key appear. */
-  bindKeys() {
-    const bind = (kind, element, show) => this.form.bind(`${this.path}.${HANDLE_KEYS[kind]}`, element, show);
-    this.surfaceButton = button("+ isovalue", () => this.addSurface(), {title: "Add an isosurface"});
-    const surfaces = createElement("div", {class: "row surfaces"}, this.surfaceButton);
-    this.element.append(surfaces);
-    this.fields = {
-      point: bind("point", this.wrapper, (value, state) => this.takePoints(value, state)),
-      surface: bind("surface", surfaces, (value) => (this.surfaces = value ? value.map(surfaceRow) : null)),
-      limit: bind("limit", this.rows.limit, (value) => (this.limits = value ?? null)),
-    };
-    this.fields.colour = this.picker.field;
-    this.wrapper.title = "";
-  }
-
-  takePoints(value, state) {
-    const shown = Array.isArray(value) ? value : (contentEntry(state, this.path).opacity_points ?? []);
-    this.points = shown.map((row) => [...row]);
-    this.isPreset = typeof value === "string" ? value : null;
-  }
-
-  /** Show a state. */
-  show(state) {
-    const entry = contentEntry(state, this.path);
-    this.entry = entry;
-    const section = valueAt(state.scene, this.path) ?? {};
-    this.form.show(state);
-    if (!this.fields.colour.busy) this.takeColours(section, entry);
-    this.setRange(entry);
-    const hasSurfaces = this.surfaces !== null;
-    this.surfaceButton.parentNode.hidden = !hasSurfaces;
-    this.choosePower();
-    this.limitButtons[0].hidden = !entry.percentiles;
-    this.limitButtons[1].hidden = entry.minimum == null;
-    this.wrapper.classList.toggle("without-opacity", Boolean(section.transfer_2d));
-    showShape(this.shape, this.isPreset);
-    this.draw();
-  }
-
-  /** Spread small opacities at first if all of them are small. */
-  choosePower() {
-    if (this.hasChosenPower || !this.points.length) return;
-    this.hasChosenPower = true;
-    this.spread.checked = Math.max(...this.points.map((point) => point[1])) < 0.25;
-    this.axis.power = this.spread.checked ? 1 / 3 : 1;
-  }
-
-  setPower(power) {
-    this.axis.power = power;
-    this.draw();
-  }
-
-  takeColours(section, entry) {
-    this.followsLimits = !(Array.isArray(section.cmap) && section.cmap[0].length === 4);
-    this.colours = this.followsLimits ? null : section.cmap.map((row) => [...row]);
-    this.stops = thinned(entry.colour_points ?? [], 64);
-    this.stopLimits = section.clim;
-  }
-
-  setRange(entry) {
-    const values = [entry.minimum, entry.maximum, ...(this.limits ?? []), ...this.points.map((point) => point[0])];
-    const known = values.filter((value) => Number.isFinite(value));
-    const [low, high] = known.length ? [Math.min(...known), Math.max(...known)] : [0, 1];
-    if (this.range?.[0] === low && this.range[1] === high) return;
-    const wasWhole = !this.range || this.axis.isWhole();
-    this.range = [low, high];
-    this.axis.setWhole(low, high);
-    if (wasWhole && !this.dragged) this.axis.showWhole();
-  }
-
-  draw() {
-    this.drawGradient();
-    this.histogram.setAttribute("d", histogramPath(this.entry?.histogram, this.axis));
-    const line = this.curvePoints().map(([x, y]) => `${x.toFixed(2)},${y.toFixed(2)}`);
-    this.curve.setAttribute("d", line.length ? `M${line.join("L")}` : "");
-    const {left, right, bottom} = PLOT;
-    this.area.setAttribute("d", line.length ? `M${left},${bottom}L${line.join("L")}L${right},${bottom}Z` : "");
-    this.drawTicks();
-    this.drawHandles();
-    this.drawFields();
-  }
-
-  curvePoints() {
-    if (!this.points.length) return [];
-    const count = this.axis.power === 1 ? 1 : CURVE_PARTS;
-    const between = ([a, low], [b, high]) =>
-      Array.from({length: count}, (_, k) => [a + ((b - a) * k) / count, low + ((high - low) * k) / count]);
-    const last = this.points[this.points.length - 1];
-    const inner = [...this.points.slice(1).flatMap((point, index) => between(this.points[index], point)), last];
-    const placed = inner.map(([value, opacity]) => [this.axis.x(value), this.axis.y(opacity)]);
-    const end = placed[placed.length - 1];
-    return [[Math.min(placed[0][0], PLOT.left), placed[0][1]], ...placed, [Math.max(end[0], PLOT.right), end[1]]];
-  }
-
-  drawGradient() {
-    const rows = this.colours ?? this.stops.map(([value, ...rgb]) => [this.atLimits(value), ...rgb]);
-    if (!rows.length) return this.gradient.replaceChildren();
-    const first = this.axis.x(rows[0][0]);
-    const width = Math.max(1e-6, this.axis.x(rows[rows.length - 1][0]) - first);
-    changeAttributes(this.gradient, {x1: first, x2: first + width, y1: 0, y2: 0});
-    const stop = ([value, ...rgb]) =>
-      createSvg("stop", {offset: (this.axis.x(value) - first) / width, "stop-color": hexColour(rgb)});
-    return this.gradient.replaceChildren(...rows.map(stop));
-  }
-
-  /** A value of the last state's colours, moved with the colour limits. */
-  atLimits(value) {
-    if (!this.followsLimits || !this.limits || !this.stopLimits) return value;
-    const [[a, b], [low, high]] = [this.stopLimits, this.limits];
-    return b > a ? low + ((value - a) / (b - a)) * (high - low) : value;
-  }
-
-  drawTicks() {
-    const texts = this.axis.ticks().map((value) => {
-      const x = this.axis.x(value);
-      const anchor = x < 24 ? "start" : x > PLOT.width - 24 ? "end" : "middle";
-      return createSvg("text", {x, y: PLOT.ticks, "text-anchor": anchor}, formatNumber(value));
-    });
-    const levels = this.axis.levels().flatMap((opacity) => {
-      const y = this.axis.y(opacity);
-      const label = createSvg("text", {x: PLOT.left + 3, y: y - 2, class: "level"}, String(opacity));
-      return [createSvg("line", {x1: PLOT.left, x2: PLOT.right, y1: y, y2: y}), label];
-    });
-    this.ticks.replaceChildren(...levels, ...texts);
-  }
-
-  /** Every handle with its position; those outside of the visible range are left out. */
-  placedHandles() {
-    const {points, surfaces, limits, colours} = this;
-    const placed = points.map(([value, opacity], index) => ({kind: "point", index, value, opacity}));
-    (surfaces ?? []).forEach(([value, opacity], index) => placed.push({kind: "surface", index, value, opacity}));
-    (limits ?? []).forEach((value, index) => placed.push({kind: "limit", index, value}));
-    (colours ?? []).forEach(([value], index) => placed.push({kind: "colour", index, value}));
-    const margin = 0.005 * (this.axis.high - this.axis.low);
-    return placed.filter(({value}) => value >= this.axis.low - margin && value <= this.axis.high + margin);
-  }
-
-  /** Draw the handles; an element is kept as long as its handle, so that it keeps the focus. */
-  drawHandles() {
-    const kept = new Map([...this.handles.children].map((child) => [child.dataset.handle, child]));
-    for (const handle of this.placedHandles()) {
-      const name = `${handle.kind}-${handle.index}`;
-      const group = kept.get(name) ?? this.handles.appendChild(newHandle(handle));
-      kept.delete(name);
-      placeHandle(group, handle, this.axis, this.surfaceOpacity(handle));
-      group.classList.toggle("selected", isSameHandle(this.selected, handle));
-    }
-    kept.forEach((child) => child.remove());
-  }
-
-  surfaceOpacity({kind, value, opacity}) {
-    return kind === "surface" ? (opacity ?? opacityAt(this.points, value) ?? 1) : opacity;
-  }
-
-  drawFields() {
-    const row = this.selectedData();
-    this.selectedRow.classList.toggle("empty", !row);
-    const kind = this.selected?.kind ?? "point";
-    this.selectedLabel.textContent = HANDLE_NAMES[kind];
-    const hasOpacity = kind === "point" || kind === "surface";
-    this.opacityInput.classList.toggle("hidden", !hasOpacity);
-    this.colourInput.classList.toggle("hidden", kind !== "colour");
-    this.removeButton.classList.toggle("hidden", kind === "limit");
-    for (const input of [this.valueInput, this.opacityInput, this.colourInput]) input.disabled = !row;
-    this.opacityInput.placeholder = kind === "surface" && row ? formatNumber(opacityAt(this.points, row[0])) : "";
-    showText(this.valueInput, row ? formatNumber(row[0]) : "");
-    showText(this.opacityInput, row && hasOpacity ? formatNumber(row[1]) : "");
-    if (row && kind === "colour") this.colourInput.value = hexColour(row.slice(1));
-    this.limitInputs.forEach((input, at) => showText(input, formatNumber(this.limits?.[at])));
-  }
-
-  /** The rows of a kind of handles; for limits, rows of one number. */
-  rowsOf(kind) {
-    if (kind === "limit") return (this.limits ?? []).map((value) => [value]);
-    return {point: this.points, surface: this.surfaces ?? [], colour: this.colours ?? []}[kind];
-  }
-
-  selectedData() {
-    return this.selected && (this.rowsOf(this.selected.kind)[this.selected.index] ?? null);
-  }
-
   select(handle) {
     if (handle) this.selected = handle;
     this.draw();
   }
 
-  focusSelected() {
-    const {kind, index} = this.selected;
-    this.handles.querySelector(`[data-handle="${kind}-${index}"]`)?.focus();
-  }
-
-  /** A value rounded to what the visible range resolves. */
-  rounded(value) {
-    const digits = Math.ceil(-Math.log10((this.axis.high - this.axis.low) / 2000));
-    return digits >= 0 && digits < 16 ? Number(value.toFixed(digits)) : Number(value.toPrecision(5));
-  }
-
-  /** Change a handle's row here, then send its key. */
-  moveHandle({kind, index}, value, opacity, gesture) {
-    const rows = this.rowsOf(kind);
-    const row = [...rows[index]];
-    row[0] = kind === "surface" ? value : betweenNeighbours(rows, index, value);
-    if (kind === "point" || (kind === "surface" && row[1] !== null)) row[1] = opacity ?? row[1];
-    this.send(kind, kind === "limit" ? this.limits.with(index, row[0]) : rows.with(index, row), gesture);
-  }
-
-  /** Show new rows of a kind of handles, and send them. */
-  send(kind, rows, gesture = {}) {
-    if (kind === "point") [this.points, this.isPreset] = [rows, null];
-    if (kind === "surface") this.surfaces = rows;
-    if (kind === "limit") this.limits = rows;
-    if (kind === "colour") [this.colours, this.followsLimits] = [rows, false];
-    const value = kind === "surface" ? rows.map((row) => (row[1] == null ? row[0] : row)) : rows;
-    this.form.send(this.fields[kind], value, gesture);
-    this.draw();
-  }
-
-  /** Take a field's number for the selected handle; text that is no number is sent as it is, and refused. */
-  changeSelected(name, column, value, gesture) {
-    if (!this.selected) return;
-    const {kind, index} = this.selected;
-    if (kind === "limit") {
-      this.send("limit", this.limits.with(index, value), gesture);
-      return;
-    }
-    const rows = this.rowsOf(kind);
-    const row = rows[index].with(column, value);
-    const others = rows.toSpliced(index, 1);
-    if (typeof value === "string" || name === "opacity") return void this.send(kind, rows.with(index, row), gesture);
-    this.selected = {kind, index: kind === "surface" ? index : insertByValue(others, row)};
-    this.send(kind, kind === "surface" ? rows.with(index, row) : others, gesture);
-  }
-
-  listenColour() {
-    let merge = newGesture("colour");
-    const change = (moving) => {
-      const {index} = this.selected;
-      const row = [this.colours[index][0], ...rgbOfHex(this.colourInput.value)];
-      this.send("colour", this.colours.with(index, row), {moving, merge});
-    };
-    this.colourInput.addEventListener("input", () => change(true));
-    this.colourInput.addEventListener("change", () => {
-      change(false);
-      merge = newGesture("colour");
-    });
-  }
-
-  place(event) {
-    const box = this.svg.getBoundingClientRect();
-    const scale = PLOT.width / box.width;
-    return [(event.clientX - box.left) * scale, (event.clientY - box.top) * scale];
-  }
-
   grab(event) {
     if (event.button !== 0) return;
     const handle = handleOf(event.target);
-    const [x, y] = this.place(event);
-    this.svg.setPointerCapture(event.pointerId);
-    this.dragged = {handle: maySteer(this.viewer) ? handle : null, x, y, merge: newGesture(this.path), isMoved: false};
+    const [x, y] = this.plot.place(event);
+    this.plot.element.setPointerCapture(event.pointerId);
+    const moved = maySteer(this.viewer) ? handle : null;
+    this.dragged = {handle: moved, x, y, merge: newGesture(this.path), isMoved: false};
     if (!handle) return;
     this.select(handle);
-    this.focusSelected();
+    this.plot.focus(handle);
     event.preventDefault();
   }
 
   drag(event) {
     if (!this.dragged) return;
-    const [x, y] = this.place(event);
-    const {handle, merge} = this.dragged;
-    if (!this.dragged.isMoved && Math.hypot(x - this.dragged.x, y - this.dragged.y) < 1.5) return;
+    const [x, y] = this.plot.place(event);
+    const {handle} = this.dragged;
+    if (!this.dragged.isMoved && Math.hypot(x - this.dragged.x, y - this.dragged.y) < CLICK_UNITS) return;
     this.dragged.isMoved = true;
-    if (handle) return void this.dragHandle(handle, x, y, {moving: true, merge});
-    this.axis.pan((this.dragged.x - x) / (PLOT.right - PLOT.left));
+    if (handle) return void this.dragHandle(x, y, true);
+    this.plot.axes.pan((this.dragged.x - x) / (PLOT.right - PLOT.left));
     this.dragged.x = x;
     this.draw();
   }
 
-  dragHandle(handle, x, y, gesture) {
-    const value = this.rounded(this.axis.value(Math.min(PLOT.right, Math.max(PLOT.left, x))));
-    const opacity = this.axis.opacity(y);
-    if (handle.kind === "surface") this.giveSurfaceOpacity(handle.index, y);
-    this.moveHandle(handle, value, opacity, gesture);
-  }
-
-  /** An isovalue's opacity becomes its own once its handle is dragged up or down by more than a little. */
-  giveSurfaceOpacity(index, y) {
-    const row = this.surfaces[index];
-    if (row[1] === null && Math.abs(y - this.dragged.y) > 8) this.surfaces = this.surfaces.with(index, [row[0], 1]);
+  dragHandle(x, y, moving) {
+    const {axes} = this.plot;
+    const {handle, merge, y: start} = this.dragged;
+    const value = this.rounded(axes.value(Math.min(PLOT.right, Math.max(PLOT.left, x))));
+    const row = this.model.row(handle);
+    if (!row) return;
+    // An isovalue's opacity becomes its own once it is dragged up or down by more than a little.
+    if (handle.kind === "surface" && row[1] === null && Math.abs(y - start) > OWN_OPACITY_UNITS) {
+      this.model.surfaces = this.model.surfaces.with(handle.index, [row[0], 1]);
+    }
+    this.moveHandle(handle, value, axes.opacity(y), {moving, merge});
   }
 
   release(event) {
-    const dragged = this.dragged;
-    this.dragged = null;
-    if (!dragged?.handle || !dragged.isMoved) return;
-    const [x, y] = this.place(event);
-    this.dragged = dragged;
-    this.dragHandle(dragged.handle, x, y, {moving: false, merge: dragged.merge});
+    if (this.dragged?.handle && this.dragged.isMoved) this.dragHandle(...this.plot.place(event), false);
     this.dragged = null;
   }
 
   addAt(event) {
     if (handleOf(event.target) || !maySteer(this.viewer)) return;
-    const [x, y] = this.place(event);
-    const value = this.rounded(this.axis.value(x));
+    const [x, y] = this.plot.place(event);
+    const value = this.rounded(this.plot.axes.value(x));
     if (y >= PLOT.bar - 2) this.addColour(value);
-    else this.addPoint(value, this.axis.opacity(y));
-  }
-
-  addPoint(value, opacity) {
-    const rows = [...this.points];
-    this.selected = {kind: "point", index: insertByValue(rows, [value, opacity])};
-    this.send("point", rows);
-    this.focusSelected();
-  }
-
-  addColour(value) {
-    this.editColours(false);
-    const rows = [...this.colours];
-    this.selected = {kind: "colour", index: insertByValue(rows, [value, ...colourAtValue(rows, value)])};
-    rows[this.selected.index].length = 4;
-    this.send("colour", rows);
-    this.focusSelected();
-  }
-
-  /** Turn a named colour map into control points. */
-  editColours(isSent = true) {
-    if (this.colours) return;
-    this.colours = thinned(this.stops.map(([value, ...rgb]) => [this.atLimits(value), ...rgb]), 8);
-    this.colours = this.colours.map((row) => [this.rounded(row[0]), ...row.slice(1).map((part) => Number(part.toFixed(4)))]);
-    if (isSent) this.send("colour", this.colours);
-  }
-
-  addSurface() {
-    const [low, high] = [this.axis.low, this.axis.high];
-    const value = this.rounded((low + high) / 2);
-    this.selected = {kind: "surface", index: this.surfaces.length};
-    this.send("surface", [...this.surfaces, [value, null]]);
-    this.focusSelected();
+    else this.add("point", [value, this.plot.axes.opacity(y)]);
   }
 
   removeAt(event) {
@@ -508,140 +394,39 @@ export class TransferEditor {
     this.removeSelected();
   }
 
-  /** Remove the selected handle; the last point of opacity and the last two colours stay. */
-  removeSelected() {
-    const {kind, index} = this.selected ?? {kind: "limit", index: 0};
-    const least = {point: 1, colour: 2, surface: 0, limit: Infinity}[kind];
-    const rows = this.rowsOf(kind);
-    if (rows.length <= least || !rows[index]) return;
-    this.selected = rows.length > 1 ? {kind, index: Math.max(0, index - 1)} : null;
-    this.send(kind, rows.toSpliced(index, 1));
-    if (this.selected) this.focusSelected();
-  }
-
-  takeShape(name) {
-    if (name === "points") return void this.send("point", this.points);
-    this.form.send(this.fields.point, name);
-  }
-
-  takePercentiles() {
-    const {percentiles} = this.entry;
-    this.send("limit", [percentiles["1"], percentiles["99"]]);
-  }
-
-  takeRange() {
-    this.send("limit", [this.entry.minimum, this.entry.maximum]);
-  }
-
   wheel(event) {
     event.preventDefault();
-    this.zoomAbout(2 ** (event.deltaY / 250), this.axis.value(this.place(event)[0]));
-  }
-
-  zoomAbout(factor, value) {
-    this.axis.zoom(factor, value);
-    this.draw();
-  }
-
-  showAll() {
-    this.axis.showWhole();
-    this.draw();
-  }
-
-  showLimits() {
-    const [low, high] = this.limits ?? this.axis.whole;
-    const margin = 0.05 * (high - low) || 0.01 * Math.abs(low);
-    this.axis.showRange(low - margin, high + margin);
-    this.draw();
+    this.zoom(2 ** (event.deltaY / 250), this.plot.axes.value(this.plot.place(event)[0]));
   }
 
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const middle = (this.axis.low + this.axis.high) / 2;
-    const zoom = {"+": () => this.zoomAbout(0.5, middle), "-": () => this.zoomAbout(2, middle), 0: () => this.showAll()};
-    const edit = {Delete: () => this.removeSelected(), Backspace: () => this.removeSelected(), Insert: () => this.addBeside()};
-    const act = zoom[event.key] ?? (maySteer(this.viewer) ? (edit[event.key] ?? this.arrow(event)) : null);
+    const act = this.viewAction(event.key) ?? (maySteer(this.viewer) ? this.editAction(event) : null);
     if (!act) return;
     event.preventDefault();
     event.stopPropagation();
     act();
   }
 
-  arrow(event) {
-    const [right, up] = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]}[event.key] ?? [0, 0];
-    const row = this.selectedData();
-    if (!row || (!right && !up)) return null;
-    const factor = event.shiftKey ? 10 : 1;
-    const value = this.rounded(row[0] + (right * factor * (this.axis.high - this.axis.low)) / 200);
-    const opacity = row[1] == null ? null : Number(Math.min(1, Math.max(0, row[1] + 0.01 * up * factor)).toFixed(3));
+  viewAction(key) {
+    const middle = (this.plot.axes.low + this.plot.axes.high) / 2;
+    return {"+": () => this.zoom(0.5, middle), "-": () => this.zoom(2, middle), 0: () => this.showAll()}[key];
+  }
+
+  editAction(event) {
+    const remove = () => this.removeSelected();
+    const act = {Delete: remove, Backspace: remove, Insert: () => this.addBeside()}[event.key];
+    return act ?? this.arrowAction(event);
+  }
+
+  arrowAction({key, shiftKey}) {
+    const row = this.model.row(this.selected);
+    if (!row || !(key in ARROW_DIRECTIONS)) return null;
+    const {low, high} = this.plot.axes;
+    const [right, up] = ARROW_DIRECTIONS[key].map((step) => step * (shiftKey ? 10 : 1));
+    const value = right ? this.rounded(row[0] + (right * (high - low)) / 200) : row[0];
+    const opacity = row[1] == null ? null : Number(Math.min(1, Math.max(0, row[1] + 0.01 * up)).toFixed(3));
     const {kind, index} = this.selected;
     return () => this.moveHandle(this.selected, value, opacity, {merge: `${this.path} keys ${kind} ${index}`});
   }
-
-  /** Add a point halfway to the next one. */
-  addBeside() {
-    if (this.selected?.kind !== "point") return;
-    const [here, next] = [this.points[this.selected.index], this.points[this.selected.index + 1]];
-    const value = next ? (here[0] + next[0]) / 2 : (here[0] + this.axis.high) / 2;
-    this.addPoint(this.rounded(value), Number(opacityAt(this.points, value).toFixed(4)));
-  }
-}
-
-function labelledInline(label, control) {
-  control.setAttribute("aria-label", label);
-  return createElement("span", {class: "inline"}, createElement("span", {class: "label"}, label), control);
-}
-
-function showShape(select, preset) {
-  const name = preset ?? "points";
-  if (![...select.options].some((option) => option.value === name)) select.append(createElement("option", {value: name}, name));
-  select.value = name;
-}
-
-/** [value, opacity] of an isosurface; null for the opacity of the transfer function. */
-function surfaceRow(surface) {
-  return Array.isArray(surface) ? [...surface] : [surface, null];
-}
-
-/** At most so many rows, at equal distances and with both ends. */
-function thinned(rows, most) {
-  if (rows.length <= most) return rows;
-  return Array.from({length: most}, (_, at) => rows[Math.round((at * (rows.length - 1)) / (most - 1))]);
-}
-
-function colourAtValue(rows, value) {
-  return [1, 2, 3].map((part) => Number(opacityAt(rows.map((row) => [row[0], row[part]]), value).toFixed(4)));
-}
-
-/** The handle that an element belongs to, or null. */
-function handleOf(element) {
-  const name = element.closest?.("[data-handle]")?.dataset.handle;
-  if (!name) return null;
-  const [kind, index] = name.split("-");
-  return {kind, index: Number(index)};
-}
-
-function isSameHandle(a, b) {
-  return a?.kind === b.kind && a.index === b.index;
-}
-
-function newHandle({kind, index}) {
-  const shapes = {
-    point: () => [createSvg("circle", {r: 11, class: "reach"}), createSvg("circle", {r: 5})],
-    colour: () => [createSvg("circle", {r: 9, class: "reach"}), createSvg("path", {d: "M0,-6L5,0L0,6L-5,0Z"})],
-    surface: () => [createSvg("line"), createSvg("circle", {r: 11, class: "reach"}), createSvg("path", {d: "M-5,-5H5V5H-5Z"})],
-    limit: () => [createSvg("line"), createSvg("circle", {r: 9, class: "reach"}), createSvg("path", {d: "M0,-7L6,4H-6Z"})],
-  };
-  const attributes = {class: `handle ${kind}`, tabindex: 0, role: "slider", "data-handle": `${kind}-${index}`};
-  return createSvg("g", attributes, ...shapes[kind]());
-}
-
-function placeHandle(group, {kind, index, value}, axis, opacity) {
-  const y = {limit: PLOT.barBottom + 3, colour: (PLOT.bar + PLOT.barBottom) / 2}[kind] ?? axis.y(opacity);
-  group.setAttribute("transform", `translate(${axis.x(value).toFixed(2)},${y.toFixed(2)})`);
-  const line = group.querySelector("line");
-  if (line) changeAttributes(line, {x1: 0, x2: 0, y1: PLOT.top - y, y2: (kind === "limit" ? PLOT.barBottom : PLOT.bottom) - y});
-  const text = opacity == null ? formatNumber(value) : `value ${formatNumber(value)}, opacity ${formatNumber(opacity)}`;
-  const label = `${HANDLE_NAMES[kind]} ${index + 1}: ${text}`;
-  changeAttributes(group, {"aria-label": label, "aria-valuenow": value, "aria-valuetext": text});
 }

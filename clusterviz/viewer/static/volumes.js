@@ -1,8 +1,9 @@
 // Panel of the contents: which are shown, and the editor of the selected one.
 
-import {Form, maySteer, valueAt} from "./controls.js";
+import {Form, labelled, maySteer, valueAt} from "./controls.js";
 import {createElement} from "./elements.js";
-import {TransferEditor, contentEntry} from "./transfer.js";
+import {TransferEditor} from "./transfer.js";
+import {contentEntry} from "./transfer_model.js";
 
 const CONTENT_KINDS = {volumes: "volume", meshes: "mesh", lines: "lines", points: "points", grids: "grid"};
 const MIXED_MODES = ["composite", "isosurface"];
@@ -48,7 +49,8 @@ export class ContentsPanel {
     const hidden = state.hidden ?? [];
     const isShown = !hidden.includes(path);
     const name = contentEntry(state, path).name ?? valueAt(state.scene, path).path;
-    const eye = createElement("input", {type: "checkbox", title: isShown ? "Hide" : "Show", "data-focus": `eye ${path}`});
+    const title = isShown ? "Hide" : "Show";
+    const eye = createElement("input", {type: "checkbox", title, "data-focus": `eye ${path}`});
     eye.checked = isShown;
     eye.disabled = !maySteer(this.viewer);
     eye.setAttribute("aria-label", `Show ${name}`);
@@ -57,7 +59,8 @@ export class ContentsPanel {
       this.viewer.edit({hidden: eye.checked ? others : [...others, path]}, {moving: false});
     });
     const choose = createElement("button", {type: "button", class: "content-name", title: name, "data-focus": path});
-    choose.append(createElement("span", {class: "name"}, name), createElement("span", {class: "kind"}, CONTENT_KINDS[path.split(".")[0]]));
+    const kind = CONTENT_KINDS[path.split(".")[0]];
+    choose.append(createElement("span", {class: "name"}, name), createElement("span", {class: "kind"}, kind));
     choose.addEventListener("click", () => this.choose(path));
     const isSelected = path === this.selected;
     const attributes = {class: "content-item", role: "option", "aria-selected": String(isSelected)};
@@ -129,7 +132,8 @@ function geometryRows(form, path, state) {
     const size = sceneDiagonal(state);
     rows.push(form.slider(`${path}.radius`, "Radius", {low: 1e-5 * size, high: 0.1 * size, log: true}));
   }
-  if ("culling" in section) rows.push(form.select(`${path}.shading`, "Normals"), form.select(`${path}.culling`, "Culling"));
+  const isMesh = "culling" in section;
+  if (isMesh) rows.push(form.select(`${path}.shading`, "Normals"), form.select(`${path}.culling`, "Culling"));
   return rows;
 }
 
@@ -142,14 +146,17 @@ function surfacesFor(panel, path, mode) {
 
 function presetRow(panel, path) {
   const presets = panel.viewer.hello?.presets ?? [];
-  const select = createElement("select", {"aria-label": "Preset"}, createElement("option", {value: ""}, "choose…"));
-  select.append(...presets.map(({name, description}) => createElement("option", {value: name, title: description}, name)));
+  const select = createElement("select", {}, createElement("option", {value: ""}, "choose…"));
+  const option = ({name, description}) => createElement("option", {value: name, title: description}, name);
+  select.append(...presets.map(option));
   select.addEventListener("change", () => {
     panel.viewer.send({type: "preset", volume: Number(path.split(".")[1]), name: select.value});
     select.title = presets.find((preset) => preset.name === select.value)?.description ?? "";
     select.value = "";
   });
-  return createElement("div", {class: "row", "data-key": "preset"}, createElement("span", {class: "label"}, "Preset"), select);
+  const row = labelled("Preset", select);
+  row.dataset.key = "preset";
+  return row;
 }
 
 /** Read-only notes about keys that take the place of opacity or colours. */
