@@ -71,12 +71,6 @@ export function newGesture(key) {
   return `${key} ${gestureCount}`;
 }
 
-/** Whether this client steers, or would with its first edit. */
-export function maySteer(viewer) {
-  const steering = viewer.state?.steering ?? null;
-  return steering === null || steering === viewer.hello?.client;
-}
-
 /** What is known of a key: description, choices and range. */
 export function keyFacts(viewer, key) {
   return viewer.hello?.keys?.[key.replace(/\.\d+(?=\.|$)/g, ".0")] ?? {};
@@ -112,7 +106,7 @@ export class Form {
   /** Show a state in all fields that are not edited and for which it is not older than their last edit. */
   show(state) {
     for (const field of this.fields) {
-      const isOld = state.steering === this.viewer.hello?.client && state.input != null && state.input < field.input;
+      const isOld = this.viewer.steers && state.input < field.input;
       if (!field.busy && !isOld) field.show(valueAt(state.scene, field.key), state);
     }
   }

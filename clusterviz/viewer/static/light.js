@@ -1,7 +1,7 @@
 // Panel of the lights: type, colour, intensity, and the direction on a sphere seen as in the picture.
 
 import {addScaled, cameraAxes, dot, normalized, subtract} from "./camera.js";
-import {Form, createSvg, button, maySteer, newGesture} from "./controls.js";
+import {Form, createSvg, button, newGesture} from "./controls.js";
 import {createElement} from "./elements.js";
 import {sceneDiagonal} from "./volumes.js";
 
@@ -136,7 +136,7 @@ class LightSphere {
 
   listen() {
     this.svg.addEventListener("pointerdown", (event) => {
-      if (!maySteer(this.viewer)) return;
+      if (!this.viewer.steers) return;
       this.svg.setPointerCapture(event.pointerId);
       this.merge = newGesture("light");
       this.drag(event, true);
@@ -159,7 +159,7 @@ class LightSphere {
 
   key(event) {
     const step = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1]}[event.key];
-    if (!step || !maySteer(this.viewer)) return;
+    if (!step || !this.viewer.steers) return;
     event.preventDefault();
     event.stopPropagation();
     this.send(this.x + 0.05 * step[0], this.y + 0.05 * step[1], {merge: `light ${this.index} keys`});

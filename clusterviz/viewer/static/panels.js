@@ -2,7 +2,7 @@
 
 import {AppearancePanel} from "./appearance.js";
 import {ClipPanel} from "./clip.js";
-import {button, maySteer} from "./controls.js";
+import {button} from "./controls.js";
 import {createElement} from "./elements.js";
 import {LightsPanel} from "./light.js";
 import {QualityPanel} from "./quality.js";
@@ -33,7 +33,7 @@ export function createPanels(viewer) {
   const show = (state) => {
     clearErrors(element);
     history.show(state);
-    frames.forEach((frame) => frame.show(state, maySteer(viewer)));
+    frames.forEach((frame) => frame.show(state, viewer.steers));
   };
   viewer.on("state", show);
   viewer.on("error", (error) => showError(element, error));
@@ -47,7 +47,7 @@ function historyRow(viewer) {
   const redo = step("redo", "↷ Redo", "Redo (Ctrl Shift Z)");
   const reset = step("reset", "Reset", "The scene as it was opened");
   const show = (state) => {
-    const steers = maySteer(viewer);
+    const steers = viewer.steers;
     undo.disabled = !steers || !state.can_undo;
     redo.disabled = !steers || !state.can_redo;
     reset.disabled = !steers;

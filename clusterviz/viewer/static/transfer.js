@@ -2,7 +2,7 @@
 
 import {ColourMapPicker} from "./colours.js";
 import {
-  Form, button, formatNumber, hexColour, labelled, maySteer, newGesture, numberInput, rgbOfHex, showText, valueAt,
+  Form, button, formatNumber, hexColour, labelled, newGesture, numberInput, rgbOfHex, showText, valueAt,
 } from "./controls.js";
 import {createElement} from "./elements.js";
 import {PLOT} from "./histogram.js";
@@ -78,6 +78,8 @@ export class TransferEditor {
     this.removeButton = button("✕", () => this.removeSelected(), {title: "Remove (Delete)", class: "icon"});
     const inputs = [this.valueInput, this.opacityInput, this.colourInput, this.removeButton];
     this.selectedLine = createElement("div", {class: "row selected-row"}, this.selectedLabel, ...inputs);
+    const hint = createElement("span", {class: "hint"}, "Double click adds a point, right click removes it.");
+    this.selectedLine.append(hint);
     return this.selectedLine;
   }
 
@@ -340,7 +342,7 @@ export class TransferEditor {
     const handle = handleOf(event.target);
     const [x, y] = this.plot.place(event);
     this.plot.element.setPointerCapture(event.pointerId);
-    const moved = maySteer(this.viewer) ? handle : null;
+    const moved = this.viewer.steers ? handle : null;
     this.dragged = {handle: moved, x, y, merge: newGesture(this.path), isMoved: false};
     if (!handle) return;
     this.select(handle);
@@ -379,7 +381,7 @@ export class TransferEditor {
   }
 
   addAt(event) {
-    if (handleOf(event.target) || !maySteer(this.viewer)) return;
+    if (handleOf(event.target) || !this.viewer.steers) return;
     const [x, y] = this.plot.place(event);
     const value = this.rounded(this.plot.axes.value(x));
     if (y >= PLOT.bar - 2) this.addColour(value);
@@ -389,7 +391,7 @@ export class TransferEditor {
   removeAt(event) {
     event.preventDefault();
     const handle = handleOf(event.target);
-    if (!handle || !maySteer(this.viewer)) return;
+    if (!handle || !this.viewer.steers) return;
     this.selected = handle;
     this.removeSelected();
   }
@@ -401,7 +403,7 @@ export class TransferEditor {
 
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const act = this.viewAction(event.key) ?? (maySteer(this.viewer) ? this.editAction(event) : null);
+    const act = this.viewAction(event.key) ?? (this.viewer.steers ? this.editAction(event) : null);
     if (!act) return;
     event.preventDefault();
     event.stopPropagation();

@@ -1,6 +1,6 @@
 // Panel of the contents: which are shown, and the editor of the selected one.
 
-import {Form, labelled, maySteer, valueAt} from "./controls.js";
+import {Form, labelled, valueAt} from "./controls.js";
 import {createElement} from "./elements.js";
 import {TransferEditor} from "./transfer.js";
 import {contentEntry} from "./transfer_model.js";
@@ -52,7 +52,7 @@ export class ContentsPanel {
     const title = isShown ? "Hide" : "Show";
     const eye = createElement("input", {type: "checkbox", title, "data-focus": `eye ${path}`});
     eye.checked = isShown;
-    eye.disabled = !maySteer(this.viewer);
+    eye.disabled = !this.viewer.steers;
     eye.setAttribute("aria-label", `Show ${name}`);
     eye.addEventListener("change", () => {
       const others = hidden.filter((one) => one !== path);
