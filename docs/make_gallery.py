@@ -19,6 +19,7 @@ from clusterviz.data.samples import fetch_sample
 
 ROOT = Path(__file__).parents[1]
 SIZE = (480, 360)
+SIZES = {"annotated": (800, 600)}  # text and lines
 COLOURS = 128  # of a picture's palette: a tenth of the bytes, and no difference that the eye sees
 OBJECTS = np.array([(0.9, 0.6, 0.2), (0.6, 0.2, 0.6), (0.9, 0.2, 0.3), (0.3, 0.6, 0.9)])
 SCENES: dict[str, tuple[str, ...]] = {
@@ -31,6 +32,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "orbital": (),
     "layers": (),
     "folds": ("mni152",),
+    "annotated": ("mni152",),
 }
 
 
@@ -45,7 +47,7 @@ def as_colours(layers: Mapping[str, np.ndarray]) -> list[np.ndarray]:
 def draw(name: str, samples: tuple[str, ...]) -> Path:
     """Render one example, and write its picture."""
     paths = [f"volumes.{number}.path={fetch_sample(sample)}" for number, sample in enumerate(samples)]
-    scene = clusterviz.load_scene(ROOT / "examples" / f"{name}.yaml", [*paths, f"image.size={list(SIZE)}"])
+    scene = clusterviz.load_scene(ROOT / "examples" / f"{name}.yaml", [*paths, f"image.size={list(SIZES.get(name, SIZE))}"])
     path = ROOT / "docs" / "pictures" / f"{name}.png"
     path.parent.mkdir(exist_ok=True)
     picture = clusterviz.render(scene)
@@ -53,8 +55,8 @@ def draw(name: str, samples: tuple[str, ...]) -> Path:
     if picture.layers:
         Image.fromarray(np.concatenate([np.asarray(Image.open(path)), *as_colours(picture.layers)], axis=1)).save(path)
     found = Image.open(path).convert("RGB")
-    # Normals have more colours than a palette.
-    (found if picture.layers else found.quantize(COLOURS, dither=Image.Dither.NONE)).save(path, optimize=True)
+    # Normals and scalar bars have more colours than a palette.
+    (found if picture.layers or name in SIZES else found.quantize(COLOURS, dither=Image.Dither.NONE)).save(path, optimize=True)
     return path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,7 @@ class AxisTicks:
     ----------
     box : with edges along x, y and z
     font : size of text, pixels
+    side : side of the box with the ticks of upright axes
 
     Attributes
     ----------
@@ -45,8 +47,11 @@ class AxisTicks:
     shares : the same as shares of the edge
     """
 
-    def __init__(self, box: Box, camera: Camera, size: tuple[int, int], font: float) -> None:
+    def __init__(
+        self, box: Box, camera: Camera, size: tuple[int, int], font: float, side: Literal["left", "right"]
+    ) -> None:
         self._box, self._camera, self._size, self._font = box, camera, size, font
+        self._outward = -1 if side == "left" else 1
         front = box.front_faces(camera)
         self._is_inside = not front.any()
         self.values: list[Floats] = []
@@ -97,8 +102,8 @@ class AxisTicks:
     def _edge(self, axis: int, front: NDArray[np.bool_]) -> tuple[Floats, Floats, float] | None:
         """Return the ends of the edge that has the ticks of an axis, world and pixels, and its length in pixels.
 
-        It is on the outline of the projected box, at its lower or left side. From inside of the box it is the longest
-        that is seen.
+        It is on the outline of the projected box, at its lower side, or on the left or right. From inside of the box it
+        is the longest that is seen.
         """
         shares = edge_shares(axis)
         if not self._is_inside:
@@ -117,7 +122,9 @@ class AxisTicks:
             return max(found, key=lambda edge: edge[2])
         along = np.abs(found[0][1][1] - found[0][1][0])
         is_level = along[0] >= along[1]
-        return max(found, key=lambda edge: float(edge[1][:, 1].mean() if is_level else -edge[1][:, 0].mean()))
+        return max(
+            found, key=lambda edge: float(edge[1][:, 1].mean() if is_level else self._outward * edge[1][:, 0].mean())
+        )
 
     def _centre(self) -> Floats:
         """Return the middle of the seen outline, or of the picture, pixels."""
@@ -178,7 +185,7 @@ def _draw_head(canvas: Canvas, tip: Floats, direction: Floats, size: float, colo
 
 
 def draw_scale_bar(canvas: Canvas, style: Style, camera: Camera, unit: str) -> Rect:
-    """Draw a bar of a round length at the lower border; return its rectangle.
+    """Draw a bar of a round length in the lower right corner; return its rectangle.
 
     In perspective, the length holds at the depth of the focal point.
     """
@@ -189,10 +196,11 @@ def draw_scale_bar(canvas: Canvas, style: Style, camera: Camera, unit: str) -> R
     length = round_number(SCALE_BAR * width * pixel)
     half = length / pixel / 2
     y, tick = height - 0.9 * style.font, 0.35 * style.font
-    left, right = width / 2 - half, width / 2 + half
+    right = width - 1.5 * style.font
+    left, middle = right - 2 * half, right - half
     canvas.lines([[(left, y), (right, y)]], style.ink, 2.5 * style.line)
     canvas.lines([[(x, y - tick), (x, y + tick)] for x in (left, right)], style.ink, 1.5 * style.line)
     text = canvas.text(
-        (width / 2, y - 0.95 * style.font), f"{number_text(length)} {unit}".rstrip(), style.font, style.ink, "centre"
+        (middle, y - 0.95 * style.font), f"{number_text(length)} {unit}".rstrip(), style.font, style.ink, "centre"
     )
     return min(left, text[0]), text[1], max(right, text[2]), y + tick

@@ -22,9 +22,13 @@ def ticks(low: float, high: float, most: int) -> NDArray[np.float64]:
 
     if not low < high or not math.isfinite(high - low):
         return np.array([low] if low == high else [])
-    found = np.asarray(MaxNLocator(max(1, most - 1), steps=[1, 2, 2.5, 5, 10]).tick_values(low, high), np.float64)
-    slack = 1e-9 * (high - low)
-    return found[(found >= low - slack) & (found <= high + slack)]
+    slack, found = 1e-9 * (high - low), np.empty(0)
+    for intervals in range(most + 1, 0, -1):  # they cover the range, so that the outer two may be cut
+        every = np.asarray(MaxNLocator(intervals, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high), np.float64)
+        found = every[(every >= low - slack) & (every <= high + slack)]
+        if len(found) <= most:
+            break
+    return found
 
 
 def tick_labels(values: Sequence[float] | NDArray[np.float64]) -> tuple[list[str], str]:

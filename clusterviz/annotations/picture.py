@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from clusterviz.annotations.canvas import Canvas, Colour, Overlay, Rect
 from clusterviz.annotations.contents import contents_of
 from clusterviz.annotations.fixed import draw_fixed, time_text
 from clusterviz.annotations.scalar_bar import Style
-from clusterviz.scene.annotations import Annotations, AxesGrid, section_of
+from clusterviz.scene.annotations import Annotations, AxesGrid, ScalarBar, section_of
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, content_corners
 from clusterviz.scene.values import Scene
@@ -136,7 +137,9 @@ def _of_camera(
         for one in boxes:
             _draw_edges(one, scene, size, style, behind, front)
         if axes:
-            along = AxisTicks(aligned, camera, size, style.font)
+            bars = section_of(settings.scalar_bar, ScalarBar) or ScalarBar()
+            side: Literal["left", "right"] = "left" if bars.position == "right" else "right"
+            along = AxisTicks(aligned, camera, size, style.font, side)
             if axes.grid:
                 shares = grid_lines(along.shares, aligned.front_faces(camera))
                 behind.lines(projected(camera, aligned.point(shares), size)[0], style.ink, style.line, GRID)

@@ -20,8 +20,8 @@ TABLE_SIDE = 8.0
 LEAST_HEIGHT = 5.0
 HEIGHT = 0.55
 """Height of a single bar, as a share of the picture's."""
-TOP, BOTTOM = 0.12, 0.9
-"""Part of the picture's height that bars use."""
+TOP, BOTTOM = 0.12, {"right": 0.9, "left": 0.75}
+"""Part of the picture's height that bars use; on the left, the orientation marker is below them."""
 MOST_COLUMNS = 2
 
 
@@ -60,7 +60,8 @@ def draw_scalar_bars(canvas: Canvas, style: Style, settings: ScalarBar, contents
     if not bars:
         return []
     width, height = canvas.size
-    room = (BOTTOM - TOP) * height
+    bottom = BOTTOM[settings.position]
+    room = (bottom - TOP) * height
     rows = max(
         1,
         min(-(-len(bars) // MOST_COLUMNS) if len(bars) > 3 else len(bars), int(room / (LEAST_HEIGHT + 2) / style.font)),
@@ -76,7 +77,7 @@ def draw_scalar_bars(canvas: Canvas, style: Style, settings: ScalarBar, contents
             break
         left = width - edge - across if settings.position == "right" else edge
         for row, bar in enumerate(column):
-            middle = (TOP * height + BOTTOM * height) / 2 + (row - (len(column) - 1) / 2) * slot
+            middle = (TOP + bottom) * height / 2 + (row - (len(column) - 1) / 2) * slot
             rects.append(bar.draw(canvas, left, middle))
         edge += across + style.font
     return rects
@@ -103,8 +104,14 @@ class _Bar:
         self._side = height
         self._set_ticks(self._transfer.domain, height)
         self._name, self._name_size = fitted_text(self._with_factor(self._title, self._factor), font, 1.2 * height)
-        opacity = (OPACITY_WIDTH + 0.2) * font if self._has_opacity else 0.0
-        return opacity + (WIDTH + TICK + GAP) * font + self._longest + (TITLE * font if self._name else 0.0)
+        self._before = 0.0
+        if self._has_opacity:
+            inside = self._transfer.opacity(np.linspace(*self._transfer.domain, 1024)).max()
+            surfaces = [alpha for _, alpha in self._content.surfaces]
+            self._most = max([float(inside) if self._content.has_opacity else 0.0, *surfaces])
+            of_text = text_width(_most_text(self._most), SMALL * font) - WIDTH * font
+            self._before = max((OPACITY_WIDTH + 0.2) * font, of_text)
+        return self._before + (WIDTH + TICK + GAP) * font + self._longest + (TITLE * font if self._name else 0.0)
 
     def draw(self, canvas: Canvas, left: float, middle: float) -> Rect:
         """Draw the bar; return its rectangle."""
@@ -112,7 +119,7 @@ class _Bar:
             return self._draw_table(canvas, left, middle, self._table)
         style, font = self._style, self._style.font
         top, bottom = round(middle - self._side / 2), round(middle + self._side / 2)
-        start = round(left + ((OPACITY_WIDTH + 0.2) * font if self._has_opacity else 0.0))
+        start = round(left + self._before)
         low, high = self._transfer.domain
         shares = 1 - (np.arange(bottom - top) + 0.5) / (bottom - top)
         scalars = low * (1 - shares) + high * shares
@@ -135,9 +142,8 @@ class _Bar:
         """Draw the opacity to the left of the bar, relative to its maximum; return the lower end of its text."""
         style, content = self._style, self._content
         font, low, high = style.font, *self._transfer.domain
-        opacity = self._transfer.opacity(scalars) if content.has_opacity else np.zeros(len(scalars))
-        most = max([float(opacity.max(initial=0.0)), *(alpha for _, alpha in content.surfaces)]) or 1.0
-        edge, reach = start - 0.2 * font, OPACITY_WIDTH * font / most
+        opacity = self._transfer.opacity(scalars)
+        edge, reach = start - 0.2 * font, OPACITY_WIDTH * font / (self._most or 1.0)
         heights = np.arange(top, bottom) + 0.5
         if content.has_opacity:
             curve = np.stack([edge - opacity * reach, heights], axis=1)
@@ -148,9 +154,8 @@ class _Bar:
             if top <= y <= bottom:
                 canvas.lines([[(edge - alpha * reach, y), (start + WIDTH * font, y)]], style.ink, 1.5 * style.line)
         canvas.lines([[(edge, top), (edge, bottom)]], style.ink, style.line, 0.5)
-        text = f"opacity {'≤ ' if content.has_opacity else ''}{number_text(float(f'{most:.2g}'))}"
         y = bottom + 0.9 * font
-        canvas.text((start + WIDTH * font, y), text, SMALL * font, style.ink, "right")
+        canvas.text((start + WIDTH * font, y), _most_text(self._most), SMALL * font, style.ink, "right")
         return y + 0.5 * font
 
     def _draw_table(self, canvas: Canvas, left: float, middle: float, table: TransferTable) -> Rect:
@@ -183,7 +188,9 @@ class _Bar:
         y = bottom + (TICK + 2.1) * font
         name, size = fitted_text(self._with_factor(self._title, factor), font, 1.3 * side)
         canvas.text((start + side / 2, y), name, size, style.ink, "centre")
-        return left, top - 0.5 * font, end + TITLE * font, y + 0.6 * font
+        y += 1.2 * font
+        canvas.text((start + side / 2, y), _most_text(float(table.opacities.max())), SMALL * font, style.ink, "centre")
+        return left, top - 0.5 * font, end + TITLE * font, y + 0.5 * font
 
     def _set_ticks(self, domain: tuple[float, float], height: float) -> None:
         self._ticks = ticks(*domain, min(self._settings.ticks, max(2, int(height / (2 * self._style.font)))))
@@ -195,10 +202,15 @@ class _Bar:
         for value, label in zip(self._ticks, self._labels, strict=True):
             y = bottom - (value - domain[0]) / (domain[1] - domain[0]) * (bottom - top)
             canvas.lines([[(right, y), (right + TICK * font, y)]], style.ink, style.line)
-            canvas.text((right + (TICK + GAP) * font + self._longest, y), label, font, style.ink, "right")
+            canvas.text((right + (TICK + GAP) * font, y), label, font, style.ink)
 
     def _with_factor(self, title: str, factor: str) -> str:
         return f"{title} ({factor})" if factor and title else title or factor
+
+
+def _most_text(most: float) -> str:
+    """Return what tells the scale of opacity."""
+    return f"opacity ≤ {number_text(float(f'{most:.2g}'))}"
 
 
 def _bytes(values: NDArray[np.float64]) -> NDArray[np.uint8]:

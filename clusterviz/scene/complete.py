@@ -33,8 +33,8 @@ UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene
 DEFAULT_CMAP = "bone"
 RADIUS_OF_DIAGONAL: dict[type[GeometrySection], float] = {LinesSection: 1 / 500, PointsSection: 1 / 200}
 """Radius of tubes and spheres, if none is given, as a share of the diagonal of their box."""
-MARGIN_OF_AXES = 0.14
-"""Margin of a fitted scene with an axes grid, whose labels are outside of the box."""
+AXES_LABELS = 7.5
+"""Margin of a fitted scene with an axes grid, whose labels are outside of the box, as a multiple of the font size."""
 DEFAULT_OPACITY = ((0.0, 0.0), (0.3, 0.0), (1.0, 0.9))
 """(share of clim, opacity); the lowest values, in most data air, solvent or noise, are transparent."""
 
@@ -74,7 +74,7 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     # The size of a scene whose points all coincide.
     spacing = min((min(info.spacing) for info in each), default=1.0)
     orientation = next((info.orientation for info in each if info.orientation), "")
-    margin = MARGIN_OF_AXES if scene.annotations.axes else MARGIN
+    margin = min(0.5, AXES_LABELS * scene.annotations.font_size) if scene.annotations.axes else MARGIN
     camera = fitted_camera(scene.camera, corners, spacing, scene.image.size, orientation, margin)
     return scene.model_copy(update={"camera": camera})
 
