@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from clusterviz.errors import SceneError
-from clusterviz.scene.geometry import as_sections
+from clusterviz.scene.field_types import Section
+from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 from clusterviz.scene.validation_messages import format_value
-from clusterviz.scene.values import Camera, Clip, ImageSettings, Quality, Scene, Volume
+from clusterviz.scene.values import Scene
 
 OPENED = ("path", "array", "channel", "detail", "spacing", "origin", "direction")
 """Keys of a volume that frames share, like all keys of the cluster. The other ones may differ between frames, and so do
@@ -60,7 +61,7 @@ def differences(before: Any, after: Any, key: str = "") -> list[str]:
 
 def is_same_volume(first: Scene, scene: Scene) -> bool:
     """Return whether two scenes may be frames of the same loop."""
-    return scene == first or _shared_part(first) == _shared_part(scene)
+    return scene is first or _shared_values(first) == _shared_values(scene)
 
 
 def check_same_volume(first: Scene, scene: Scene) -> None:
@@ -71,23 +72,39 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
     SceneError
         The error names the first key that differs.
     """
-    found = differences(_shared_part(first), _shared_part(scene)) if scene != first else []
-    if found:
+    if not is_same_volume(first, scene):
+        found = differences(_shared_part(first), _shared_part(scene))
         allowed = f"another view or quality, or keys of a volume but {', '.join(OPENED)}"
         allowed += f", or {', '.join(GEOMETRY_CHANGING)} of geometry" if scene.geometry else ""
         allowed += f", or {', '.join(GRID_CHANGING)} of grids" if scene.grids else ""
         raise SceneError("frames differ in more than they can", found=found[0], allowed=allowed)
 
 
-def _shared_part(scene: Scene) -> dict[str, Any]:
-    """Return the part of a scene that all frames share."""
-    keys = set(Volume.model_fields) - set(OPENED)
-    volumes = tuple(volume.model_copy(update=dict.fromkeys(keys)) for volume in scene.volumes)
-    geometry = as_sections(
-        section.model_copy(update={key: None for key in GEOMETRY_CHANGING if key in type(section).model_fields})
-        for section in scene.geometry
-    )
-    grids = tuple(grid.model_copy(update=dict.fromkeys(GRID_CHANGING)) for grid in scene.grids)
-    view = {"camera": Camera(), "image": ImageSettings(), "clip": Clip(), "lights": (), "quality": Quality()}
-    update = {**view, "volumes": volumes, "grids": grids, **geometry}
-    return scene.model_copy(update=update).model_dump(mode="json", warnings=False)
+def _shared_entries(scene: Scene) -> dict[str, list[tuple[Section, list[str]]]]:
+    """Return the entries of each list of a scene, with the keys that all frames share."""
+    geometry = {name: getattr(scene, name) for name in GEOMETRY_SECTIONS}
+    return {
+        "volumes": [(volume, list(OPENED)) for volume in scene.volumes],
+        **{
+            name: [(each, _other_keys(each, GEOMETRY_CHANGING)) for each in entries]
+            for name, entries in geometry.items()
+        },
+        "grids": [(grid, _other_keys(grid, GRID_CHANGING)) for grid in scene.grids],
+    }
+
+
+def _other_keys(section: Section, changing: tuple[str, ...]) -> list[str]:
+    return [key for key in type(section).model_fields if key not in changing]
+
+
+def _shared_values(scene: Scene) -> list[object]:
+    """Return the values of all keys that frames share; quicker than `_shared_part`."""
+    entries = _shared_entries(scene).values()
+    return [scene.cluster, *([[getattr(one, key) for key in keys] for one, keys in each] for each in entries)]
+
+
+def _shared_part(scene: Scene) -> dict[str, object]:
+    """Return the part of a scene that all frames share, as data."""
+    entries = _shared_entries(scene).items()
+    found = {name: [one.model_dump(mode="json", include=set(keys)) for one, keys in each] for name, each in entries}
+    return {**found, "cluster": scene.cluster.model_dump(mode="json")}
