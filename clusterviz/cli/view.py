@@ -24,6 +24,7 @@ from clusterviz.errors import InputError
 from clusterviz.frame import Options
 from clusterviz.viewer.pace import Pace
 from clusterviz.viewer.render_loop import RenderLoop
+from clusterviz.viewer.saving import OpenedAs
 from clusterviz.viewer.server import Server, open_socket
 from clusterviz.viewer.session import Session
 
@@ -61,13 +62,14 @@ def command(
         _start_job(ranks)
     channel, _ = start()
     with agree(channel, 0, "scene"):
-        opened, device_choice = open_scene(scene, overrides_of(define, size), preset), parse_device(device)
+        overrides, device_choice = overrides_of(define, size), parse_device(device)
+        opened = open_scene(scene, overrides, preset)
     with agree(channel, 0, "port"):
         listening = open_socket(host, port) if channel.rank == 0 else None
     if listening is not None and not _is_loopback(host):
         warnings.warn(f"{host}: the page is served by HTTP, so others on the network can read its token", stacklevel=1)
     options = Options(device_choice, debug=bool(context.obj["debug"]))
-    loop = RenderLoop(opened, channel, options=options)
+    loop = RenderLoop(opened, channel, options=options, opened_as=OpenedAs(scene, tuple(overrides), preset))
     if listening is None:
         loop.follow()
         return

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import functools
+import json
+import re
+import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,10 +18,16 @@ from numpy.typing import NDArray
 from clusterviz.errors import InputError
 from clusterviz.scene.colormaps import colour_points, map_names
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, complete_scene, divided_infos
+from clusterviz.scene.presets import PRESETS, apply_preset
 from clusterviz.scene.transfer import opacity_points
 from clusterviz.scene.values import Scene
 
 PREVIEW_COLOURS = 16
+COMMON_MAPS = (
+    *("bone", "gray", "viridis", "plasma", "inferno", "magma", "cividis", "turbo", "hot", "afmhot", "copper", "jet"),
+    *("rainbow", "coolwarm", "bwr", "RdBu", "RdYlBu", "Spectral", "Blues", "Greens", "Reds", "YlOrRd", "pink"),
+    *("batlow", "roma", "vik", "berlin", "thermal", "haline", "ice", "balance", "blackbody", "glasbey", "tab10"),
+)
 MOST_BINS = 256
 """Bins of a histogram and points of a transfer function, at most."""
 
@@ -30,12 +39,9 @@ class Content:
     Attributes
     ----------
     infos : on each volume, each entry of geometry and each grid, as opened
-    types : of the samples of each volume
     """
 
     infos: tuple[Info, ...]
-    types: tuple[str, ...] = ()
-    percentiles: tuple[Mapping[float, float], ...] = field(default=())
 
     def complete(self, scene: Scene) -> Scene:
         """Return a scene with all keys."""
@@ -45,14 +51,26 @@ class Content:
         """Return what a client is told once."""
         return {
             "version": version("clusterviz"),
-            "colour_maps": colour_maps(),
-            "presets": [],
+            "colour_maps": known_colour_maps(),
+            "presets": [{"name": name, "description": each.description} for name, each in PRESETS.items()],
             "keys": known_keys(),
         }
 
-    def preset(self, scene: Scene, volume: int, name: str) -> Mapping[str, Any]:
-        """Return the changes of a preset, by full keys."""
-        raise InputError("unknown preset", where=f"volumes[{volume}]", found=name)
+    def preset(self, volume: int, name: str) -> dict[str, Any]:
+        """Return the changes of a preset, by full keys.
+
+        Raises
+        ------
+        InputError
+            There is no such volume or preset.
+        """
+        volumes = divided_infos(self.infos)[0]
+        if volume >= len(volumes):
+            raise InputError("no such volume", where="preset", found=volume, allowed=f"fewer than {len(volumes)}")
+        if name not in PRESETS:
+            raise InputError("unknown preset", where="preset", found=name, allowed=", ".join(PRESETS))
+        keys = json.loads(json.dumps(apply_preset(name, volumes[volume])))
+        return {f"volumes.{volume}.{key}": value for key, value in keys.items()}
 
     def state(self, completed: Scene) -> dict[str, Any]:
         """Return what a client is told of the data and of the transfer functions."""
@@ -110,11 +128,30 @@ def _bounds(box: NDArray[np.float64]) -> list[list[float]]:
     return box.tolist() if len(box) else [[0.0] * 3, [0.0] * 3]
 
 
+def known_colour_maps() -> list[dict[str, Any]]:
+    """Return colour maps with previews: at first common ones, while a thread prepares all, which takes a second."""
+    with _PREPARING:
+        if not _ALL_MAPS and not _THREADS:
+            _THREADS.append(threading.Thread(target=lambda: _ALL_MAPS.extend(colour_maps(_names())), daemon=True))
+            _THREADS[0].start()
+    return list(_ALL_MAPS) or colour_maps(COMMON_MAPS)
+
+
+_ALL_MAPS: list[dict[str, Any]] = []
+_THREADS: list[threading.Thread] = []
+_PREPARING = threading.Lock()
+
+
+def _names() -> tuple[str, ...]:
+    """Return the names of all colour maps but those of fewer colours (Blues_3)."""
+    return tuple(name for name in map_names() if not re.search(r"_\d+$", name))
+
+
 @functools.cache
-def colour_maps() -> list[dict[str, Any]]:
-    """Return all colour maps with a preview of `PREVIEW_COLOURS` colours."""
+def colour_maps(names: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Return colour maps with a preview of `PREVIEW_COLOURS` colours."""
     places, found = np.linspace(0, 1, PREVIEW_COLOURS), []
-    for name in map_names():
+    for name in names:
         values, rgb = colour_points(name, (0.0, 1.0))
         colours = np.stack([np.interp(places, values, channel) for channel in np.asarray(rgb).T], axis=1)
         found.append({"name": name, "colours": colours.round(3).tolist()})

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from clusterviz.scene.annotations import Annotations
 from clusterviz.scene.values import Scene
 
 
@@ -89,7 +90,8 @@ class Pace:
         image = scene.image.model_copy(update={"size": (width, height), "layers": ()})
         ends = max(quality.early_termination, level.early_termination)
         changed = {"step": quality.step * level.step, "early_termination": ends, "max_error": None}
-        return scene.model_copy(update={"image": image, "quality": quality.model_copy(update=changed)})
+        settings = {"image": image, "quality": quality.model_copy(update=changed), "annotations": Annotations()}
+        return scene.model_copy(update=settings)
 
     def learn(self, pixels: int, seconds: float, fixed_seconds: float) -> None:
         """Learn from a frame of the present level.

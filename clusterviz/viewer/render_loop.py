@@ -8,7 +8,8 @@ abandoned on all ranks as soon as there is newer input.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -16,12 +17,16 @@ import numpy as np
 
 from clusterviz.comm import Channel
 from clusterviz.comm.channel import Pending
-from clusterviz.errors import ClustervizError
+from clusterviz.errors import ClustervizError, RankError
 from clusterviz.frame import FrameLoop, Options, Rendered
-from clusterviz.frame.opening import Given
+from clusterviz.frame.opening import Given, Opened
+from clusterviz.image.picture import layers_of
 from clusterviz.scene.values import Scene
 from clusterviz.viewer.describe import Content
+from clusterviz.viewer.messages import Pick, Save
 from clusterviz.viewer.pace import Pace
+from clusterviz.viewer.picking import SIDE, index_of, names_of_objects, position_at, scene_of_pick, value_at
+from clusterviz.viewer.saving import OpenedAs, command_line, path_file, picture_file, scene_file
 from clusterviz.viewer.session import Job, Request, Session
 
 WAKE, STOP = 7101, 7102
@@ -122,6 +127,7 @@ class RenderLoop:
     channel : to the other ranks
     source : the data instead of the files that the scene names
     options : how to run
+    opened_as : how the scene was opened, for command lines
 
     Raises
     ------
@@ -129,13 +135,24 @@ class RenderLoop:
         As `FrameLoop` does.
     """
 
-    def __init__(self, scene: Scene, channel: Channel, source: Given = None, options: Options | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        channel: Channel,
+        source: Given = None,
+        options: Options | None = None,
+        *,
+        opened_as: OpenedAs | None = None,
+    ) -> None:
         self._channel, self._source = channel, source
+        self._opened_as = opened_as
         self._session: Session | None = None
         self._abandoning = Abandoning(channel, self._has_input)
-        self._options = replace(options or Options(), overlap=False, keep_bricks=True, poll=self._abandoning.poll)
+        kept: dict[str, Any] = {"overlap": False, "keep_bricks": True, "keep_drawn": True, "annotate": True}
+        self._options = replace(options or Options(), **kept, poll=self._abandoning.poll)
         self._loop = FrameLoop(scene, channel, source, self._options)
-        self._frames = 0
+        self._frames, self._is_new = 0, False
+        self._content = self.content
 
     @property
     def scene(self) -> Scene:
@@ -185,6 +202,9 @@ class RenderLoop:
                 raise
             session.failed(request, error)
             return
+        if self._is_new and not request.hidden:
+            session.reopened(self.content)
+        self._is_new = self._is_new and bool(request.hidden)
         if rendered is None or rendered.image is None:
             return
         seconds = time.perf_counter() - began
@@ -192,11 +212,69 @@ class RenderLoop:
             width, height = completed.image.size
             drawing = rendered.statistics.seconds.get("render", 0.0)
             pace.learn(width * height, seconds, seconds - drawing)
-        statistics = _statistics(rendered)
-        session.finished(request, rendered.image, seconds, statistics, rendered.statistics.warnings)
+        statistics = _statistics(rendered, self._loop.opened)
+        remarks = (*rendered.statistics.warnings, *map(str, rendered.statistics.changes))
+        session.finished(request, rendered.image, seconds, statistics, remarks)
 
     def _do(self, session: Session, job: Job) -> None:
-        """Answer a pick, or write a file."""
+        """Answer a pick, or send a file."""
+        message, scene = job.message, job.request.completed
+        try:
+            if isinstance(message, Pick):
+                found = {"type": "picked", "pick": message.pick, **self._picked(scene, job.request.hidden, message)}
+                session.answer(job.client, lambda client: client.send(found))
+            else:
+                name, media_type, content = self._saved(scene, message)
+                session.answer(job.client, lambda client: client.send_file(message.save, name, media_type, content))
+        except ClustervizError as error:
+            if self._channel.size > 1 and isinstance(error, RankError) and not error.agreed:
+                raise
+            about = {"pick": message.pick} if isinstance(message, Pick) else {"save": message.save}
+            failed = {"type": "error", "message": str(error), "key": None, **about}
+            session.answer(job.client, lambda client: client.send(failed))
+
+    def _picked(self, scene: Scene, hidden: Sequence[str], message: Pick) -> dict[str, Any]:
+        """Return what lies under a point of the picture."""
+        nothing = {"position": None, "index": None, "value": None, "name": ""}
+        opened = self._loop.opened
+        if opened is None:
+            return nothing
+        small = scene_of_pick(scene, message.x, message.y)
+        rendered = self._draw_on_all(Command("draw", small, alone=True))
+        layers = layers_of(rendered.image) if rendered is not None and rendered.image is not None else {}
+        middle = SIDE // 2, SIDE // 2
+        if not layers or layers["object"][middle] < 0:
+            return nothing
+        position = position_at(small, float(layers["depth"][middle]))
+        name, volume = names_of_objects(scene, hidden)[int(layers["object"][middle])]
+        found = {**nothing, "position": position.tolist(), "name": name}
+        opened = self._loop.opened
+        if volume is not None and opened is not None:
+            source = opened.volumes[volume].source
+            index = index_of(source.grid, position)
+            found |= {"index": index.tolist(), "value": value_at(source, index)}
+        return found
+
+    def _saved(self, scene: Scene, message: Save) -> tuple[str, str, bytes]:
+        """Return name, media type and content of a file."""
+        if message.what == "scene":
+            return "scene.yaml", "application/yaml", scene_file(scene)
+        if message.what == "path":
+            return "path.yaml", "application/yaml", path_file(message.keys)
+        if message.what == "command":
+            if self._opened_as is None:
+                raise ClustervizError("a scene in memory has no command line: save it as a file")
+            line = command_line(self._opened_as, scene, self._content)
+            return "command.txt", "text/plain", line.encode()
+        width, height = scene.image.size
+        size = message.width or width, message.height or height
+        sized = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size})})
+        rendered = self._draw_on_all(Command("draw", sized, alone=True))
+        if rendered is None or rendered.image is None:
+            raise ClustervizError("there is no picture")
+        types = {"png": "image/png", "npz": "application/octet-stream"}
+        content = picture_file(rendered.image, rendered.scene, message.format)
+        return f"picture.{message.format}", types[message.format], content
 
     def _draw_on_all(self, command: Command) -> Rendered | None:
         self._send(command)
@@ -212,7 +290,9 @@ class RenderLoop:
             self._abandoning.begin()
         self._frames += 1
         try:
-            rendered = self._loop.frame(scene, self._frames, alone=command.alone)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # clients are told
+                rendered = self._loop.frame(scene, self._frames, alone=command.alone)
         except ClustervizError:
             if command.may_stop and self._abandoning.end():
                 return None
@@ -223,9 +303,7 @@ class RenderLoop:
         """Open the content of another scene; if that fails, the last one stays."""
         loop = FrameLoop(scene, self._channel, self._source, self._options)
         self._loop.__exit__(None)
-        self._loop = loop
-        if self._session is not None:
-            self._session.reopened(self.content)
+        self._loop, self._is_new = loop, True
 
     def _has_input(self) -> bool:
         return self._session is not None and self._session.has_input()
@@ -249,7 +327,7 @@ class RenderLoop:
         return self._channel.broadcast(Command("end"))
 
 
-def _statistics(rendered: Rendered) -> dict[str, Any]:
+def _statistics(rendered: Rendered, opened: Opened | None) -> dict[str, Any]:
     """Return the statistics of a frame as clients are told."""
     statistics = rendered.statistics
     stages = [name for name in statistics.seconds if name != "total"]
@@ -267,5 +345,20 @@ def _statistics(rendered: Rendered) -> dict[str, Any]:
         "stages": stages,
         "per_rank": per_rank,
         "imbalance": statistics.imbalance,
-        "boxes": [],
+        "boxes": _boxes(rendered, opened),
     }
+
+
+def _boxes(rendered: Rendered, opened: Opened | None) -> list[dict[str, Any]]:
+    """Return the boxes around what each rank has drawn, with their corners in the world."""
+    drawn = rendered.drawn
+    if drawn is None or drawn.work.plan is None or opened is None or drawn.work.mode != "sort-last":
+        return []
+    plan, found = drawn.work.plan, []
+    matrix = opened.grid_of(plan).world_from_index
+    for piece in drawn.work.pieces:
+        begin, end = plan.layout.cells_of(piece.box.begin_zyx, piece.box.end_zyx)
+        ends = np.array([begin[::-1], end[::-1]], float)
+        corners = [[*(ends[bits >> axis & 1, axis] for axis in range(3)), 1.0] for bits in range(8)]
+        found.append({"rank": piece.rank, "corners": (np.array(corners) @ matrix.T)[:, :3].tolist()})
+    return found

@@ -9,13 +9,14 @@ from __future__ import annotations
 import copy
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from clusterviz.errors import ClustervizError
+from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.files import check_scene
+from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import apply_changes
 from clusterviz.scene.values import Camera, Scene
 from clusterviz.viewer.encoding import Picture
@@ -50,6 +51,9 @@ STATISTICS_SECONDS = 0.5
 """Least time between two statistics while the view moves."""
 Change = View | Edit | Undo | Redo | Reset | Preset | Size
 """Messages that change what is shown; only the client that steers may send them."""
+HIDDEN = "hidden"
+"""Key of edits, beside those of a scene: list of the entries that are not drawn, such as volumes.1."""
+LISTS = ("volumes", *LISTED_SECTIONS)
 CAMERA = ("position", "focal_point", "view_up", "view_angle", "parallel_scale")
 """Keys of the camera that clients are told."""
 
@@ -85,7 +89,7 @@ class Content(Protocol):
         """Return what a client is told of the data and of the transfer functions."""
         ...
 
-    def preset(self, scene: Scene, volume: int, name: str) -> Mapping[str, Any]:
+    def preset(self, volume: int, name: str) -> Mapping[str, Any]:
         """Return the changes of a preset, by full keys."""
         ...
 
@@ -97,8 +101,9 @@ class Request:
     Attributes
     ----------
     number : rises with what is shown
-    scene : as the user gave it, with a camera
+    scene : as the user gave it, with a camera, without what is hidden
     completed : the scene with all keys
+    hidden : entries that are left out, such as volumes.1
     revision : of the scene without its camera
     inputs : number of the last input of each client that the picture shows
     moving : whether the view is changing
@@ -110,6 +115,7 @@ class Request:
     revision: int
     inputs: Mapping[int, int]
     moving: bool
+    hidden: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -151,6 +157,7 @@ class _Shown:
     data: Data
     scene: Scene
     completed: Scene
+    hidden: tuple[str, ...] = ()
     undo: list[_Undo] = field(default_factory=list)
     redo: list[Data] = field(default_factory=list)
 
@@ -207,12 +214,12 @@ class Session:
     @property
     def scene(self) -> Scene:
         """The scene as it is shown, with camera and size: `render` of it gives the still picture."""
-        return self._shown.scene
+        return visible(self._shown.scene, self._shown.hidden)
 
     @property
     def completed(self) -> Scene:
         """The scene with all keys."""
-        return self._shown.completed
+        return visible(self._shown.completed, self._shown.hidden)
 
     def join(self, client: Client) -> int:
         """Add a client, send it the state and the newest picture, and return its number."""
@@ -371,8 +378,8 @@ class Session:
         return self._drawn < self._number or (self._was_moving and not self._is_moving)
 
     def _request(self, moving: bool) -> Request:
-        shown = self._shown
-        return Request(self._number, shown.scene, shown.completed, self._revision, dict(self._inputs), moving)
+        scenes = self.scene, self.completed
+        return Request(self._number, *scenes, self._revision, dict(self._inputs), moving, self._shown.hidden)
 
     def _put(self, number: int, message: Change) -> None:
         """Store a message in place of earlier ones of the same kind."""
@@ -397,7 +404,7 @@ class Session:
                 case Edit(changes=changes, merge=tag):
                     self._edit(changes, tag)
                 case Preset(volume=volume, name=name):
-                    self._edit(self._content.preset(self._shown.scene, volume, name), None)
+                    self._edit(self._content.preset(volume, name), None)
                 case Undo():
                     self._undo()
                 case Redo():
@@ -439,7 +446,10 @@ class Session:
 
     def _edit(self, changes: Mapping[str, Any], tag: str | None) -> None:
         before = self._shown.data
-        self._show(apply_changes(before, changes))
+        data = apply_changes(before, {key: value for key, value in changes.items() if key != HIDDEN})
+        if HIDDEN in changes:
+            data[HIDDEN] = changes[HIDDEN] or []
+        self._show(data)
         if self._shown.data != before:
             self._remember(before, tag)
 
@@ -463,10 +473,12 @@ class Session:
         SceneError
             They are not a scene; what is shown stays.
         """
-        scene = check_scene(copy.deepcopy(data), "scene", {})
+        scene = check_scene(copy.deepcopy({key: value for key, value in data.items() if key != HIDDEN}), "scene", {})
+        hidden = _checked_entries(data.get(HIDDEN, []), scene)
         completed = self._content.complete(scene)
         with self._lock:
             self._shown.data, self._shown.scene, self._shown.completed = data, scene, completed
+            self._shown.hidden = hidden
             self._number += 1
             self._revision += not view
 
@@ -500,7 +512,8 @@ class Session:
             "type": "state",
             "revision": self._revision,
             "scene": shown.completed.model_dump(mode="json"),
-            "given": shown.data,
+            "given": {key: value for key, value in shown.data.items() if key != HIDDEN},
+            "hidden": list(shown.hidden),
             "steering": self._steering,
             "clients": list(self._members),
             "asking": list(self._asking),
@@ -519,6 +532,23 @@ class Session:
     def _send_all(self, message: Data) -> None:
         for member in self._members.values():
             member.client.send(message)
+
+
+def visible(scene: Scene, hidden: Collection[str]) -> Scene:
+    """Return a scene without hidden entries, such as "volumes.1"."""
+    if not hidden:
+        return scene
+    kept = {
+        name: tuple(one for n, one in enumerate(getattr(scene, name)) if f"{name}.{n}" not in hidden) for name in LISTS
+    }
+    return scene.model_copy(update=kept)
+
+
+def _checked_entries(hidden: Any, scene: Scene) -> tuple[str, ...]:
+    known = [f"{name}.{n}" for name in LISTS for n in range(len(getattr(scene, name)))]
+    if not isinstance(hidden, list) or any(name not in known for name in hidden):
+        raise SceneError("not a list of entries", where=HIDDEN, found=hidden, allowed=", ".join(known))
+    return tuple(dict.fromkeys(hidden))
 
 
 def _data_of(scene: Scene) -> Data:

@@ -1,0 +1,104 @@
+"""Files that a client may save: scene, picture, camera path, and the command line of a picture."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.data import open_scene
+from clusterviz.errors import ClustervizError
+from clusterviz.image.files import write_image
+from clusterviz.image.picture import layers_of
+from clusterviz.scene.background import background_rgb
+from clusterviz.scene.text import commented_scene, picture_metadata
+from clusterviz.scene.values import Scene
+from clusterviz.scene.yaml_text import write_yaml
+from clusterviz.viewer.describe import Content
+from clusterviz.viewer.messages import KeyPose
+
+MOST_TRIES = 4
+"""Attempts to find overrides, each of which adds those that the ones before have made necessary."""
+
+
+def scene_file(scene: Scene) -> bytes:
+    """Return a completed scene as a scene file."""
+    return commented_scene(scene, ["Saved from the live view of clusterviz."]).encode()
+
+
+def picture_file(image: NDArray[np.float32], scene: Scene, kind: Literal["png", "npz"]) -> bytes:
+    """Return a picture as the file that `render` writes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"picture.{kind}"
+        layers = layers_of(image) if kind == "npz" else None
+        write_image(path, image, background_rgb(scene.image.background), picture_metadata(scene), layers)
+        return path.read_bytes()
+
+
+def path_file(keys: Sequence[KeyPose]) -> bytes:
+    """Return key frames of a camera as a path for `animate --path`."""
+    frames = [{"time": key.time, **key.camera.model_dump(mode="json", exclude_none=True)} for key in keys]
+    return write_yaml({"camera": frames}).encode()
+
+
+@dataclass(frozen=True)
+class OpenedAs:
+    """File that was opened, with its overrides and its preset."""
+
+    name: str
+    overrides: tuple[str, ...] = ()
+    preset: str | None = None
+
+
+def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
+    """Return the command line that renders a scene, with the keys that differ from those of the opened file.
+
+    Parameters
+    ----------
+    scene : completed
+    content : of the file
+
+    Raises
+    ------
+    ClustervizError
+        The scene cannot be told by overrides.
+    """
+    wanted = _drawn_part(scene)
+    found: dict[str, Any] = {}
+    for _ in range(MOST_TRIES):
+        options = [*file.overrides, *(f"{key}={json.dumps(value)}" for key, value in found.items())]
+        opened = content.complete(open_scene(file.name, options, file.preset))
+        missing = _differences(_drawn_part(opened), wanted)
+        if not missing:
+            words = ["clusterviz", "render", file.name, *(["--preset", file.preset] if file.preset else [])]
+            words += [word for option in options for word in ("-D", option)]
+            return shlex.join([*words, "-o", "picture.png"])
+        found |= missing
+    raise ClustervizError("this scene has no command line: save it as a file")
+
+
+def _drawn_part(scene: Scene) -> dict[str, Any]:
+    return scene.model_dump(mode="json", exclude={"cluster", "automatic"})
+
+
+def _differences(before: Any, after: Any, key: str = "") -> dict[str, Any]:
+    """Return the values of `after` by the full paths of the keys in which two trees differ."""
+    if isinstance(before, Mapping) and isinstance(after, Mapping):
+        found: dict[str, Any] = {}
+        for name in after:
+            found |= _differences(before.get(name), after[name], f"{key}.{name}" if key else name)
+        return found
+    has_sections = isinstance(before, list) and isinstance(after, list) and len(before) == len(after) > 0
+    if has_sections and all(isinstance(one, Mapping) for one in (*before, *after)):
+        found = {}
+        for number, pair in enumerate(zip(before, after, strict=True)):
+            found |= _differences(*pair, f"{key}.{number}")
+        return found
+    return {} if before == after else {key: after}
