@@ -20,7 +20,9 @@ from clusterviz.comm.channel import Pending
 from clusterviz.errors import ClustervizError, RankError
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.frame.opening import Given, Opened
+from clusterviz.frame.run import Image
 from clusterviz.image.picture import layers_of
+from clusterviz.report.provenance import Provenance
 from clusterviz.scene.values import Scene
 from clusterviz.viewer.describe import Content
 from clusterviz.viewer.messages import Pick, Save
@@ -149,7 +151,8 @@ class RenderLoop:
         self._session: Session | None = None
         self._abandoning = Abandoning(channel, self._has_input)
         kept: dict[str, Any] = {"overlap": False, "keep_bricks": True, "keep_drawn": True, "annotate": True}
-        self._options = replace(options or Options(), **kept, poll=self._abandoning.poll)
+        self._options = replace(options or Options(), **kept, poll=self._abandoning.poll, write=self._note)
+        self._made: Provenance | None = None
         self._loop = FrameLoop(scene, channel, source, self._options)
         self._frames, self._is_new = 0, False
         self._content = self.content
@@ -270,10 +273,10 @@ class RenderLoop:
         size = message.width or width, message.height or height
         sized = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size})})
         rendered = self._draw_on_all(Command("draw", sized, alone=True))
-        if rendered is None or rendered.image is None:
+        if rendered is None or rendered.image is None or self._made is None:
             raise ClustervizError("there is no picture")
         types = {"png": "image/png", "npz": "application/octet-stream"}
-        content = picture_file(rendered.image, rendered.scene, message.format)
+        content = picture_file(rendered.image, rendered.scene, self._made, message.format)
         return f"picture.{message.format}", types[message.format], content
 
     def _draw_on_all(self, command: Command) -> Rendered | None:
@@ -304,6 +307,10 @@ class RenderLoop:
         loop = FrameLoop(scene, self._channel, self._source, self._options)
         self._loop.__exit__(None)
         self._loop, self._is_new = loop, True
+
+    def _note(self, image: Image, scene: Scene, made: Provenance) -> None:
+        """Note how the last picture was made."""
+        self._made = made
 
     def _has_input(self) -> bool:
         return self._session is not None and self._session.has_input()

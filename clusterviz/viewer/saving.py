@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data import open_scene
 from clusterviz.errors import ClustervizError
-from clusterviz.image.files import write_image
-from clusterviz.image.picture import layers_of
-from clusterviz.scene.background import background_rgb
-from clusterviz.scene.text import commented_scene, picture_metadata
+from clusterviz.frame.picture_file import write_picture
+from clusterviz.report.provenance import Provenance
+from clusterviz.scene.text import commented_scene
 from clusterviz.scene.values import Scene
 from clusterviz.scene.yaml_text import write_yaml
 from clusterviz.viewer.describe import Content
@@ -33,12 +32,11 @@ def scene_file(scene: Scene) -> bytes:
     return commented_scene(scene, ["Saved from the live view of clusterviz."]).encode()
 
 
-def picture_file(image: NDArray[np.float32], scene: Scene, kind: Literal["png", "npz"]) -> bytes:
+def picture_file(image: NDArray[np.float32], scene: Scene, made: Provenance, kind: Literal["png", "npz"]) -> bytes:
     """Return a picture as the file that `render` writes."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"picture.{kind}"
-        layers = layers_of(image) if kind == "npz" else None
-        write_image(path, image, background_rgb(scene.image.background), picture_metadata(scene), layers)
+        write_picture(path, image, scene, made)
         return path.read_bytes()
 
 
