@@ -1,4 +1,4 @@
-"""Output of report pages: folders that appear whole or not at all, and figures as SVG."""
+"""Output of report pages: folders that appear whole or not at all, HTML from templates, and figures as SVG."""
 
 from __future__ import annotations
 
@@ -7,11 +7,20 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from clusterviz.errors import OutputError
 from clusterviz.image.replace import folder_error, lock_temporary, remove_temporary, temporary_name
+
+FILTERS = {
+    "count": "{:,}".format,
+    "percent": lambda share: f"{100 * share:.1f} %" if share >= 0.0005 else "0",
+    "ms": lambda seconds: f"{1e3 * seconds:.1f}",
+    "mib": lambda size: f"{size / 2**20:,.2f}",
+}
+"""Of report pages: how they write numbers."""
 
 
 @contextmanager
@@ -79,6 +88,22 @@ def _rename(temporary: Path, target: Path) -> None:
         os.rename(old, target)
         raise
     shutil.rmtree(old, ignore_errors=True)
+
+
+def page_html(template: str, **values: Any) -> str:
+    """Return a report page.
+
+    Parameters
+    ----------
+    template : of the page, which extends `base.html`, relative to this folder
+    values : by name, beside `version`
+    """
+    import jinja2
+
+    loader = jinja2.FileSystemLoader(Path(__file__).parent)
+    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+    environment.filters |= FILTERS
+    return environment.get_template(template).render(version=version("clusterviz"), **values)
 
 
 def make_figure(width: float, height: float) -> Any:

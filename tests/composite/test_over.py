@@ -16,7 +16,7 @@ from clusterviz.codec import open_message, pack, unpack
 from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over import job
 from clusterviz.composite.over.blend import merge_runs, over, over_into, put_before, put_behind
-from clusterviz.composite.over.depth import DepthLayer, nearest, nearest_layers, put_nearest
+from clusterviz.composite.over.depth import DepthLayer, nearest, put_nearest
 from clusterviz.composite.over.layers import Layer, blend_layers, plain_layers
 from clusterviz.errors import InputError
 from clusterviz.image.merge import MERGES, Operator
@@ -268,42 +268,24 @@ def nearest_of(layers: list[DepthLayer], canvas: Patch, patch: Patch, dtype: Any
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.data(), CANVASES, SEEDS, st.sampled_from(DTYPES), st.sampled_from([1, 3]))
-def test_the_nearest_of_layers_equals_plain_numpy(
-    data: st.DataObject, canvas: Patch, seed: int, dtype: Any, threads: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    layers = [random_depths(rng, data.draw(patches(canvas)), dtype) for _ in range(data.draw(st.integers(0, 5)))]
-    patch = data.draw(patches(canvas))
-    out, depths = np.full((patch.count, 4), 7, dtype), np.full(patch.count, 7, np.float32)
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(job, "PIXELS_A_THREAD", 1)
-        nearest_layers(layers, patch, out, depths, threads=threads)
-    colours, wanted = nearest_of(layers, canvas, patch, dtype)
-    assert np.array_equal(out, colours)
-    assert np.array_equal(depths, wanted)
-
-
-@settings(max_examples=150, deadline=None)
-@given(st.data(), CANVASES, SEEDS, st.sampled_from(DTYPES), st.booleans())
+@given(st.data(), CANVASES, SEEDS, st.sampled_from(DTYPES), st.booleans(), st.sampled_from([1, 3]))
 def test_the_nearest_of_two_images_equals_plain_numpy(
-    data: st.DataObject, canvas: Patch, seed: int, dtype: Any, before: bool
+    data: st.DataObject, canvas: Patch, seed: int, dtype: Any, before: bool, threads: int
 ) -> None:
     rng = np.random.default_rng(seed)
     target, source = (random_depths(rng, data.draw(patches(canvas)), dtype) for _ in range(2))
     source.pixels.setflags(write=False)
     both = [source, target] if before else [target, source]
     colours, depths = nearest_of(both, canvas, target.patch, dtype)
-    put_nearest(target, source, before=before)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(job, "PIXELS_A_THREAD", 1)
+        put_nearest(target, source, before=before, threads=threads)
     assert np.array_equal(target.pixels, colours)
     assert np.array_equal(target.depths, depths)
 
 
 def test_of_equal_depths_the_first_wins() -> None:
     layers = [DepthLayer(line(40), np.full((40, 4), k, np.uint8), np.ones(40, np.float32)) for k in (1, 2, 3)]
-    out, depths = np.zeros((40, 4), np.uint8), np.zeros(40, np.float32)
-    nearest_layers(layers, line(40), out, depths)
-    assert np.all(out == 1)
     put_nearest(layers[1], layers[2], before=False)
     assert np.all(layers[1].pixels == 2)
     put_nearest(layers[1], layers[0], before=True)

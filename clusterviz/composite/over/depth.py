@@ -7,7 +7,6 @@ the result does not depend on the order of merging. Nothing is rounded. `nearest
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.composite.fragment import Patch
-from clusterviz.composite.over.job import BEFORE, BEHIND, FRESH, job_head, layer_entry, run
+from clusterviz.composite.over.job import BEFORE, BEHIND, job_head, layer_entry, run
 from clusterviz.composite.over.native import kernel
 from clusterviz.errors import InputError
 
@@ -59,40 +58,13 @@ def put_nearest(target: DepthLayer, source: DepthLayer, *, before: bool, threads
     InputError
         An array of a wrong type or shape, not in C order, or a target that is read-only.
     """
-    _put([source], target, BEFORE if before else BEHIND, threads)
-
-
-def nearest_layers(
-    layers: Sequence[DepthLayer], patch: Patch, out: NDArray[Any], out_depths: Depths, *, threads: int = 1
-) -> None:
-    """Write the nearest pixels of many layers, in one pass.
-
-    Parameters
-    ----------
-    layers : layers of one pixel type, in the order that decides between equal depths; clipped to the patch
-    patch : patch of the target, on the same canvas
-    out : (patch.count, 4) of the layers' type, C order; every pixel is written, zero where nothing was drawn
-    out_depths : float32 (patch.count,), infinite where nothing was drawn
-    threads : as in `put_nearest`
-
-    Raises
-    ------
-    InputError
-        As in `put_nearest`.
-    """
-    _put(layers, DepthLayer(patch, out, out_depths), FRESH, threads)
-
-
-def _put(layers: Sequence[DepthLayer], target: DepthLayer, mode: int, threads: int) -> None:
     if not target.depths.flags.writeable:
         raise InputError("the target's depths are read-only")
-    numbers = job_head(target.pixels, target.patch, len(layers), mode, _depths_at(target))
-    for layer in layers:
-        if layer.pixels.dtype != target.pixels.dtype:
-            raise InputError("images differ in pixel type", found=layer.pixels.dtype, allowed=target.pixels.dtype)
-        numbers += layer_entry(layer.pixels, layer.patch, _depths_at(layer))
-    patches = [target.patch, *(layer.patch for layer in layers)]
-    run(kernel("depth_kernels", "put_nearest"), numbers, patches, threads)
+    if source.pixels.dtype != target.pixels.dtype:
+        raise InputError("images differ in pixel type", found=source.pixels.dtype, allowed=target.pixels.dtype)
+    numbers = job_head(target.pixels, target.patch, 1, BEFORE if before else BEHIND, _depths_at(target))
+    numbers += layer_entry(source.pixels, source.patch, _depths_at(source))
+    run(kernel("depth_kernels", "put_nearest"), numbers, [target.patch, source.patch], threads)
 
 
 def _depths_at(layer: DepthLayer) -> int:

@@ -1,4 +1,4 @@
-"""Compiled kernel that keeps the nearest of several layers in each pixel."""
+"""Compiled kernel that keeps the nearer of two images in each pixel."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from llvmlite import ir  # type: ignore[import-untyped]
 
 from clusterviz.composite.over import vector_code
 from clusterviz.composite.over.geometry import block, clip, layer_at, pixel_bytes, prepare_geometry
-from clusterviz.composite.over.intrinsics import PixelLoop, choose_loop, clear, set_number, word
+from clusterviz.composite.over.intrinsics import PixelLoop, choose_loop, word
 from clusterviz.composite.over.job import (
     BEFORE,
     COUNT,
     EXTRA,
-    FRESH,
     KIND,
-    LAYERS,
     MODE,
     OK,
     OUT,
@@ -24,8 +22,7 @@ from clusterviz.composite.over.job import (
     TARGET,
 )
 
-BLOCK = 512  # pixels of the target that stay in the L1 cache, with their depths, for all layers
-_INFINITY = 0x7F800000  # as float32
+BLOCK = 512  # pixels of a row, at most, at a time
 
 
 def _depths(builder: Any, address: Any, pixels: int) -> Any:
@@ -55,24 +52,18 @@ _nearest = choose_loop({kind: _chooser(size) for kind, size in vector_code.PIXEL
 
 
 def put_nearest(job):  # type: ignore[no-untyped-def]
-    """Write layers into the target where they are nearer; return the result of `prepare_geometry`."""
+    """Write a layer into the target where it is nearer; return the result of `prepare_geometry`."""
     fault, done = prepare_geometry(job), 0
     if fault != OK:
         return fault
-    kind, mode = word(job, KIND), word(job, MODE)
-    size, or_equal = pixel_bytes(kind), 1 if mode == BEFORE else 0
+    kind, layer = word(job, KIND), layer_at(job, 0)
+    size, or_equal = pixel_bytes(kind), 1 if word(job, MODE) == BEFORE else 0
     while done < word(job + 8 * TARGET, COUNT):
         x, y, count = block(job, done, BLOCK)
         colour, depth = word(job, OUT) + done * size, word(job, OUT_EXTRA) + done * 4
-        if mode == FRESH:
-            clear(colour, count * size)
-            for i in range(count):
-                set_number(depth, i, _INFINITY)
-        for index in range(word(job, LAYERS)):
-            layer = layer_at(job, index)
-            low, high, begin = clip(layer, x, y, count)
-            if low < high:
-                source, far = word(layer, PIXELS) + low * size, word(layer, EXTRA) + low * 4
-                _nearest(kind, colour + begin * size, depth + begin * 4, source, far, or_equal, high - low)
+        low, high, begin = clip(layer, x, y, count)
+        if low < high:
+            source, far = word(layer, PIXELS) + low * size, word(layer, EXTRA) + low * 4
+            _nearest(kind, colour + begin * size, depth + begin * 4, source, far, or_equal, high - low)
         done += count
     return OK

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from clusterviz.render.abuffer.fills import FRAGMENT, PAGE_SHIFT, WORD
 from clusterviz.render.abuffer.resolves import LARGEST, MOST_SIZE, SMALLEST
 from clusterviz.report.complexity.measure import FrameComplexity, Report
-from clusterviz.report.output import make_figure, svg_of
+from clusterviz.report.output import make_figure, page_html, svg_of
 from clusterviz.report.tradeoff.pictures import data_url, thumbnail_url
 from clusterviz.scene import background_rgb, dump_scene
 
 PAGE, NUMBERS, PICTURE, COUNTS = "index.html", "complexity.json", "complexity.png", "complexity.npy"
-TEMPLATE = Path(__file__).with_name("page.html")
 CMAP = "viridis"
 BARS = 512
 """Bars of a histogram, at most."""
@@ -68,20 +67,17 @@ def html(name: str, report: Report, picture: Path) -> str:
     ----------
     picture : the file with the picture of the counts
     """
-    import jinja2
     from PIL import Image
 
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    environment.filters |= {"percent": "{:.1%}".format, "count": "{:,}".format, "mib": _mib}
     with Image.open(picture) as counts:
         url = data_url(counts)
-    return environment.from_string(TEMPLATE.read_text()).render(
+    return page_html(
+        "complexity/page.html",
         name=name,
         report=report,
         first=report.frames[0],
         most=max(report.frames, key=lambda frame: frame.fragments),
         several=len(report.frames) > 1,
-        version=version("clusterviz"),
         picture=thumbnail_url(report.picture, background_rgb(report.scene.image.background)),
         counts=url,
         histogram=svg_of(histogram_figure(report.frames[0])),
@@ -97,10 +93,6 @@ def html(name: str, report: Report, picture: Path) -> str:
         picture_name=PICTURE,
         scene=dump_scene(report.scene),
     )
-
-
-def _mib(size: float) -> str:
-    return f"{size / 2**20:,.2f}"
 
 
 def complexity_figure(counts: NDArray[np.int32]) -> Any:

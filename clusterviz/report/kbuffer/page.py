@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from clusterviz.report.kbuffer.measure import DIFFERS, Report
-from clusterviz.report.output import make_figure, svg_of
+from clusterviz.report.output import make_figure, page_html, svg_of
 from clusterviz.report.tradeoff.pictures import data_url, thumbnail_url
 from clusterviz.scene import background_rgb, dump_scene
 
 PAGE, NUMBERS, PICTURE, NEEDED = "index.html", "kbuffer.json", "kbuffer.png", "kbuffer.npy"
-TEMPLATE = Path(__file__).with_name("page.html")
 COLOURS = {"sorted": "#0072B2", "unsorted": "#D55E00", "": "#444444"}
 
 
@@ -61,18 +60,15 @@ def html(name: str, report: Report, picture: Path) -> str:
     ----------
     picture : the file with the picture of the entries that pixels need
     """
-    import jinja2
     from PIL import Image
 
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    environment.filters |= {"count": "{:,}".format, "ms": lambda seconds: f"{1e3 * seconds:.1f}"}
     with Image.open(picture) as needed:
         url = data_url(needed)
-    return environment.from_string(TEMPLATE.read_text()).render(
+    return page_html(
+        "kbuffer/page.html",
         name=name,
         report=report,
         numbers=as_json(report),
-        version=version("clusterviz"),
         picture=thumbnail_url(report.picture, background_rgb(report.scene.image.background)),
         needed=url,
         times=svg_of(times_figure(report)),

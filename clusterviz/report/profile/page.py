@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.report.output import page_html
 from clusterviz.report.profile.code import Code, Share
 from clusterviz.report.profile.measure import RankProfile, Report
 from clusterviz.report.tradeoff.pictures import data_url, heat, thumbnail_url
 from clusterviz.scene import background_rgb, dump_scene
 
 PAGE, NUMBERS, MAPS = "index.html", "profile.json", "maps.npz"
-TEMPLATE = Path(__file__).with_name("page.html")
 TOP = 10
 SHOWN = {
     "samples": "samples",
@@ -59,14 +59,10 @@ def _numbers(profile: RankProfile) -> dict[str, Any]:
 
 def html(name: str, report: Report) -> str:
     """Return the HTML page."""
-    import jinja2
-
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    environment.filters |= {"percent": _percent, "count": "{:,}".format}
-    return environment.from_string(TEMPLATE.read_text()).render(
+    return page_html(
+        "profile/page.html",
         name=name,
         report=report,
-        version=version("clusterviz"),
         picture=thumbnail_url(report.picture, background_rgb(report.scene.image.background)),
         maps=[_map(report.whole, key, text) for key, text in SHOWN.items() if report.whole.maps[key].any()],
         ranks=[(rank, [_map(own, key, SHOWN[key]) for key in ("samples", "ticks")]) for rank, own in _several(report)],
@@ -81,10 +77,6 @@ def html(name: str, report: Report) -> str:
 
 def _several(report: Report) -> list[tuple[int, RankProfile]]:
     return list(report.ranks.items()) if len(report.ranks) > 1 else []
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %" if share >= 0.0005 else "0"
 
 
 def _map(profile: RankProfile, key: str, text: str) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from clusterviz.report.output import page_html
 from clusterviz.report.scale.forecast import Machine, PredictedFrame, Rates
 from clusterviz.report.scale.points import DEGREES, FRAMES, Point, as_json
 from clusterviz.report.scale.survey import SurveyResult
@@ -18,7 +19,6 @@ from clusterviz.report.statistics import STAGES
 from clusterviz.scene import Scene, dump_scene
 
 PAGE, NUMBERS, TABLE, BALANCE_TABLE = "index.html", "scale.json", "scale.csv", "balance.csv"
-TEMPLATE = Path(__file__).with_name("page.html")
 
 
 @dataclass(frozen=True)
@@ -138,19 +138,16 @@ def row(point: Point) -> dict[str, Any]:
 
 def html(report: Report) -> str:
     """Return the HTML page."""
-    import jinja2
-
     from clusterviz.report.scale import charts
 
-    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(TEMPLATE.read_text())
     found = report.found
-    return template.render(
+    return page_html(
+        "scale/page.html",
         report=report,
         found=found,
         points=report.points,
         rows=[row(point) for point in report.points],
         stages=STAGES,
-        version=version("clusterviz"),
         size=report.scene.image.size,
         renderer=next((point.renderer for point in report.points if point.renderer), "nothing was drawn"),
         frame_chart=charts.frame_chart(found),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from clusterviz.errors import ClustervizError
+from clusterviz.report.output import page_html
 from clusterviz.report.tradeoff.ground_truth import GroundTruth
 from clusterviz.report.tradeoff.knobs import KNOBS
 from clusterviz.report.tradeoff.pictures import error_map_url, thumbnail_url
@@ -18,7 +19,6 @@ from clusterviz.scene import Scene, background_rgb, dump_scene
 from clusterviz.scene.background import RGB
 
 PAGE, NUMBERS = "index.html", "tradeoff.json"
-TEMPLATE = Path(__file__).with_name("page.html")
 PIXELATED = 200
 
 
@@ -111,14 +111,12 @@ def numbers(report: Report) -> dict[str, Any]:
 
 def html(report: Report) -> str:
     """Return the HTML page."""
-    import jinja2
-
     from clusterviz.report.tradeoff import charts
 
     background = background_rgb(report.scene.image.background)
-    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(TEMPLATE.read_text())
     used = {name for one in report.rated if one.setting.kind == "control" for name in one.setting.changes}
-    return template.render(
+    return page_html(
+        "tradeoff/page.html",
         name=report.name,
         ranks=report.ranks,
         frames=report.frames,
@@ -128,7 +126,6 @@ def html(report: Report) -> str:
         failed=report.failed,
         left_out=report.left_out,
         drift=report.drift,
-        version=version("clusterviz"),
         size=report.scene.image.size,
         verdict=report.verdict,
         main_chart=charts.main_chart(report.rated, report.truth),
