@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -46,13 +45,3 @@ def module_page(browser: Browser) -> Iterator[Page]:
     page.goto("http://modules.test/page")
     yield page
     page.close()
-
-
-def wait_until(page: Page, expression: str, seconds: float = 10.0) -> Any:
-    """Return an expression's value once it is true; Playwright's own waiting needs eval, which the page forbids."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if value := page.evaluate(expression):
-            return value
-        page.wait_for_timeout(10)
-    raise TimeoutError(f"after {seconds:g} s not yet: {expression}")

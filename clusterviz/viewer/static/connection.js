@@ -37,9 +37,8 @@ export function openWebSocket(url) {
   }
 
   function opened() {
-    attempt = 0;
     heard = performance.now();
-    listeners.status({state: "open", attempt, seconds: 0});
+    listeners.status({state: "open", attempt: 0, seconds: 0});
     timer = setTimeout(ping, PING_SECONDS * 1000);
   }
 
@@ -55,6 +54,7 @@ export function openWebSocket(url) {
       lost();
       return;
     }
+    attempt = 0; // only now: a server that closes each connection at once must not be asked in haste
     send({type: "ping", time: performance.now()});
     timer = setTimeout(ping, PING_SECONDS * 1000);
   }

@@ -30,7 +30,7 @@ const FLY_FASTER = 4;
 const FLY_KEYS = {w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, 1, 0], q: [0, -1, 0]};
 const ARROWS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]};
 const KEY_ACTIONS = {
-  r: "fit", R: "reset", f: "fly", p: "pick", o: "projection", " ": "play", "?": "help",
+  r: "fit", R: "reset", f: "fly", p: "pick", o: "projection", b: "sidebar", " ": "play", "?": "help",
   1: "front", 2: "back", 3: "left", 4: "right", 5: "top", 6: "bottom",
   x: "right", X: "left", y: "back", Y: "front", z: "top", Z: "bottom",
 };
@@ -48,6 +48,7 @@ export const INPUT_HELP = [
   ["Parallel or perspective", "O"],
   ["Fly", "F, then W A S D, Q E, Shift faster; drag to look around"],
   ["Play the camera path", "Space"],
+  ["Side bar", "B"],
   ["Undo, redo", "Ctrl + Z, Ctrl + Y"],
   ["Scene as it was opened", "Shift + R"],
   ["This help", "?"],
@@ -97,6 +98,7 @@ export class ViewInput {
   }
 
   pressed(event) {
+    this.root.classList.remove("keyboard");
     this.surface.focus({preventScroll: true});
     this.surface.setPointerCapture(event.pointerId);
     const point = this.position(event);
@@ -225,6 +227,7 @@ export class ViewInput {
       if (action) actions[action]();
       return Boolean(action);
     }
+    if (key === "Tab") this.root.classList.add("keyboard");
     if (key === "?") actions.help();
     if (key === "?" || ![this.surface, this.root].includes(event.target)) return key === "?";
     if (this.flying && key.toLowerCase() in FLY_KEYS) this.startFlight(key.toLowerCase());
