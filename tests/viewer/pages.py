@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 
-def wait_until(page: Page, expression: str, seconds: float = 10.0) -> Any:
+def wait_until(page: Page, expression: str, seconds: float = 30.0) -> Any:
     """Return an expression's value once it is true; Playwright's own waiting needs eval, which the page forbids."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:

@@ -319,10 +319,8 @@ export class Viewer {
   }
 
   resized(entry) {
-    const [box] = entry.devicePixelContentBoxSize ?? [];
-    const ratio = window.devicePixelRatio;
-    const width = Math.round(box?.inlineSize ?? entry.contentRect.width * ratio);
-    const height = Math.round(box?.blockSize ?? entry.contentRect.height * ratio);
+    const width = devicePixels(entry.contentRect.width, entry.devicePixelContentBoxSize?.[0].inlineSize);
+    const height = devicePixels(entry.contentRect.height, entry.devicePixelContentBoxSize?.[0].blockSize);
     if (width < 1 || height < 1) return;
     this.size = {width, height};
     this.pictureCanvas.resize(width, height);
@@ -475,6 +473,13 @@ export class Viewer {
 /** @type {(camera: object) => import("./camera.js").Camera} keys that are left out get their defaults */
 function completeCamera({position, focal_point, view_up, view_angle = 30, parallel_scale = null}) {
   return {position, focal_point, view_up, view_angle, parallel_scale};
+}
+
+/** Device pixels of a length, as the browser lays it out where it says so, and where that is not the emulated device's.
+ * @type {(length: number, laidOut: number | undefined) => number} */
+function devicePixels(length, laidOut = NaN) {
+  const scaled = length * window.devicePixelRatio;
+  return Math.abs(laidOut - scaled) <= 1 ? laidOut : Math.round(scaled);
 }
 
 function pickText({position, index, value, name}) {
