@@ -47,7 +47,9 @@ def as_colours(layers: Mapping[str, np.ndarray]) -> list[np.ndarray]:
 def draw(name: str, samples: tuple[str, ...]) -> Path:
     """Render one example, and write its picture."""
     paths = [f"volumes.{number}.path={fetch_sample(sample)}" for number, sample in enumerate(samples)]
-    scene = clusterviz.load_scene(ROOT / "examples" / f"{name}.yaml", [*paths, f"image.size={list(SIZES.get(name, SIZE))}"])
+    scene = clusterviz.load_scene(
+        ROOT / "examples" / f"{name}.yaml", [*paths, f"image.size={list(SIZES.get(name, SIZE))}"]
+    )
     path = ROOT / "docs" / "pictures" / f"{name}.png"
     path.parent.mkdir(exist_ok=True)
     picture = clusterviz.render(scene)
@@ -56,7 +58,9 @@ def draw(name: str, samples: tuple[str, ...]) -> Path:
         Image.fromarray(np.concatenate([np.asarray(Image.open(path)), *as_colours(picture.layers)], axis=1)).save(path)
     found = Image.open(path).convert("RGB")
     # Normals and scalar bars have more colours than a palette.
-    (found if picture.layers or name in SIZES else found.quantize(COLOURS, dither=Image.Dither.NONE)).save(path, optimize=True)
+    (found if picture.layers or name in SIZES else found.quantize(COLOURS, dither=Image.Dither.NONE)).save(
+        path, optimize=True
+    )
     return path
 
 

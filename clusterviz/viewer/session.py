@@ -7,6 +7,7 @@ messages that have come since, of which newer ones replace older ones of the sam
 from __future__ import annotations
 
 import copy
+import re
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping
@@ -573,6 +574,7 @@ def _replaces(message: Change) -> Any:
 def _error(text: str, message: Change | None = None) -> Data:
     """Return the message of an error; its key is the changed one that the text names."""
     changes = list(message.changes) if isinstance(message, Edit) else []
-    key = next((key for key in changes if key in text), changes[0] if len(changes) == 1 else None)
+    named = (key for key in changes if key in text or re.sub(r"\.(\d+)", r"[\1]", key) in text)
+    key = next(named, changes[0] if len(changes) == 1 else None)
     found = {"type": "error", "message": text, "key": key}
     return found | ({"input": message.input} if isinstance(message, (View, Edit)) else {})
