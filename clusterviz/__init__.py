@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from clusterviz.image.picture import Image
     from clusterviz.scene import Camera, Scene, Volume, load_scene
     from clusterviz.scene.overrides import Settings
+    from clusterviz.viewer.notebook import view
 
     __version__: str
 
@@ -40,6 +41,7 @@ __all__ = [
     "load_scene",
     "read_image",
     "render",
+    "view",
     "write_image",
 ]
 
@@ -55,6 +57,7 @@ _MODULES = {
     "compare": "clusterviz.image",
     "load_scene": "clusterviz.scene",
     "read_image": "clusterviz.image",
+    "view": "clusterviz.viewer.notebook",
     "write_image": "clusterviz.image",
 }
 

@@ -21,6 +21,12 @@ def layers_of(image: NDArray[Any]) -> Layers:
     return image.layers if isinstance(image, Image) else {}
 
 
+def is_notebook() -> bool:
+    """Return whether this process is the kernel of a notebook."""
+    shell = getattr(builtins, "get_ipython", lambda: None)()
+    return getattr(shell, "kernel", None) is not None
+
+
 class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
     """Rendered picture, a float32 array (h, w, 4) of premultiplied pixels before the background.
 
@@ -68,8 +74,7 @@ class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
         from PIL import Image as Pillow
         from PIL import ImageShow
 
-        shell = getattr(builtins, "get_ipython", lambda: None)()
-        if getattr(shell, "kernel", None) is not None:
+        if is_notebook():
             import_module("IPython.display").display(self)
         elif not ImageShow.show(Pillow.fromarray(finish(np.asarray(self), self.background))):
             raise OutputError("no program shows pictures here", where="show", allowed="image.save('picture.png')")
