@@ -86,9 +86,7 @@ class AxisTicks:
             labels, factor = tick_labels(values)
             marks = np.repeat(ends[None, 0], len(values), axis=0)
             marks[:, axis] = values
-            pixels, is_seen = projected(
-                self._camera, np.stack([marks, marks + 1e-9 * self._box.edges.max()], axis=1), self._size
-            )
+            pixels, is_seen = projected(self._camera, np.stack([marks, marks], axis=1), self._size)
             reach = 0.0
             for (begin, _), label in zip(pixels, np.array(labels)[is_seen], strict=True):
                 canvas.lines([[begin, begin + TICK * style.font * outward]], style.ink, style.line)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -74,7 +74,12 @@ class Canvas:
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
-        self._renderer = _renderer(size)
+        self._is_blank = True
+
+    @cached_property
+    def _renderer(self) -> Any:
+        self._is_blank = False
+        return _renderer(self.size)
 
     def lines(self, points: ArrayLike, colour: Colour, width: float, opacity: float = 1.0) -> None:
         """Draw polylines (n, k, 2) of equal width, pixels."""
@@ -137,10 +142,12 @@ class Canvas:
 
     def overlay(self, halo: Colour | None = None, halo_width: float = 2.0) -> Overlay:
         """Return what was drawn, on a halo of this colour and width, pixels."""
-        drawn = np.array(self._renderer.buffer_rgba())
+        if self._is_blank:
+            return Overlay(np.empty(0, np.int64), np.empty((0, 4), np.float32))
+        drawn = np.asarray(self._renderer.buffer_rgba())
         opacity = np.ascontiguousarray(drawn[..., 3])
         around = opacity if halo is None else _dilated(opacity, max(1, round(halo_width)))
-        index = np.flatnonzero(around)
+        index = np.flatnonzero(around != 0)
         straight = drawn.reshape(-1, 4)[index].astype(np.float32) / 255
         rgba = np.concatenate([straight[:, :3] * straight[:, 3:], straight[:, 3:]], axis=1)
         if halo is not None:

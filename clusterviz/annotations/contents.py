@@ -15,7 +15,7 @@ from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.geometry import GeometrySection, LinesSection
 from clusterviz.scene.grids import GridSection
-from clusterviz.scene.transfer import TransferFunction, opacity_points
+from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import TransferTable, load_table
 from clusterviz.scene.values import Scene, Volume
 
@@ -98,8 +98,7 @@ def _of_transfer(name: str, transfer: TransferFunction) -> Content:
 
 def _ramp(transfer: TransferFunction) -> NDArray[np.float64]:
     """Return colours of the visible scalars, float64 (RAMP, 3); of all if none is visible."""
-    low, high = transfer.domain
-    scalars = np.linspace(low, high, 1024)
+    scalars = rescale(np.linspace(0, 1, 1024), transfer.domain)
     visible = scalars[transfer.opacity(scalars) > OPACITY_VARIES]
     chosen = visible if len(visible) else scalars
     return transfer.colour(chosen[np.linspace(0, len(chosen) - 1, RAMP).astype(int)])

@@ -12,6 +12,7 @@ from clusterviz.annotations.canvas import Canvas, Colour, Rect, fitted_text, tex
 from clusterviz.annotations.contents import Content
 from clusterviz.annotations.numbers import number_text, tick_labels, ticks
 from clusterviz.scene.annotations import ScalarBar
+from clusterviz.scene.transfer import rescale
 from clusterviz.scene.transfer_2d import TransferTable
 
 # All lengths are in font sizes.
@@ -106,7 +107,7 @@ class _Bar:
         self._name, self._name_size = fitted_text(self._with_factor(self._title, self._factor), font, 1.2 * height)
         self._before = 0.0
         if self._has_opacity:
-            inside = self._transfer.opacity(np.linspace(*self._transfer.domain, 1024)).max()
+            inside = self._transfer.opacity(rescale(np.linspace(0, 1, 1024), self._transfer.domain)).max()
             surfaces = [alpha for _, alpha in self._content.surfaces]
             self._most = max([float(inside) if self._content.has_opacity else 0.0, *surfaces])
             of_text = text_width(_most_text(self._most), SMALL * font) - WIDTH * font
@@ -120,9 +121,8 @@ class _Bar:
         style, font = self._style, self._style.font
         top, bottom = round(middle - self._side / 2), round(middle + self._side / 2)
         start = round(left + self._before)
-        low, high = self._transfer.domain
         shares = 1 - (np.arange(bottom - top) + 0.5) / (bottom - top)
-        scalars = low * (1 - shares) + high * shares
+        scalars = rescale(shares, self._transfer.domain)
         wide = round(WIDTH * font)
         colours = np.repeat(_bytes(self._transfer.colour(scalars))[:, None], wide, axis=1)
         canvas.image(start, top, np.ascontiguousarray(colours))
@@ -131,7 +131,7 @@ class _Bar:
         if self._has_opacity:
             below = self._draw_opacity(canvas, start, top, bottom, scalars)
         right = start + wide
-        self._draw_ticks(canvas, right, top, bottom, (low, high))
+        self._draw_ticks(canvas, right, top, bottom, self._transfer.domain)
         end = right + (TICK + GAP) * font + self._longest
         if self._name:
             canvas.text((end + 0.9 * font, middle), self._name, self._name_size, style.ink, "centre", vertical=True)
@@ -141,7 +141,7 @@ class _Bar:
     def _draw_opacity(self, canvas: Canvas, start: float, top: int, bottom: int, scalars: NDArray[np.float64]) -> float:
         """Draw the opacity to the left of the bar, relative to its maximum; return the lower end of its text."""
         style, content = self._style, self._content
-        font, low, high = style.font, *self._transfer.domain
+        font = style.font
         opacity = self._transfer.opacity(scalars)
         edge, reach = start - 0.2 * font, OPACITY_WIDTH * font / (self._most or 1.0)
         heights = np.arange(top, bottom) + 0.5
@@ -150,7 +150,7 @@ class _Bar:
             canvas.polygon([(edge, top), *curve, (edge, bottom)], style.ink, 0.3)
             canvas.lines([curve], style.ink, style.line)
         for value, alpha in content.surfaces:
-            y = bottom - (value - low) / (high - low) * (bottom - top)
+            y = bottom - _share(value, self._transfer.domain) * (bottom - top)
             if top <= y <= bottom:
                 canvas.lines([[(edge - alpha * reach, y), (start + WIDTH * font, y)]], style.ink, 1.5 * style.line)
         canvas.lines([[(edge, top), (edge, bottom)]], style.ink, style.line, 0.5)
@@ -166,7 +166,7 @@ class _Bar:
         bottom = top + side
         shares = (np.arange(side) + 0.5) / side
         rows, columns = ((shares * n).astype(int) for n in table.opacities.shape)
-        scalars = table.values[0] * (1 - shares) + table.values[1] * shares
+        scalars = rescale(shares, table.values)
         colours = np.broadcast_to(self._transfer.colour(scalars), (side, side, 3))
         if table.colours is not None:
             colours = table.colours[rows[::-1]][:, columns]
@@ -182,7 +182,7 @@ class _Bar:
         values = ticks(*table.values, min(self._settings.ticks, 1 + int(side / (label + 1.5 * font))))
         labels, factor = tick_labels(values)
         for value, text in zip(values, labels, strict=True):
-            x = start + (value - table.values[0]) / (table.values[1] - table.values[0]) * side
+            x = start + _share(value, table.values) * side
             canvas.lines([[(x, bottom), (x, bottom + TICK * font)]], style.ink, style.line)
             canvas.text((x, bottom + (TICK + 0.75) * font), text, font, style.ink, "centre")
         y = bottom + (TICK + 2.1) * font
@@ -200,12 +200,18 @@ class _Bar:
     def _draw_ticks(self, canvas: Canvas, right: float, top: int, bottom: int, domain: tuple[float, float]) -> None:
         style, font = self._style, self._style.font
         for value, label in zip(self._ticks, self._labels, strict=True):
-            y = bottom - (value - domain[0]) / (domain[1] - domain[0]) * (bottom - top)
+            y = bottom - _share(value, domain) * (bottom - top)
             canvas.lines([[(right, y), (right + TICK * font, y)]], style.ink, style.line)
             canvas.text((right + (TICK + GAP) * font, y), label, font, style.ink)
 
     def _with_factor(self, title: str, factor: str) -> str:
         return f"{title} ({factor})" if factor and title else title or factor
+
+
+def _share(value: float, domain: tuple[float, float]) -> float:
+    """Return where a value is in a domain, 0 to 1, without overflow; 0 if it is a single value."""
+    low, high = (end / 2 for end in domain)
+    return (value / 2 - low) / (high - low) if low < high else 0.0
 
 
 def _most_text(most: float) -> str:

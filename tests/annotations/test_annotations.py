@@ -232,6 +232,30 @@ def test_small_pictures_and_any_shape(size: tuple[int, int], texts: list[tuple[s
             assert not (a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]), f"{text} over {other}"
 
 
+@pytest.mark.parametrize(
+    ("box", "clim", "camera"),
+    [
+        (1e-9, (0, 1e-300), {}),
+        (1e9, (1e9, 1e9 + 1), {}),
+        (1e100, (-1e308, 1e308), {}),
+        (0.0, (5, 5), {}),
+        (10.0, (0, 1), {"position": (1e7, 1e7, 1e7), "focal_point": (0, 0, 0)}),
+        (10.0, (0, 1), {"position": (0, 0, 0), "focal_point": (1, 1, 1)}),  # on a corner
+        (10.0, (0, 1), {"position": (5, 0, 0), "focal_point": (5, 5, 5)}),  # on a face
+        (10.0, (0, 1), {"position": (5, 5, 30), "focal_point": (5, 5, 0), "view_up": (0, 1, 0), "parallel_scale": 8}),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_extremes(box: float, clim: tuple[float, float], camera: dict[str, Any]) -> None:
+    corners = box_corners(np.array([[0.0, 0.0, 0.0], [box, box, box]]))
+    info = VolumeInfo((2, 2, 2), (box or 1e-3,) * 3, corners, 0.0, 1.0, 0.0, 1.0)
+    volume = Volume(path="a", clim=clim, cmap="bone", opacity="linear")
+    scene = Scene(volumes=[volume], camera=camera, image=ImageSettings(size=(300, 200)), annotations=EVERYTHING)
+    found = annotated(blank((300, 200)), complete_scene(scene, [info]), [info])
+    assert np.isfinite(found).all()
+    assert (found[..., 3] > 0.5).sum() > 1000
+
+
 def test_what_is_annotated_by_default() -> None:
     scene, _ = made({"axes": False, "title": "head"})
     chosen = with_annotations(scene).annotations

@@ -61,6 +61,24 @@ def test_layers_are_written_beside_the_colours_of_pictures_and_frames(cli: Calla
 
 
 @pytest.mark.gl
+def test_pictures_and_frames_are_annotated_on_demand(cli: Callable[..., Any], tmp_path: Path) -> None:
+    shown = (FIELD, "--size", "160x130", "-D", "volumes.0.opacity=0")  # nothing else is visible
+
+    def visible(*options: str) -> int:
+        assert cli("render", *shown, *options, "-o", str(tmp_path / "a.npy")).status == 0
+        return int(np.count_nonzero(read_image(tmp_path / "a.npy")[..., 3]))
+
+    assert visible() == 0
+    assert visible("--annotate") > visible("--annotate", "-D", "annotations={axes: false, outline: false}") > 500
+    frames = ("--orbit", "90", "--frames", "2", "-o", str(tmp_path / "frame_%d.npz"))
+    assert cli("animate", *shown, "--annotate", *frames).status == 0
+    first, second = (read_image(tmp_path / f"frame_{number}.npz") for number in range(2))
+    assert (first != second).any(axis=2).sum() > 500  # the axes turn
+    assert np.array_equal(first[20:100, 135:], second[20:100, 135:])  # the bar stays
+    assert first[20:100, 135:].any()
+
+
+@pytest.mark.gl
 def test_a_scene_file_with_overrides(cli: Callable[..., Any], tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(f"volumes: [{{path: '{FIELD}'}}]\nimage: {{background: [0, 0, 1]}}\n")
     arguments = ("-D", "volumes.0.opacity=0", "-D", "image.size=[9, 9]", "--size", "8x6", "--check")
