@@ -287,7 +287,7 @@ def test_only_those_who_ask_get_annotations() -> None:
     assert changed.max() < 30
 
 
-@pytest.mark.mpi(ranks=[3], timeout=60)
+@pytest.mark.mpi(ranks=[3], timeout=120)
 def test_ranks_do_not_change_the_picture(comm: Any) -> None:
     keys: dict[str, Any] = {"annotations": EVERYTHING, "size": (150, 130), "brick": 8}
     found = clusterviz.render("field:gaussian:16", comm=comm, **keys)
