@@ -134,8 +134,8 @@ def open_page(browser: Browser, address: str, tmp_path: Path) -> Iterator[Callab
 
     yield new_page
     for number, each in enumerate(opened):
-        each.value("send({type: 'reset'})")  # the session serves the next test too
         each.page.screenshot(path=tmp_path / f"page{number}.png")
+        each.value("send({type: 'reset'})")  # the session serves the next test too
         each.page.context.close()
     assert [each.complaints for each in opened] == [[] for _ in opened]
 

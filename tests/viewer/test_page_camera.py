@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from clusterviz.scene import Scene
+from clusterviz.scene.animation import KeyFrames, scenes_along
 from clusterviz.scene.camera import camera_axes, fitted_camera, project_points
 from clusterviz.scene.values import Camera
 
@@ -148,3 +150,17 @@ def test_an_orbit_over_the_pole_is_smooth(module_page: Page) -> None:
     turns = [np.linalg.norm(after[2:] - before[2:]) for before, after in pairwise(frames)]
     assert max(turns) < 2 * math.radians(5)
     np.testing.assert_allclose(frames[-1][0], [0, -10, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_path_is_played_as_animate_draws_it(module_page: Page, parallel: bool) -> None:
+    """Uneven times, a camera that rests between two key frames, and the ends."""
+    cameras = random_cameras()[parallel::2]
+    poses = [as_json(cameras[n]) for n in (0, 1, 1, 2, 3)]
+    keys = [{"time": time, **pose} for time, pose in zip((0.0, 0.5, 2.0, 2.25, 4.0), poses, strict=True)]
+    scenes = scenes_along(Scene(camera=cameras[0]), 17, keys=KeyFrames.model_validate({"camera": keys}))
+    body = "const p = await import('./path.js'); return a[1].map((time) => p.cameraOnPath(a[0], time));"
+    times = [4.0 * number / 16 for number in range(17)]
+    path = [{"time": key["time"], "camera": pose} for key, pose in zip(keys, poses, strict=True)]
+    for found, expected in zip(in_page(module_page, body, path, times), scenes, strict=True):
+        assert_same_view(found, expected.camera)

@@ -28,11 +28,14 @@ export class StatusLine {
     return this.times.length;
   }
 
-  update(hello, state) {
+  /** @param {?object} hello @param {?object} state @param {number} input newest input of this client */
+  update(hello, state, input) {
     const {header, latency, rate} = this;
-    const moving = header && !header.still;
-    this.write("motion", header ? (header.still ? "still" : "moving") : "waiting for the first picture");
-    this.element.classList.toggle("moving", Boolean(moving));
+    const moving = header !== null && !header.still;
+    const drawing = header !== null && header.still && header.input < input;
+    const motion = drawing ? "drawing" : moving ? "moving" : "still";
+    this.write("motion", header ? motion : "waiting for the first picture");
+    this.element.classList.toggle("moving", moving || drawing);
     this.write("rate", moving ? `${rate} frames/s` : "");
     this.write("time", header ? timeText(header, latency) : "");
     this.write("size", header ? `${header.width} × ${header.height}` : "");

@@ -12,6 +12,7 @@ import {ViewInput} from "./input.js";
 import {Banner, Toasts, createHelp, showSteering} from "./notices.js";
 import {Overlay} from "./overlay.js";
 import {createPanels} from "./panels.js";
+import {cameraOnPath} from "./path.js";
 import {PictureCanvas, parseBinary} from "./picture.js";
 import {StatusLine} from "./status.js";
 import {createToolbar} from "./toolbar.js";
@@ -398,8 +399,7 @@ export class Viewer {
     this.animation = 0;
   }
 
-  /** Set the key frames that `play` shows.
-   * @param {{time: number, camera: import("./camera.js").Camera}[]} keys ascending times, seconds */
+  /** Set the key frames that `play` shows. @param {import("./path.js").CameraKey[]} keys */
   setPath(keys) {
     this.path = keys;
   }
@@ -418,12 +418,7 @@ export class Viewer {
     }
     if (!this.mayMove()) return;
     const [first, last] = [keys[0].time, keys[keys.length - 1].time];
-    this.animate(last - first, (share) => {
-      const time = first + share * (last - first);
-      const next = Math.max(1, keys.findIndex((key, i) => key.time >= time || i === keys.length - 1));
-      const [a, b] = [keys[next - 1], keys[next]];
-      return interpolateCamera(a.camera, b.camera, (time - a.time) / (b.time - a.time));
-    });
+    this.animate(last - first, (share) => cameraOnPath(keys, first + share * (last - first)));
   }
 
   // Picks and the overlay ----------------------------------------------------------------------------------------
@@ -454,7 +449,7 @@ export class Viewer {
   }
 
   updateStatus() {
-    this.status.update(this.hello, this.state);
+    this.status.update(this.hello, this.state, this.steers ? this.input : 0);
   }
 
   destroy() {
