@@ -229,7 +229,7 @@ CHANGES = [
     (
         "contents",
         lambda p: p.get_by_label("Blend mode").select_option(label="isosurface"),
-        {"volumes.0.blending": "isosurface", "volumes.0.isosurfaces": [100]},
+        {"volumes.0.blending": "isosurface", "volumes.0.isosurfaces": [[100, 1]]},
     ),
     ("contents", lambda p: p.get_by_label("Show head.nii.gz").click(), {"hidden": ["volumes.0"]}),
     ("contents", lambda p: p.get_by_role("button", name="1–99 %").click(), {"volumes.0.clim": [10, 240]}),

@@ -151,8 +151,10 @@ export class ClipPanel {
 
 function boxRow(form, part, bounds) {
   const axis = Math.floor(part / 2);
-  const label = `${AXIS_NAMES[axis]} ${part % 2 ? "max" : "min"}`;
-  return form.slider("clip.box", label, {low: bounds[0][axis], high: bounds[1][axis], part});
+  const isUpper = part % 2 === 1;
+  const limit = (value, box) => (isUpper ? Math.max(value, box[part - 1]) : Math.min(value, box[part + 1]));
+  const options = {low: bounds[0][axis], high: bounds[1][axis], part, limit};
+  return form.slider("clip.box", `${AXIS_NAMES[axis]} ${isUpper ? "max" : "min"}`, options);
 }
 
 function planeTitle(name) {

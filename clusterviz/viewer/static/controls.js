@@ -34,10 +34,10 @@ export function valueAt(scene, path) {
   return path.split(".").reduce((value, name) => (value == null ? undefined : value[name]), scene);
 }
 
-/** A number with at most six significant digits. */
+/** A number with at most five significant digits, which a field has room for. */
 export function formatNumber(value) {
   if (value == null || !Number.isFinite(value)) return "";
-  return String(Number(value.toPrecision(6)));
+  return String(Number(value.toPrecision(5)));
 }
 
 /** The number of a text, with a decimal point or comma; NaN if it is none. */
@@ -121,8 +121,12 @@ export class Form {
 
   /**
    * A slider with a number beside it, for a number or for one part of a list of numbers.
-   * @param {{low: number, high: number, log?: boolean, part?: number}} options  the slider's range, which the number
-   *   may leave
+   * @param {object} options  the slider's range and limit, which the number may leave
+   * @param {number} options.low
+   * @param {number} options.high
+   * @param {boolean} [options.log]
+   * @param {number} [options.part]  index in the list
+   * @param {(value: number, list: number[]) => number} [options.limit]
    */
   slider(key, label, options) {
     const slider = sliderInput();
@@ -133,7 +137,8 @@ export class Form {
     const row = labelled(label, slider, input);
     row.classList.add("with-slider");
     onSlide(slider, key, (gesture) => {
-      const value = slidValue(slider, options);
+      const slid = slidValue(slider, options);
+      const value = options.limit ? options.limit(slid, whole) : slid;
       input.value = formatNumber(value);
       send(value, gesture);
     });

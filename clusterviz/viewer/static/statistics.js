@@ -15,8 +15,11 @@ const STAGE_COLOURS = {
   blend: "#009e73",
   collect: "#aa4499",
   finish: "#b8a000",
+  kernels: "#7570b3",
   other: "#8888887f",
 };
+/** Share of the frame's time from which on a stage is in the legend. */
+const LEAST_SHARE = 0.001;
 
 /** Bytes as "1.2 MiB". */
 export function formatBytes(bytes) {
@@ -73,15 +76,15 @@ export class StatisticsPanel {
     const parts = ranks.map((rank) => stageParts(rank, stages, total));
     const scale = Math.max(total, ...parts.map((each) => each.reduce((sum, part) => sum + part.seconds, 0)));
     this.bars.replaceChildren(...parts.map((each, rank) => bar(rank, each, scale)));
-    this.showLegend([...stages, "other"], parts);
+    this.showLegend([...stages, "other"], parts, total);
     this.showTable(ranks);
   }
 
-  /** The stages that take any time, with the time of the slowest rank. */
-  showLegend(stages, parts) {
+  /** The stages that take some of the time, with the time of the slowest rank. */
+  showLegend(stages, parts, total) {
     const secondsOf = (each, stage) => each.find((part) => part.stage === stage)?.seconds ?? 0;
     const longest = (stage) => Math.max(...parts.map((each) => secondsOf(each, stage)));
-    const shown = stages.map((stage) => [stage, longest(stage)]).filter(([, seconds]) => seconds > 0);
+    const shown = stages.map((stage) => [stage, longest(stage)]).filter(([, seconds]) => seconds > LEAST_SHARE * total);
     this.legend.replaceChildren(...shown.map(([stage, seconds]) => legendItem(stage, seconds)));
   }
 

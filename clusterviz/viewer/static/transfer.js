@@ -92,7 +92,7 @@ export class TransferEditor {
     const fit = button("1–99 %", () => this.takePercentiles(), {title: "From the 1st to the 99th percentile"});
     const whole = button("all", () => this.takeRange(), {title: "From the minimum to the maximum"});
     this.limitButtons = [fit, whole];
-    this.limitLine = labelled("Colour limits", ...this.limitInputs, fit, whole);
+    this.limitLine = labelled("Limits", ...this.limitInputs, fit, whole);
     this.limitLine.classList.add("vector");
     return this.limitLine;
   }

@@ -6,8 +6,15 @@ import {TransferEditor} from "./transfer.js";
 import {contentEntry} from "./transfer_model.js";
 
 const CONTENT_KINDS = {volumes: "volume", meshes: "mesh", lines: "lines", points: "points", grids: "grid"};
+const LONGEST_NAME = 34;
 const MIXED_MODES = ["composite", "isosurface"];
 const THRESHOLD_MODES = ["local-maximum", "first-hit"];
+
+/** A name that fits into a row: long ones lose their middle, since beginnings and endings differ. */
+function shortenedName(name) {
+  const half = LONGEST_NAME / 2 - 1;
+  return name.length > LONGEST_NAME ? `${name.slice(0, half)}…${name.slice(-half)}` : name;
+}
 
 /** Paths of everything that a scene shows, such as "volumes.0". */
 export function contentPaths(scene) {
@@ -20,7 +27,7 @@ export class ContentsPanel {
     this.viewer = viewer;
     this.selected = "";
     this.built = "";
-    this.list = createElement("div", {class: "content-list", role: "listbox", "aria-label": "Contents"});
+    this.list = createElement("div", {class: "content-list", role: "list"});
     this.list.dataset.key = "hidden";
     this.editor = createElement("div", {class: "content-editor"});
     this.element = createElement("div", {}, this.list, this.editor);
@@ -60,11 +67,12 @@ export class ContentsPanel {
     });
     const choose = createElement("button", {type: "button", class: "content-name", title: name, "data-focus": path});
     const kind = CONTENT_KINDS[path.split(".")[0]];
-    choose.append(createElement("span", {class: "name"}, name), createElement("span", {class: "kind"}, kind));
+    choose.append(createElement("span", {class: "name"}, shortenedName(name)));
+    choose.append(createElement("span", {class: "kind"}, kind));
     choose.addEventListener("click", () => this.choose(path));
     const isSelected = path === this.selected;
-    const attributes = {class: "content-item", role: "option", "aria-selected": String(isSelected)};
-    return createElement("div", attributes, eye, choose);
+    if (isSelected) choose.ariaCurrent = "true";
+    return createElement("div", {class: "content-item", role: "listitem"}, eye, choose);
   }
 
   choose(path) {
@@ -140,7 +148,8 @@ function geometryRows(form, path, state) {
 /** Keys that have to change with a blend mode: isosurfaces are needed by one mode, and refused by projections. */
 function surfacesFor(panel, path, mode) {
   const {isosurfaces, clim} = valueAt(panel.viewer.state.scene, path);
-  if (mode === "isosurface" && !isosurfaces.length) return {[`${path}.isosurfaces`]: [(clim[0] + clim[1]) / 2]};
+  const middle = Number(((clim[0] + clim[1]) / 2).toPrecision(4));
+  if (mode === "isosurface" && !isosurfaces.length) return {[`${path}.isosurfaces`]: [[middle, 1]]};
   return !MIXED_MODES.includes(mode) && isosurfaces.length ? {[`${path}.isosurfaces`]: []} : {};
 }
 
