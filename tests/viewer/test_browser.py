@@ -399,3 +399,33 @@ def test_a_lost_connection_is_told_of_and_found_again(open_page: Callable[..., O
     opened.wait_still()
     routes[1].send(json.dumps({"type": "ended", "message": "rank 1 was killed"}))
     banner.get_by_text("The session has ended: rank 1 was killed").wait_for()
+
+
+def test_panels_change_the_scene_and_show_why_a_value_is_refused(open_page: Callable[..., Opened]) -> None:
+    opened = open_page(viewport={"width": 840, "height": 700})
+    page, state = opened.page, "clustervizViewer.state"
+    box = page.locator("[data-handle=point-1]").bounding_box()
+    assert box
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 40, y + 20, steps=4)
+    page.mouse.up()
+    wait_until(page, f"{state}.input >= clustervizViewer.input")
+    moved = opened.value("state.scene.volumes[0].opacity")
+    assert moved[0] == [20, 0]
+    assert moved[1][0] > 35
+    assert moved[1][1] < 0.55
+    page.get_by_role("button", name="Undo").click()
+    wait_until(page, f"{state}.scene.volumes[0].opacity[1][0] === 30")
+    page.locator("[data-panel=quality] summary").click()
+    step = page.locator("[data-key='quality.step']")
+    step.locator("input.number").fill("-1")
+    page.keyboard.press("Enter")
+    wait_until(page, "document.querySelector('[data-key=\"quality.step\"].invalid') !== null")
+    assert "more than 0" in step.locator("+ .error-text").inner_text()
+    assert opened.value("state.scene.quality.step") == 1
+    step.locator("input.number").fill("2")
+    page.keyboard.press("Enter")
+    wait_until(page, f"{state}.scene.quality.step === 2")
+    assert page.locator(".invalid").count() == 0

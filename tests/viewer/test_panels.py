@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ import pytest
 from clusterviz.scene.complete import VolumeInfo, box_corners, complete_scene
 from clusterviz.scene.values import Scene
 from clusterviz.viewer.describe import Content
+from clusterviz.viewer.messages import parse
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
@@ -92,10 +94,12 @@ class Panels:
         return self.page.locator(f".panel[data-panel={name}]")
 
     def sent(self) -> list[dict[str, Any]]:
-        """Messages since the last call, of all kinds but sizes and pings."""
+        """Messages since the last call, of all kinds but sizes and pings; the session understands each of them."""
         # Edits are sent with the next frame.
         self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         sent = self.page.evaluate("() => sent.splice(0)")
+        for message in sent:
+            parse(json.dumps(message))
         return [message for message in sent if message["type"] not in ("size", "ping")]
 
     def change(self) -> dict[str, Any]:
@@ -321,4 +325,3 @@ def test_files_and_key_frames(panels: Panels) -> None:
     opened.get_by_role("button", name="Save path").click()
     (message,) = panels.sent()
     assert [key["time"] for key in message["keys"]] == [0, 2]
-    assert {"position", "focal_point", "view_up", "view_angle", "parallel_scale"} < message["keys"][0].keys()

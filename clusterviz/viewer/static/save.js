@@ -53,8 +53,8 @@ export class SavePanel {
   }
 
   refuse(message) {
-    if (message.save == null || !this.waiting.delete(message.save)) return;
-    this.result.textContent = message.message;
+    const isMine = this.waiting.delete(message.save) || (this.waiting.size && message.message.startsWith("save: "));
+    if (isMine) this.result.textContent = message.message;
   }
 
   sceneRow() {
@@ -91,15 +91,10 @@ export class SavePanel {
   pathRows() {
     const add = button("Add this view", () => this.add(), {title: "Add the present view as a key frame"});
     this.play = button("Play", () => this.startPath(), {title: "Move along the path"});
-    this.savePath = button("Save path", () => this.ask("path", {keys: this.keys()}));
+    this.savePath = button("Save path", () => this.ask("path", {keys: this.frames}));
     this.savePath.title = "A file for clusterviz animate --path";
     const row = createElement("div", {class: "row"}, add, this.play, this.savePath);
     return createElement("div", {}, createElement("div", {class: "subtitle"}, "Camera path"), this.list, row);
-  }
-
-  /** Key frames as in a file for `animate --path`. */
-  keys() {
-    return this.frames.map(({time, camera}) => ({time, ...camera}));
   }
 
   add() {

@@ -156,11 +156,10 @@ function surfacesFor(panel, path, mode) {
 function presetRow(panel, path) {
   const presets = panel.viewer.hello?.presets ?? [];
   const select = createElement("select", {}, createElement("option", {value: ""}, "choose…"));
-  const option = ({name, description}) => createElement("option", {value: name, title: description}, name);
+  const option = ({name, description}) => createElement("option", {value: name}, `${name} – ${description}`);
   select.append(...presets.map(option));
   select.addEventListener("change", () => {
     panel.viewer.send({type: "preset", volume: Number(path.split(".")[1]), name: select.value});
-    select.title = presets.find((preset) => preset.name === select.value)?.description ?? "";
     select.value = "";
   });
   const row = labelled("Preset", select);
