@@ -14,11 +14,16 @@
  * @property {(x: number, y: number, centre: boolean) => void} pick
  * @property {Record<string, () => void>} actions by name, see KEY_ACTIONS
  */
-import {look, orbit, pan, roll, travel, zoom} from "./camera.js";
+import {eyeDistance, look, orbit, pan, roll, travel, zoom} from "./camera.js";
 
 /** Degrees of an orbit over the shorter side of the view, as in VTK. */
 const DEGREES_PER_SIDE = 200;
 const CLICK_PIXELS = 4;
+/** Largest time and distance between the clicks of a double click, or of a double tap. */
+const DOUBLE_MILLISECONDS = 350;
+const DOUBLE_PIXELS = 20;
+/** Nearest and farthest eye that zooming reaches, radii of the scene. */
+const ZOOM_RADII = [1e-5, 1e5];
 /** Time after the last key press or turn of the wheel at which the camera stands still, milliseconds. */
 const SETTLE_MILLISECONDS = 200;
 const KEY_DEGREES = 5;
@@ -42,7 +47,7 @@ export const INPUT_HELP = [
   ["Zoom", "Wheel, right drag · pinch · + and −"],
   ["Roll", "Ctrl + drag · twist two fingers"],
   ["Pick position and value", "Click · P at the cursor"],
-  ["Centre on a point", "Double click"],
+  ["Centre on a point", "Double click · double tap"],
   ["Fit everything", "R"],
   ["Views along the axes", "1 … 6 · X, Y, Z, with Shift from the other side"],
   ["Parallel or perspective", "O"],
@@ -65,6 +70,7 @@ export class ViewInput {
     /** @type {Map<number, {x: number, y: number}>} */
     this.pointers = new Map();
     this.cursor = {x: 0, y: 0};
+    this.clicked = {x: 0, y: 0, time: -Infinity};
     this.gesture = null;
     this.heldKeys = new Set();
     this.settleTimer = 0;
@@ -74,7 +80,6 @@ export class ViewInput {
     on(surface, "pointermove", this.dragged);
     on(surface, "pointerup", this.released);
     on(surface, "pointercancel", this.released);
-    on(surface, "dblclick", this.doubleClicked);
     on(surface, "wheel", this.wheeled, {passive: false});
     on(surface, "contextmenu", (event) => event.preventDefault());
     on(root, "keydown", this.keyPressed);
@@ -145,7 +150,7 @@ export class ViewInput {
     const degrees = DEGREES_PER_SIDE / Math.min(width, height);
     switch (this.gesture.name) {
       case "pan": return pan(camera, dx / height, dy / height);
-      case "zoom": return zoom(camera, Math.exp((-3 * dy) / height), ...this.fromCentre(this.gesture.start));
+      case "zoom": return this.zoomed(camera, Math.exp((-3 * dy) / height), this.gesture.start);
       case "roll": return roll(camera, angleAbout(width / 2, height / 2, before, point));
       case "look": return look(camera, (dx * camera.view_angle) / height, (-dy * camera.view_angle) / height);
       case "pinch": return this.pinched(camera, pointer, before, point);
@@ -161,14 +166,26 @@ export class ViewInput {
     const moved = pan(camera, (point.x - before.x) / 2 / height, (point.y - before.y) / 2 / height);
     const spread = (each) => Math.max(1, Math.hypot(each.x - other.x, each.y - other.y));
     const centre = {x: (point.x + other.x) / 2, y: (point.y + other.y) / 2};
-    const zoomed = zoom(moved, spread(point) / spread(before), ...this.fromCentre(centre));
-    return roll(zoomed, angleAbout(other.x, other.y, before, point));
+    const nearer = this.zoomed(moved, spread(point) / spread(before), centre);
+    return roll(nearer, angleAbout(other.x, other.y, before, point));
+  }
+
+  /** Magnify about a point in CSS pixels, within limits. */
+  zoomed(camera, factor, point) {
+    const size = (camera.parallel_scale ?? eyeDistance(camera)) / factor;
+    const [nearest, farthest] = ZOOM_RADII.map((radii) => radii * this.controls.radius());
+    if (factor > 1 ? size < nearest : size > farthest) return camera;
+    return zoom(camera, factor, ...this.fromCentre(point));
   }
 
   /** From the centre of the view to the right and down, as shares of its height. */
   fromCentre(point) {
     const {clientWidth: width, clientHeight: height} = this.surface;
     return [(point.x - width / 2) / height, (point.y - height / 2) / height];
+  }
+
+  centre() {
+    return {x: this.surface.clientWidth / 2, y: this.surface.clientHeight / 2};
   }
 
   released(event) {
@@ -183,7 +200,15 @@ export class ViewInput {
     this.gesture = null;
     if (handle) handle.drop();
     else if (moved) this.controls.settle();
-    else if (clicks && event.type === "pointerup") this.controls.pick(point.x, point.y, false);
+    else if (clicks && event.type === "pointerup") this.click(point, event.timeStamp);
+  }
+
+  /** A click picks; a second one beside it centres. */
+  click({x, y}, time) {
+    const near = Math.hypot(x - this.clicked.x, y - this.clicked.y) < DOUBLE_PIXELS;
+    const isDouble = near && time - this.clicked.time < DOUBLE_MILLISECONDS;
+    this.clicked = {x, y, time: isDouble ? -Infinity : time};
+    this.controls.pick(x, y, isDouble);
   }
 
   cancelGesture() {
@@ -191,16 +216,11 @@ export class ViewInput {
     this.gesture = null;
   }
 
-  doubleClicked(event) {
-    const {x, y} = this.position(event);
-    this.controls.pick(x, y, true);
-  }
-
   wheeled(event) {
     event.preventDefault();
     const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 33 : 1;
     const factor = Math.exp(-0.0015 * Math.max(-300, Math.min(300, event.deltaY * lines)));
-    this.step((camera) => zoom(camera, factor, ...this.fromCentre(this.position(event))));
+    this.step((camera) => this.zoomed(camera, factor, this.position(event)));
   }
 
   /** Move the camera by one step of the wheel or of a key; it stands still soon after the last one. */
@@ -232,8 +252,8 @@ export class ViewInput {
     if (key === "?" || ![this.surface, this.root].includes(event.target)) return key === "?";
     if (this.flying && key.toLowerCase() in FLY_KEYS) this.startFlight(key.toLowerCase());
     else if (key in ARROWS) this.step((camera) => arrowStep(camera, ARROWS[key], event.shiftKey));
-    else if ("+=".includes(key)) this.step((camera) => zoom(camera, KEY_ZOOM));
-    else if ("-_".includes(key)) this.step((camera) => zoom(camera, 1 / KEY_ZOOM));
+    else if ("+=".includes(key)) this.step((camera) => this.zoomed(camera, KEY_ZOOM, this.centre()));
+    else if ("-_".includes(key)) this.step((camera) => this.zoomed(camera, 1 / KEY_ZOOM, this.centre()));
     else if (key in KEY_ACTIONS && !event.repeat) actions[KEY_ACTIONS[key]]();
     else return false;
     return true;

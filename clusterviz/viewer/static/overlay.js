@@ -32,6 +32,7 @@ export function rankColour(rank) {
  * @property {?import("./picture.js").PictureHeader} picture
  * @property {Record<string, boolean>} overlay what is switched on: axes, boxes, clip, pick
  * @property {?{position: number[], text: string}} picked
+ * @property {boolean} steers whether handles can be dragged
  */
 
 export class Overlay {
@@ -124,7 +125,7 @@ export class Overlay {
       if (box) this.boxEdges(context, boxCorners(boxBounds(box)));
       planes.forEach((plane) => this.drawPlane(context, plane));
     }
-    for (const handle of this.handles()) this.drawHandle(context, handle);
+    if (this.view.steers) for (const handle of this.handles()) this.drawHandle(context, handle);
   }
 
   drawPlane(context, plane) {
@@ -283,7 +284,7 @@ export class Overlay {
 
   /** @returns {?object} the handle at a point, CSS pixels */
   handleAt(x, y) {
-    if (!this.view.overlay.clip || !this.view.picture || !this.view.state || !this.unit) return null;
+    if (!this.view.steers || !this.view.overlay.clip || !this.view.picture || !this.unit) return null;
     const distances = this.handles().map((handle) => {
       const [column, row, ahead] = this.project(handle.point);
       return {handle, distance: ahead > 0 ? Math.hypot(column / this.unit - x, row / this.unit - y) : Infinity};

@@ -29,11 +29,11 @@ export function createToolbar(actions, read, label) {
   const help = button("help", "Help", "?");
   const choose = (name) => { menu.open = false; actions[name](); };
   const views = VIEW_NAMES.map((name, i) => createElement(
-    "button", {type: "button", role: "menuitem", title: `Key ${i + 1}`, onclick: () => choose(name)},
+    "button", {type: "button", title: `Key ${i + 1}`, onclick: () => choose(name)},
   ));
-  const labels = {title: "Views", "aria-label": "Views", role: "button"};
+  const labels = {title: "Views", "aria-label": "Views"};
   const summary = createElement("summary", labels, createIcon(ICONS.views));
-  const menu = createElement("details", {class: "menu"}, summary, createElement("div", {role: "menu"}, ...views));
+  const menu = createElement("details", {class: "menu"}, summary, createElement("div", {}, ...views));
   menu.addEventListener("focusout", (event) => { if (!menu.contains(event.relatedTarget)) menu.open = false; });
   menu.addEventListener("keydown", (event) => {
     if (event.key !== "Escape") return;
@@ -41,7 +41,7 @@ export function createToolbar(actions, read, label) {
     summary.focus();
   });
   const element = createElement(
-    "div", {class: "toolbar", role: "toolbar", "aria-label": "View"}, fit, menu, projection, fly, help, sidebar,
+    "div", {class: "toolbar", role: "group", "aria-label": "View"}, fit, menu, projection, fly, help, sidebar,
   );
 
   function update() {
