@@ -8,6 +8,7 @@ foreign name that resolves to it is served (DNS rebinding). The `Origin` of a we
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -69,7 +70,8 @@ def open_socket(host: str, port: int) -> socket.socket:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         return socket.create_server(address[:2], family=family, backlog=128)
     except (OSError, OverflowError) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        number = getattr(error, "errno", None)
+        reason = (os.strerror(number) if number and number > 0 else str(error)).lower()
         allowed = "a free --port (0 takes any), a --host of this machine"
         raise InputError(f"cannot listen: {reason}", where=f"{host}:{port}", allowed=allowed) from error
 

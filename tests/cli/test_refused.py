@@ -41,6 +41,8 @@ COMMANDS = [
     (f"store {FIELD} field:gaussian:9 new.zarr", "volumes of different shape or type"),
     (f"store {FIELD} new.zarr --codec zip", "no such codec; found zip; allowed wavelet, zstd"),
     (f"store {FIELD} new.zarr --codec zstd --error 1", "impossible error; found 1.0; allowed 0; more with wavelets"),
+    ("view none.npy --port 0", "none.npy: no such file"),
+    (f"view {FIELD} --host 192.0.2.1", "192.0.2.1:8787: cannot listen: cannot assign requested address; allowed"),
     ("samples mni", "no such sample; found mni; allowed mni152"),
     ("cmaps --kind warm", "--kind: unknown kind; found warm; allowed cyclic, diverging, misc"),
     ("cmaps veridis", "cmaps: unknown colour map; found veridis; allowed a name that `clusterviz cmaps` lists, for "),
