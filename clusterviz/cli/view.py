@@ -20,12 +20,11 @@ from clusterviz.cli.jobs import OVERSUBSCRIBE, job_command
 from clusterviz.comm import agree
 from clusterviz.comm.placement import launched
 from clusterviz.data import open_scene
-from clusterviz.errors import InputError
+from clusterviz.errors import ClustervizError, InputError
 from clusterviz.frame import Options
 from clusterviz.viewer.pace import Pace
 from clusterviz.viewer.render_loop import RenderLoop
 from clusterviz.viewer.saving import OpenedAs
-from clusterviz.viewer.server import Server, open_socket
 from clusterviz.viewer.session import Session
 
 TOKEN_VARIABLE = "CLUSTERVIZ_TOKEN"
@@ -55,6 +54,12 @@ def command(
     device: DeviceOption = None,
 ) -> None:
     """Show a scene or a data file in the browser; the ranks of a job draw it."""
+    try:
+        import simplejpeg  # noqa: F401
+
+        from clusterviz.viewer.server import Server, open_socket
+    except ImportError as error:
+        raise ClustervizError(f"view needs {error.name}: pip install 'clusterviz[view]'") from None
     if ranks is not None and launched():
         raise InputError("the launcher sets the number of ranks", where="--ranks", found=ranks, allowed="no --ranks")
     if ranks is not None and ranks > 1:

@@ -7,7 +7,7 @@ import os
 import re
 import signal
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,8 @@ from clusterviz.cli.termination import RANK_VARIABLES
 from clusterviz.viewer.messages import unpack
 
 pytestmark = pytest.mark.fresh
-PATIENCE = 60.0
-"""Seconds until a test fails that waits in vain."""
+PATIENCE = 100.0
+"""Seconds until a test fails that waits in vain; the first picture may wait for its kernels to be compiled."""
 
 
 class Viewer:
@@ -44,21 +44,30 @@ class Viewer:
         )
 
 
+@contextmanager
+def viewing(ranks: int, *options: str, **environment: str) -> Iterator[Viewer]:
+    """A job that does not outlive a test that fails."""
+    found = Viewer(ranks, *options, **environment)
+    try:
+        yield found
+    finally:
+        if found.job.poll() is None:
+            found.job.terminate()
+
+
 @pytest.fixture(scope="module")
 def viewer() -> Iterator[Viewer]:
     """A job on one rank, which ends as it should on ctrl-C."""
-    found = Viewer(1)
-    yield found
-    with found.connect() as watching:
-        until(watching, type="hello")
-        found.job.send_signal(signal.SIGINT)
-        assert until(watching, type="ended")["message"] == "the job was interrupted"
-        with pytest.raises(ConnectionClosed, match="1001"):
-            until(watching, type="nothing")
-    ended = finish(found.job)
-    assert ended.status == 130
-    assert ended.err == "clusterviz: interrupted\n"
-    assert ended.out == ""
+    with viewing(1) as found:
+        yield found
+        with found.connect() as watching:
+            until(watching, type="hello")
+            found.job.send_signal(signal.SIGINT)
+            assert until(watching, type="ended")["message"] == "the job was interrupted"
+            with pytest.raises(ConnectionClosed, match="1001"):
+                until(watching, type="nothing")
+        ended = finish(found.job)
+    assert (ended.status, ended.out, ended.err) == (130, "", "clusterviz: interrupted\n")
 
 
 def send(to: ClientConnection, kind: str, **values: Any) -> None:
@@ -127,13 +136,12 @@ def test_one_steers_at_a_time(viewer: Viewer) -> None:
 
 def test_killed_rank_ends_the_job_and_all_connections() -> None:
     mark = f"{os.getpid()}.{id(object())}"
-    viewer = Viewer(2, "--host", "0.0.0.0", CLUSTERVIZ_MARK=mark)
-    with viewer.connect() as client:
+    with viewing(2, "--host", "0.0.0.0", CLUSTERVIZ_MARK=mark) as viewer, viewer.connect() as client:
         until(client, kind="picture")
         os.kill(rank_of(1, mark), signal.SIGKILL)
         with pytest.raises(ConnectionClosed):
             until(client, type="nothing")
-    ended = finish(viewer.job)
+        ended = finish(viewer.job)
     assert ended.status != 0
     assert "others on the network can read its token" in ended.err
     assert viewer.token not in ended.err + ended.out
@@ -159,3 +167,10 @@ def test_port_in_use_is_named(viewer: Viewer, capsys: pytest.CaptureFixture[str]
     error = capsys.readouterr().err
     assert f"127.0.0.1:{viewer.port}: cannot listen: address already in use; allowed a free --port" in error
     assert error.count("\n") == 1
+
+
+def test_missing_package_is_named() -> None:
+    code = "import sys; sys.modules['uvicorn'] = None; from clusterviz.cli import main; main()"
+    ended = finish(start(1, "-c", code, "view", "none.npy"))
+    assert ended.status == 1
+    assert ended.err == "clusterviz: error: view needs uvicorn: pip install 'clusterviz[view]'\n"

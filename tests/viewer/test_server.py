@@ -157,6 +157,7 @@ def slow_link(port: int, delay: float, megabits: float) -> Iterator[int]:
             free = max(free, loop.time()) + len(data) / (megabits * 125_000)
             loop.call_at(free + delay, writer.write, data)
             await asyncio.sleep(free - loop.time())
+        loop.call_at(free + delay, writer.close)
 
     async def relay(near: asyncio.StreamReader, back: asyncio.StreamWriter) -> None:
         far, there = await asyncio.open_connection("127.0.0.1", port, limit=16384)
