@@ -66,8 +66,10 @@ def scene(schema: Schema) -> Iterator[str]:
     yield "`-D section.key=value` sets a key on the command line. `clusterviz schema` prints these keys as JSON Schema."
     for key, part in schema["properties"].items():
         yield f"\n## {key}\n\n{part.get('description', '')}"
-        for name in dict.fromkeys(names_in(part)):
+        names = list(dict.fromkeys(names_in(part)))
+        for name in names:  # and sections within them
             section = schema["$defs"].get(name, {})
+            names += [inner for inner in dict.fromkeys(names_in(section)) if inner not in names]
             if "properties" in section:
                 yield from keys(name, section)
 

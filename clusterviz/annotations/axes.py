@@ -38,6 +38,7 @@ class AxisTicks:
     Parameters
     ----------
     box : with edges along x, y and z
+    front : its faces that are turned to the eye, bool (3, 2)
     font : size of text, pixels
     side : side of the box with the ticks of upright axes
 
@@ -48,11 +49,16 @@ class AxisTicks:
     """
 
     def __init__(
-        self, box: Box, camera: Camera, size: tuple[int, int], font: float, side: Literal["left", "right"]
+        self,
+        box: Box,
+        front: NDArray[np.bool_],
+        camera: Camera,
+        size: tuple[int, int],
+        font: float,
+        side: Literal["left", "right"],
     ) -> None:
         self._box, self._camera, self._size, self._font = box, camera, size, font
         self._outward = -1 if side == "left" else 1
-        front = box.front_faces(camera)
         self._is_inside = not front.any()
         self.values: list[Floats] = []
         self.shares: list[Floats] = []

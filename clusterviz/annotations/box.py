@@ -38,6 +38,11 @@ class Box:
     origin: Floats
     edges: Floats
 
+    @property
+    def is_aligned(self) -> bool:
+        """Whether each edge is along an axis of the world."""
+        return bool((np.abs(self.edges) > 1e-6 * np.abs(self.edges).max()).sum(axis=1).max() <= 1)
+
     def point(self, shares: object) -> Floats:
         """Return points, float64 (…, 3), at shares (…, 3) of the edges, world."""
         return self.origin + np.asarray(shares, np.float64) @ self.edges

@@ -127,24 +127,23 @@ def _of_camera(
     if has_text and settings.scale_bar:
         rects.append(draw_scale_bar(text, style, camera, settings.unit))
     corners = content_corners(scene, infos)
-    is_inside = False
     if len(corners) and (settings.outline or axes):
         box, aligned = box_of(corners), box_of(box_corners(np.stack([corners.min(axis=0), corners.max(axis=0)])))
-        is_inside = not aligned.front_faces(camera).any()
+        faces = aligned.front_faces(camera)
         boxes = [box] if settings.outline else []
-        if axes and not (settings.outline and np.allclose(box.edges, aligned.edges)):
+        if axes and not (settings.outline and box.is_aligned):
             boxes.append(aligned)
         for one in boxes:
             _draw_edges(one, scene, size, style, behind, front)
         if axes:
             bars = section_of(settings.scalar_bar, ScalarBar) or ScalarBar()
             side: Literal["left", "right"] = "left" if bars.position == "right" else "right"
-            along = AxisTicks(aligned, camera, size, style.font, side)
+            along = AxisTicks(aligned, faces, camera, size, style.font, side)
             if axes.grid:
-                shares = grid_lines(along.shares, aligned.front_faces(camera))
+                shares = grid_lines(along.shares, faces)
                 behind.lines(projected(camera, aligned.point(shares), size)[0], style.ink, style.line, GRID)
             if has_text:
-                along.draw(behind if is_inside else text, style, titles, settings.unit, rects)
+                along.draw(text if faces.any() else behind, style, titles, settings.unit, rects)
     halo = style.halo, 0.13 * style.font
     return [behind.overlay()], [front.overlay()], [text.overlay(*halo)]
 

@@ -84,8 +84,7 @@ def texts(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, tuple[float, ...]]
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize(("name", "turned"), [*zip(CAMERAS, (True, False, True, False), strict=True)])
 def test_edges_are_hidden_by_the_data_as_lines_among_them_are(name: str, turned: bool) -> None:
     """The same edges as opaque tubes of the scene's geometry are put in order by the renderer."""
     size, grid = (160, 120), Grid(FOG.shape, direction=TURNED if turned else IDENTITY)
