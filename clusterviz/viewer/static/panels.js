@@ -29,10 +29,13 @@ const PANELS = [
 export function createPanels(viewer) {
   const history = historyRow(viewer);
   const frames = PANELS.map(([title, Panel, ...options]) => panelFrame(title, new Panel(viewer), ...options));
-  const element = createElement("div", {class: "panels"}, history.element, ...frames.map((frame) => frame.element));
+  const warnings = createElement("div", {class: "warnings", role: "status"});
+  const parts = [history.element, warnings, ...frames.map((frame) => frame.element)];
+  const element = createElement("div", {class: "panels"}, ...parts);
   const show = (state) => {
     clearErrors(element);
     history.show(state);
+    warnings.replaceChildren(...(state.warnings ?? []).map((text) => createElement("div", {class: "warning"}, text)));
     frames.forEach((frame) => frame.show(state, viewer.steers));
   };
   viewer.on("state", show);

@@ -3,6 +3,10 @@
 import {Form, button, formatNumber} from "./controls.js";
 import {createElement} from "./elements.js";
 
+/** Keys whose values are chosen where there is an error bound. */
+const CHOSEN_BY_BOUND = new Set(
+  ["step", "classification", "filter", "early_termination", "adaptive", "pixel"].map((name) => `quality.${name}`),
+);
 const QUALITY_ROWS = [
   (form) => form.slider("quality.step", "Step", {low: 0.1, high: 8, log: true}),
   (form) => form.select("quality.classification", "Classification"),
@@ -58,7 +62,9 @@ export class QualityPanel {
   /** With an error bound, the settings that it chooses have no effect. */
   showAccuracy(state) {
     const isBound = state.scene.quality.max_error != null;
-    this.element.classList.toggle("bounded", isBound);
+    for (const row of this.element.querySelectorAll("[data-key]")) {
+      row.classList.toggle("unused", isBound && CHOSEN_BY_BOUND.has(row.dataset.key));
+    }
   }
 
   /** Show the choices of each key, with the time and error that were measured for them. */

@@ -1,4 +1,4 @@
-// Panel of the statistics: time by stage and rank, samples, imbalance, bytes, memory and warnings.
+// Panel of the statistics: time by stage and rank, samples, imbalance, bytes and memory.
 
 import {createElement} from "./elements.js";
 import {rankColour} from "./overlay.js";
@@ -53,20 +53,17 @@ export class StatisticsPanel {
     this.bars = createElement("div", {class: "bars"});
     this.legend = createElement("div", {class: "legend"});
     this.table = createElement("table");
-    this.warnings = createElement("div", {class: "warnings"});
     this.boxes = createElement("input", {type: "checkbox"});
     this.boxes.addEventListener("change", () => viewer.setOverlay({boxes: this.boxes.checked}));
     const boxes = createElement("label", {class: "row check"}, this.boxes, "Show the ranks' boxes in the picture");
-    const parts = [this.warnings, this.total, this.bars, this.legend, this.table, boxes];
+    const parts = [this.total, this.bars, this.legend, this.table, boxes];
     this.element = createElement("div", {class: "statistics"}, ...parts);
     viewer.on("statistics", (message) => this.showStatistics(message));
     viewer.on("overlay", () => (this.boxes.checked = Boolean(viewer.overlay.boxes)));
     if (viewer.statistics) this.showStatistics(viewer.statistics);
   }
 
-  show(state) {
-    const warnings = state.warnings ?? [];
-    this.warnings.replaceChildren(...warnings.map((text) => createElement("div", {class: "warning"}, text)));
+  show() {
     this.boxes.checked = Boolean(this.viewer.overlay.boxes);
   }
 
