@@ -55,9 +55,8 @@ def command(
             check_writable(output)
     made: list[Provenance] = []
     with show_progress(STEPS if channel.rank == 0 else (), per_step=True) as progress:
-        options = Options(
-            device_choice, debug=context.obj["debug"], progress=progress, write=lambda *a: made.append(a[2])
-        )
+        write = _keeper(made)
+        options = Options(device_choice, debug=context.obj["debug"], progress=progress, write=write, annotate=True)
         rendered = render_frame(scene, channel, options=options)
     with agree(channel, 0, "compare"):
         if rendered.image is None:

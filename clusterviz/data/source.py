@@ -26,6 +26,8 @@ class Grid:
     direction : 3 × 3, row by row; column a is the unit vector of index axis a (x, y, z) in the world
     orientation : directions of the world's x, y and z by the first letters of right, left, anterior, posterior,
         superior and inferior, as in "RAS"; "" if unknown
+    modality : what the values are, as the file says: CT, MR or another of DICOM's modalities, labels, density (of
+        cryo-EM or X-ray crystallography), microscopy; "" if unknown
     """
 
     shape_zyx: tuple[int, int, int]
@@ -33,6 +35,7 @@ class Grid:
     origin: Triple = (0.0, 0.0, 0.0)
     direction: tuple[Triple, Triple, Triple] = IDENTITY
     orientation: str = ""
+    modality: str = ""
 
     @property
     def world_from_index(self) -> NDArray[np.float64]:

@@ -544,6 +544,7 @@ def _info(source: Source, summary: VolumeSummary) -> VolumeInfo:
         *(low, high, percentile_1, percentile_99),
         finite=int(summary.histogram.sum()),
         orientation=grid.orientation,
+        modality=grid.modality,
         is_integer=source.dtype.kind != "f",
         histogram=summary.histogram,
         percentiles=summary.percentiles,

@@ -10,15 +10,25 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from clusterviz.errors import SceneError
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, as_sections
 from clusterviz.scene.grids import GridInfo
 from clusterviz.scene.presets import LIGHT, MAX_LABELS, PRESETS, PresetName, has_hounsfield_units
 from clusterviz.scene.validation_messages import scene_error
-from clusterviz.scene.values import Scene, Volume
+from clusterviz.scene.values import Scene, View, Volume
 from clusterviz.scene.volume_info import VolumeInfo
 
 BACKGROUND = (0.09, 0.1, 0.12)
+BLACK = (0.0, 0.0, 0.0)
+"""Background of projections, which have no surface that could be darker than it."""
 STEP = 0.5
+VIEW_ALONG: tuple[View, ...] = ("right", "front", "top")
+"""View along the world's x, y and z, of a volume that is thin along it."""
+CAMERA_KEYS = {"position", "focal_point", "view"}
+"""Keys of the camera that set its direction."""
+NOISE = 0.75
+"""`VolumeInfo.noise` above which a surface or a transparent volume shows noise, and slices show more."""
 OPT_OUT_KEYS = (
     "opacity",
     "opacity_unit_distance",
@@ -52,26 +62,43 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
     """
     own = [volume for volume in scene.volumes if volume.preset is None]
     automatic = scene.automatic and not any(key in volume.model_fields_set for volume in own for key in OPT_OUT_KEYS)
-    volumes = []
-    for volume, info in zip(scene.volumes, infos, strict=True):
-        name = volume.preset or (classify_values(info) if automatic else None)
-        volumes.append(with_preset(volume, name, info) if name else volume)
-    found: dict[str, Any] = {"automatic": False, "volumes": tuple(volumes)}
+    names = [
+        volume.preset or (classify_values(info) if automatic else None)
+        for volume, info in zip(scene.volumes, infos, strict=True)
+    ]
     if automatic:
-        found["image"] = _with_defaults(scene.image, {"background": BACKGROUND})
+        found = as_sections(automatic_geometry(*each) for each in zip(scene.geometry, geometry, strict=True))
         found["quality"] = _with_defaults(scene.quality, {"step": STEP})
-        found |= as_sections(automatic_geometry(*each) for each in zip(scene.geometry, geometry, strict=True))
-    chosen = scene.model_copy(update=found)
-    if len(own) < len(volumes):
-        _check(chosen)
+        thin = {info.thin_axis for info in infos}
+        if len(thin) == 1 and None not in thin and not CAMERA_KEYS & scene.camera.model_fields_set:
+            found["camera"] = _with_defaults(scene.camera, {"view": VIEW_ALONG[thin.pop() or 0]})
+        scene = scene.model_copy(update=found)
+    chosen = _with_presets(scene, names, infos)
+    problem = _problem_of(chosen)
+    if problem and any(volume.preset for volume in scene.volumes):
+        raise problem
+    if problem:  # several volumes, say, where a projection shows one
+        chosen = _with_presets(scene, [name and "foreground" for name in names], infos)
+    if automatic:
+        is_projection = bool(names) and all(not BLEND_MODES[each.blending].composited for each in chosen.volumes)
+        image = _with_defaults(scene.image, {"background": BLACK if is_projection else BACKGROUND})
+        chosen = chosen.model_copy(update={"image": image})
     return chosen
 
 
-def _check(scene: Scene) -> None:
+def _with_presets(scene: Scene, names: Sequence[PresetName | None], infos: Sequence[VolumeInfo]) -> Scene:
+    """Return a scene with a preset for each of its volumes; None: its keys stay."""
+    each = zip(scene.volumes, names, infos, strict=True)
+    volumes = tuple(with_preset(volume, name, info) if name else volume for volume, name, info in each)
+    return scene.model_copy(update={"automatic": False, "volumes": volumes})
+
+
+def _problem_of(scene: Scene) -> SceneError | None:
     try:
         Scene.model_validate(scene.model_dump(mode="json", exclude_unset=True))
     except ValidationError as error:
-        raise scene_error(error, "the scene with its presets") from None
+        return scene_error(error, "the scene with its presets")
+    return None
 
 
 def automatic_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
@@ -99,18 +126,28 @@ def with_preset(volume: Volume, name: PresetName, info: VolumeInfo) -> Volume:
 
 
 def classify_values(info: VolumeInfo) -> PresetName:
-    """Return the preset that suits a volume's values: mask, labels, tissue, signed or foreground."""
+    """Return the preset that suits a volume's values, by what the file says of them and by their statistics."""
     values = info.values
     low, high = info.percentile_1, info.percentile_99
     if values is not None and len(values) == 2 and tuple(values) == (info.minimum, info.maximum):
         return "mask"
     is_even = info.equal_share > 0.6 and (info.jump_share > 0.2 or (values is not None and len(values) <= 8))
-    if values is not None and 2 < len(values) <= MAX_LABELS and info.minimum >= 0 and is_even:
+    may_be_labels = values is not None and 2 < len(values) <= MAX_LABELS and info.minimum >= 0
+    if may_be_labels and (is_even or info.modality == "labels"):
         return "labels"
     if has_hounsfield_units(info):
         return "tissue"
-    if low < 0 < high and 0.4 < -low / high < 2.5:
+    is_signed = low < 0 < high and 0.4 < -low / high < 2.5
+    if info.noise > NOISE and (is_signed or info.modality == "density"):
+        return "block"
+    if info.thin_axis is not None and not info.modality:
+        return "block"
+    if info.modality == "density" and info.has_histogram:
+        return "density"
+    if is_signed:
         return "signed"
+    if info.modality == "microscopy" and info.minimum >= 0:
+        return "mip"
     return "foreground"
 
 

@@ -54,6 +54,9 @@ PRESET_DEFAULTS: Keys = {
 }
 """Keys of a volume that presets choose, and their values where a preset has no other."""
 IVORY = (0.93, 0.84, 0.70)
+DENSITY_COLOUR = (0.62, 0.74, 0.88)
+PARTICLE_DEVIATIONS, CRYSTAL_DEVIATIONS = 4.0, 2.0
+"""Contour levels above the mean: of a particle in an empty box, and of a crystal's cell, which molecules fill."""
 MAX_LABELS = 512
 TISSUE_COLOURS = (
     (-400.0, 0.72, 0.45, 0.36),
@@ -93,14 +96,15 @@ def _vessels(info: VolumeInfo, clim: Clim) -> Keys:
 
 def _mip(info: VolumeInfo, clim: Clim) -> Keys:
     """Keys of a maximum projection, dark values of which are transparent, so that no box stands before a background."""
-    ends = (0.0, 1500.0) if has_hounsfield_units(info) else (info.percentile(25.0), info.percentile(99.9))
+    brightest = info.percentile(99.9)
+    ends = (0.0, max(700.0, brightest)) if has_hounsfield_units(info) else (info.percentile(25.0), brightest)
     low, high = clim or _increasing(ends, info)
     opacity = _over(low, high, (0.0, 0.0), (0.2, 1.0), (1.0, 1.0))
     return {"blending": "maximum", "clim": (low, high), "cmap": "gray", "opacity": opacity, "shade": False}
 
 
 def _xray(info: VolumeInfo, clim: Clim) -> Keys:
-    ends = (-1000.0, 1000.0) if has_hounsfield_units(info) else (info.percentile(1.0), info.percentile(99.0))
+    ends = (-1000.0, 300.0) if has_hounsfield_units(info) else (info.percentile(1.0), info.percentile(99.0))
     clim = clim or _increasing(ends, info)
     return {"blending": "average", "clim": clim, "cmap": "gray", "opacity": 1.0, "shade": False}
 
@@ -141,6 +145,25 @@ def _mask(info: VolumeInfo, clim: Clim) -> Keys:
     return {**SURFACE, "isosurfaces": ((low / 2 + high / 2, 1.0),), "clim": (low, high), "cmap": _one_colour(low, high)}
 
 
+def _density(info: VolumeInfo, clim: Clim) -> Keys:
+    """Keys of a surface at a contour level in standard deviations, as maps of molecules are shown."""
+    low, high = clim or default_clim(info)
+    level = low / 2 + high / 2
+    if info.has_histogram:
+        mean, deviation = info.mean_and_deviation
+        is_mostly_solvent = info.percentile(75.0) - info.percentile(25.0) < 0.5 * deviation
+        level = mean + (PARTICLE_DEVIATIONS if is_mostly_solvent else CRYSTAL_DEVIATIONS) * deviation
+        level = min(level, 0.8 * info.maximum + 0.2 * mean)
+    surface = {"blending": "isosurface", "isosurfaces": ((level, 1.0),), "gradient": "smooth", "specular": 0.1}
+    return {**surface, "clim": (low, high), "cmap": tuple((end, *DENSITY_COLOUR) for end in (low, high))}
+
+
+def _block(info: VolumeInfo, clim: Clim) -> Keys:
+    """Keys of an opaque block, whose faces are slices."""
+    cmap = "gray" if info.is_acquired else "viridis"
+    return {"clim": clim or default_clim(info), "cmap": cmap, "opacity": 1.0, "shade": False}
+
+
 def _signed(info: VolumeInfo, clim: Clim) -> Keys:
     """Keys for signed fields: equal opacity on both sides of zero, none at zero."""
     end = max(abs(info.percentile_1), abs(info.percentile_99)) or 1.0
@@ -149,7 +172,7 @@ def _signed(info: VolumeInfo, clim: Clim) -> Keys:
 
 
 def _foreground(info: VolumeInfo, clim: Clim) -> Keys:
-    found: Keys = {"cmap": "bone" if info.is_integer or info.orientation else "viridis"}
+    found: Keys = {"cmap": "bone" if info.is_acquired else "viridis"}
     if clim is None and info.has_histogram:
         low, high = info.foreground
         if low < high:
@@ -167,7 +190,18 @@ def _percentiles(info: VolumeInfo, clim: Clim) -> Keys:
 
 
 PresetName = Literal[
-    "tissue", "bone", "vessels", "mip", "xray", "labels", "mask", "signed", "foreground", "percentiles"
+    "tissue",
+    "bone",
+    "vessels",
+    "mip",
+    "xray",
+    "labels",
+    "mask",
+    "density",
+    "block",
+    "signed",
+    "foreground",
+    "percentiles",
 ]
 """Names of the table, for type checkers."""
 PRESETS: dict[PresetName, Preset] = {
@@ -178,6 +212,10 @@ PRESETS: dict[PresetName, Preset] = {
     "xray": Preset("the mean value along each ray, in grey", _xray),
     "labels": Preset("one colour a label, not interpolated; large labels are pale and translucent", _labels),
     "mask": Preset("a smooth surface half-way between the smallest and the largest value", _mask),
+    "density": Preset(
+        "a surface four standard deviations above the mean, two in crystals: maps of molecules", _density
+    ),
+    "block": Preset("an opaque block, whose faces and cuts are slices", _block),
     "signed": Preset("blue below and red above zero, transparent around it", _signed),
     "foreground": Preset("opaque above Otsu's threshold", _foreground),
     "percentiles": Preset("opacity rises from the median to the 99th percentile", _percentiles),

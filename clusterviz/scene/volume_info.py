@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
+THIN = 1 / 8
+"""Share of the second longest side of a box below which the shortest makes it thin."""
 LARGEST = float(np.finfo(np.float64).max)
 
 
@@ -22,8 +25,7 @@ class VolumeInfo:
     corners : float64 (8, 3), corners of the volume's box, world
     minimum, maximum, percentile_1, percentile_99 : data values; undefined if the volume has no finite sample
     finite : number of samples that are neither NaN nor infinite
-    orientation : see `Grid.orientation`
-    modality : see `clusterviz.data.source.Modality`; "" if unknown
+    orientation, modality : see `clusterviz.data.source.Grid`
     is_integer : whether the samples have an integer type
     histogram : int64 (bins,), equal bins from minimum to maximum
     percentiles : pairs (q, value), exact
@@ -61,9 +63,16 @@ class VolumeInfo:
         return self.histogram is not None and bool(self.histogram.any()) and self.minimum < self.maximum
 
     @property
-    def is_flat(self) -> bool:
-        """Whether the volume is one sample thick along exactly one axis."""
-        return sorted(self.shape_zyx)[:2].count(1) == 1
+    def is_acquired(self) -> bool:
+        """Whether the data are acquired, not simulated: integers, or a file that knows of a body or a modality."""
+        return self.is_integer or bool(self.orientation or self.modality)
+
+    @property
+    def thin_axis(self) -> int | None:
+        """Axis of the world, 0 to 2, along which the box is thin; None if it is not thin along exactly one."""
+        sides = np.ptp(self.corners, axis=0)
+        thin, wide, _ = np.argsort(sides)
+        return int(thin) if sides[thin] < THIN * sides[wide] else None
 
     def percentile(self, q: float) -> float:
         """Return a percentile: the exact one if it is known, else as the histogram has it."""
@@ -88,6 +97,28 @@ class VolumeInfo:
         middles = (edges[1:] + edges[:-1]) / 2
         mean = float(shares @ middles)
         return mean, math.sqrt(float(shares @ (middles - mean) ** 2))
+
+    @property
+    def noise(self) -> float:
+        """How noisy the values are: about 1 for white noise, below 0.6 for what is smooth over a few samples.
+
+        It is the median range of the blocks' values, as a share of the range expected of as many independent normal
+        samples with the deviation of all values.
+
+        References
+        ----------
+        Blom, Statistical Estimates and Transformed Beta-Variables, 1958: expected extremes of normal samples.
+        """
+        if self.blocks is None or not self.has_histogram:
+            return 0.0
+        low, high = self.blocks
+        known = high >= low
+        _, deviation = self.mean_and_deviation
+        samples = math.prod(side + 1 for side in self.block_sides)
+        if not known.any() or not deviation:
+            return 0.0
+        expected = 2 * NormalDist().inv_cdf((samples - 0.375) / (samples + 0.25)) * deviation
+        return float(np.median((high - low)[known])) / expected
 
     @property
     def foreground(self) -> tuple[float, float]:

@@ -42,12 +42,12 @@ def write(folder: Path, array: np.ndarray = SERIES, places: Any = None, **elemen
 )
 def test_a_series_is_sorted_and_placed(tmp_path: Path, dtype: str, syntax: str) -> None:
     array = values(dtype)
-    folder = write(tmp_path / "a", array, syntax=syntax)
+    folder = write(tmp_path / "a", array, syntax=syntax, Modality="CT")
     for path in (folder, folder / "07.dcm"):
         source = open_source(path)
         check_source(source, array)
         check_placed(source, PLACED)
-        assert source.grid.orientation == "LPS"
+        assert (source.grid.orientation, source.grid.modality) == ("LPS", "CT")
     for file in folder.iterdir():
         file.rename(file.with_suffix(""))
     (folder / "notes.txt").write_text("hello")

@@ -113,6 +113,22 @@ def test_the_orientation_is_that_of_the_space(
     assert open_source(writers.write(tmp_path / name, **fields)).grid.orientation == orientation
 
 
+@pytest.mark.parametrize(
+    ("name", "fields", "modality"),
+    [
+        ("a.nii", {"intent_code": 1002}, "labels"),
+        ("a.nii", {}, ""),
+        ("a.mrc", {}, "density"),
+        ("a.tif", {}, "microscopy"),
+        ("a.mha", {"Modality": "MET_MOD_CT"}, "CT"),
+        ("a.mha", {"Modality": "MET_MOD_UNKNOWN"}, ""),
+        ("a.nrrd", {}, ""),
+    ],
+)
+def test_the_modality_is_what_the_header_says(name: str, fields: dict[str, Any], modality: str, tmp_path: Path) -> None:
+    assert open_source(writers.write(tmp_path / name, **fields)).grid.modality == modality
+
+
 @pytest.fixture(params=sorted(EXTENSIONS))
 def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A path with each extension; a raw file's sidecar exists."""

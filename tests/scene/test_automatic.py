@@ -11,6 +11,7 @@ import pytest
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.source import Grid
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run
 from clusterviz.frame.opening import open_volumes
@@ -33,16 +34,20 @@ VOLUMES: dict[str, tuple[np.ndarray, str]] = {
     "computed tomography": (BODY.astype(np.int16), "tissue"),
     "a smooth byte field": ((20 * (1 - R / 2)).astype(np.uint8), "foreground"),
     "a noisy byte field": (np.abs(3 * NOISE).astype(np.uint8), "foreground"),
-    "seismic": ((300 * NOISE).astype(np.float32), "signed"),
+    "seismic": ((300 * np.sin(9 * Z + X)).astype(np.float32), "signed"),
+    "a noisy tomogram": ((300 * NOISE).astype(np.float32), "block"),
+    "a thin simulation": (np.hypot(X, Y)[:3].astype(np.float32), "block"),
     "magnetic resonance": ((np.where(R < 0.7, 120, 5) + 4 * NOISE).astype(np.int16), "foreground"),
     "one value": (np.full(R.shape, 3.0), "foreground"),
     "nothing": (np.full(R.shape, np.nan), "foreground"),
 }
 
 
-def facts_of(voxels: np.ndarray, brick: int = 64) -> VolumeInfo:
+def facts_of(voxels: np.ndarray, brick: int = 64, modality: str = "") -> VolumeInfo:
     scene = scene_of_data("array", [f"cluster.brick={brick}"])
-    _, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, ArraySource(voxels))
+    z, y, x = voxels.shape
+    source = ArraySource(voxels, Grid((z, y, x), modality=modality))
+    _, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, source)
     assert opened is not None
     return opened.infos[0]
 
@@ -92,6 +97,56 @@ def test_what_a_user_says_is_kept_and_an_opacity_ends_the_choosing() -> None:
     by_hand = Scene.model_validate({"volumes": [{"path": plain.volumes[0].path, "opacity": "linear"}]})
     assert plain.volumes == complete_scene(by_hand, facts_of(voxels)).volumes
     assert (plain.quality, plain.image) == (by_hand.quality, by_hand.image)
+
+
+PARTICLE = np.where(R < 0.3, 1.0 - R, 0.0) + 0.01 * NOISE
+
+
+@pytest.mark.parametrize(
+    ("voxels", "modality", "expected"),
+    [
+        (PARTICLE, "density", "density"),
+        (PARTICLE, "", "foreground"),
+        (np.maximum(PARTICLE, 0), "microscopy", "mip"),
+        (NOISE + 9, "density", "block"),
+        (NOISE + 9, "", "foreground"),
+        (np.floor(30 * R), "labels", "labels"),
+        (np.floor(30 * R), "", "foreground"),
+        (np.where(R < 0.8, 40.0, -700.0) + 300 * (R < 0.3), "CT", "tissue"),
+        (np.where(R < 0.8, 40.0, -700.0) + 300 * (R < 0.3), "MR", "signed"),
+    ],
+)
+def test_what_the_file_says_of_the_values_counts(voxels: np.ndarray, modality: str, expected: str) -> None:
+    assert classify_values(facts_of(voxels, modality=modality)) == expected
+
+
+def test_contour_levels_of_particles_and_crystals() -> None:
+    """Of a particle in a box of solvent the level is higher than of a crystal's cell that is full of molecules."""
+    for voxels, deviations in ((PARTICLE, 4), (np.sin(9 * X) * np.sin(9 * Y) * np.sin(7 * Z), 2)):
+        keys = apply_preset("density", facts_of(voxels))
+        assert keys["isosurfaces"][0][0] == pytest.approx(voxels.mean() + deviations * voxels.std(), abs=0.02)
+
+
+def test_projections_are_chosen_where_the_scene_allows_them() -> None:
+    """A stack alone is projected before black; with another volume, or with layers, it is composited."""
+    info = facts_of(np.maximum(PARTICLE, 0), modality="microscopy")
+    alone = complete_scene(scene_of_data("a.tif"), info)
+    assert (alone.volumes[0].blending, alone.image.background) == ("maximum", (0, 0, 0))
+    several = complete_scene(scene_of_data("a.tif", keys=({}, {})), (info, info))
+    layered = complete_scene(scene_of_data("a.tif", ["image.layers=[depth]"]), info)
+    for scene in (several, layered):
+        assert {volume.blending for volume in scene.volumes} == {"composite"}
+        assert scene.image.background == BACKGROUND
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_thin_data_are_shown_face_on(axis: int) -> None:
+    shape = [3 if axis == each else 40 for each in (2, 1, 0)]
+    camera = complete_scene(scene_of_data("array"), facts_of(np.random.default_rng(0).random(shape))).camera
+    assert camera.position is not None
+    assert camera.focal_point is not None
+    towards = np.subtract(camera.position, camera.focal_point)
+    assert abs(towards[axis]) == pytest.approx(np.linalg.norm(towards))
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -34,6 +34,7 @@ from clusterviz.errors import DataError
 
 EXTENSIONS = (".dcm", ".dicom", ".ima")
 TAGS = (
+    "Modality",
     *("SeriesInstanceUID", "SeriesNumber", "SeriesDescription", "Rows", "Columns", "BitsAllocated", "BitsStored"),
     *("PixelRepresentation", "SamplesPerPixel", "PhotometricInterpretation", "NumberOfFrames", "PixelSpacing"),
     *("ImagePositionPatient", "ImageOrientationPatient", "RescaleSlope", "RescaleIntercept"),
@@ -105,7 +106,7 @@ def open_dicom(path: Path, subset: Subset) -> DicomSource:
     header = _header(path)
     if int(header.get("NumberOfFrames") or 1) > 1:
         refuse_array(subset.array, path)
-        return _stack(_frames(path, header), subset, str(path))
+        return _stack(_frames(path, header), subset, str(path), str(header.get("Modality") or ""))
     with readable(path.parent):
         beside = sorted(file for file in path.parent.iterdir() if file.suffix == path.suffix and file.is_file())
         files = [file for file in beside if file == path or kind_of(start_of(file)) == "DICOM"]
@@ -146,7 +147,9 @@ def open_series(files: Sequence[Path], subset: Subset, where: str) -> DicomSourc
         raise DataError(what, where=where, found=subset.array, allowed=listed or "files of DICOM with pictures")
     if len(found) > 1:
         raise DataError("several series: name one as `array`", where=where, allowed=listed)
-    return _stack([each for file, header in series[found[0]] for each in _frames(file, header)], subset, where)
+    members = series[found[0]]
+    slices = [each for file, header in members for each in _frames(file, header)]
+    return _stack(slices, subset, where, str(members[0][1].get("Modality") or ""))
 
 
 def _names(header: Any) -> list[str]:
@@ -259,7 +262,7 @@ def _check_data(path: Path, header: Any, frames: int, form: tuple[int, ...]) -> 
         raise DataError("no decoder is installed", where=where, found=syntax.name, allowed=allowed)
 
 
-def _stack(slices: list[Slice], subset: Subset, where: str) -> DicomSource:
+def _stack(slices: list[Slice], subset: Subset, where: str, modality: str) -> DicomSource:
     """Return the volume of slices, which are sorted here."""
     first = slices[0]
     rows, columns, bits, stored, signed = first.kind
@@ -284,7 +287,7 @@ def _stack(slices: list[Slice], subset: Subset, where: str) -> DicomSource:
     grid = make_grid((len(slices), rows, columns), np.column_stack([first.axes, step]), slices[0].position, where)
     select(grid.shape_zyx, "ZYX", subset, where)
     dtype = _dtype([each.scale for each in slices], bits, stored, signed)
-    return DicomSource(where, replace(grid, orientation="LPS"), dtype, tuple(slices))
+    return DicomSource(where, replace(grid, orientation="LPS", modality=modality), dtype, tuple(slices))
 
 
 def _step(slices: Sequence[Slice], normal: NDArray[np.float64], where: str) -> NDArray[np.float64]:

@@ -199,4 +199,7 @@ def _grid_of(fields: Mapping[str, str], count: int, shape_zyx: Index, where: str
     axes[:kept, :kept] = np.reshape(rows, (count, count))[:kept, :kept].T
     grid = make_grid(shape_zyx, axes * spacing, origin, where)
     known = "?" not in fields.get("AnatomicalOrientation", "?")
-    return replace(grid, orientation="LPS" if known else "")
+    modality = fields.get("Modality", "").upper().removeprefix("MET_MOD_")
+    return replace(
+        grid, orientation="LPS" if known else "", modality=modality if modality in ("CT", "MR", "NM", "US") else ""
+    )

@@ -12,6 +12,7 @@ Cheng et al., MRC2014: extensions to the MRC format header, J. Struct. Biol. 192
 from __future__ import annotations
 
 import gzip
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ def open_mrc(path: Path, subset: Subset) -> StridedSource:
     start_xyz = np.array([words[4 + xyz_of_column_row_section.index(a)] for a in (1, 2, 3)], float)
     steps = _cell_steps(words, where)
     origin = steps @ start_xyz if start_xyz.any() else words[49:52].view(order + "f4").astype(float)
-    grid = make_grid(check_shape(shape_zyx, where), steps, origin, where)
+    grid = replace(make_grid(check_shape(shape_zyx, where), steps, origin, where), modality="density")
     offset = HEADER_BYTES + max(0, int(words[23]))  # the extended header: symmetry records
     row_bytes = sizes[2] * stored.itemsize
     plane_bytes = sizes[1] * row_bytes

@@ -33,12 +33,13 @@ def open_nifti(path: Path, subset: Subset) -> StridedSource:
     where, packed = str(path), path.name.lower().endswith(".gz")
     size = require_file(path)
     refuse_array(subset.array, path)
-    affine, proxy = _read_header(path)
+    affine, proxy, intent = _read_header(path)
     stored = np.dtype(proxy.dtype)
     dtype = check_dtype(stored, where)
     shape = (*proxy.shape, 1, 1, 1)[: max(3, len(proxy.shape))]  # x, y, z, time, component
     slab = select(shape[::-1], "ZCTZYX"[-len(shape) :].rjust(len(shape), "Z"), subset, where)
     grid = replace(make_grid(slab.shape_zyx, affine[:3, :3], affine[:3, 3], where), orientation="RAS")
+    grid = replace(grid, modality="labels" if intent == "label" else "")
     offset, strides = slab.strides(stored.itemsize)
     storage: Storage
     if packed:
@@ -55,15 +56,16 @@ def open_nifti(path: Path, subset: Subset) -> StridedSource:
     return StridedSource(name, grid, dtype, storage, stored, proxy.offset + offset, strides, scale, slab)
 
 
-def _read_header(path: Path) -> tuple[Any, Any]:
-    """Return nibabel's affine (4, 4) and array proxy with shape, dtype, offset, slope and inter."""
+def _read_header(path: Path) -> tuple[Any, Any, str]:
+    """Return nibabel's affine (4, 4), array proxy with shape, dtype, offset, slope and inter, and the intent."""
     import nibabel
 
     try:
         image: Any = nibabel.load(path)
         if not isinstance(image, nibabel.Nifti1Image):
             raise DataError("not NIfTI", where=str(path), found=type(image).__name__)
-        return np.asarray(image.affine, float), image.dataobj
+        header: Any = image.header
+        return np.asarray(image.affine, float), image.dataobj, str(header.get_intent()[0])
     except DataError:
         raise
     except Exception as error:  # a damaged header makes nibabel raise many kinds

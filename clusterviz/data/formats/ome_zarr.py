@@ -233,6 +233,8 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
     letters = "".join(axis.letter for axis in axes) if axes else unnamed_axes(opened.ndim, subset)
     slab = select(opened.shape, letters, subset, where, [each.label for each in omero])
     grid = _grid(slab, axes, scales, described, {}, where)
+    if "image-label" in (attributes.get("ome") or attributes):
+        grid = replace(grid, modality="labels")
     return ZarrSource(
         _name(path, wanted, datasets, slab), grid, dtype, opened, slab, omero, _version(opened.metadata.to_dict())
     )
@@ -438,4 +440,6 @@ def _grid(
     if direction.shape != (3, 3):
         raise DataError("singular placement", where=where, found=direction.tolist(), allowed="3 × 3 numbers")
     grid = make_grid(slab.shape_zyx, direction @ placed, triple(origin, where), where)
-    return replace(grid, orientation=str(own.get("orientation", ""))) if own else grid
+    if own:
+        return replace(grid, orientation=str(own.get("orientation", "")), modality=str(own.get("modality", "")))
+    return replace(grid, modality="microscopy")

@@ -15,7 +15,7 @@ import struct
 import weakref
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -109,7 +109,8 @@ def open_tiff(path: Path, subset: Subset) -> Source:
         name = f"{path}:{number}" if len(file.series) > 1 else str(path)
         stored = np.dtype(series.dtype).newbyteorder(file.byteorder)
         slab = select(shape, _letters(shape, axes, subset), subset, name, names)
-        grid, name = make_grid(slab.shape_zyx, np.diag(spacing), (0, 0, 0), name), name + slab.label
+        grid = replace(make_grid(slab.shape_zyx, np.diag(spacing), (0, 0, 0), name), modality="microscopy")
+        name += slab.label
         dtype = check_dtype(stored, name)
         if series.dataoffset is None:
             _check_page(series.keyframe, size, name)

@@ -269,6 +269,7 @@ class StoreWriter:
             "dtype": self.source.dtype.name,
             "direction": [list(row) for row in grid.direction],
             "orientation": grid.orientation,
+            "modality": grid.modality,
         }
         ome = ome_metadata(grid, len(self.arrays), Path(self.path).name.split(".")[0], self.series)
         return {"ome": ome, "clusterviz": own}
