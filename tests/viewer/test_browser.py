@@ -46,7 +46,7 @@ def draw(session: Session) -> None:
         request = session.next_request(0.2)
         if isinstance(request, Job):
             found = {"type": "picked", "pick": request.message.pick, "position": [4, 9, 20]}
-            answer = found | {"index": [4, 9, 20], "value": 31.25, "name": "ball"}
+            answer = found | {"index": [4.04, 9.0, 19.96], "value": 31.25, "name": "volumes.0"}
             session.answer(request.client, lambda client, answer=answer: client.send(answer))
         elif request is not None:
             session.finished(request, picture_of(request), 0.01, STATISTICS)
@@ -273,7 +273,7 @@ def test_a_click_picks_and_a_double_click_centres(open_page: Callable[..., Opene
     area = opened.value("surface.getBoundingClientRect().toJSON()")
     opened.page.mouse.click(area["width"] / 4, area["height"] / 2)
     text = opened.wait("clustervizViewer.picked?.text")
-    assert text.splitlines() == ["ball: 31.25", "(4, 9, 20)", "index 4, 9, 20"]
+    assert text.splitlines() == ["ball.nii.gz: 31.25", "(4, 9, 20)", "index 4, 9, 20"]
     pick = opened.messages("pick")[0]
     assert (pick["x"], pick["y"]) == pytest.approx((0.25, 0.5))
     before = opened.value("camera")

@@ -436,9 +436,15 @@ export class Viewer {
   }
 
   pickAnswered(message) {
-    this.picked = message.position && {position: message.position, text: pickText(message)};
+    this.picked = message.position && {position: message.position, text: pickText(message, this.nameOf(message.name))};
     this.overlayCanvas.draw();
     if (message.position && message.pick === this.centringPick) this.moveTo(centred(this.camera, message.position));
+  }
+
+  /** Name of a volume, geometry or grid. @param {string} key such as volumes.0 */
+  nameOf(key) {
+    const {volumes = [], geometry = [], grids = []} = this.state;
+    return [...volumes, ...geometry, ...grids].find((each) => each.key === key)?.name ?? key;
   }
 
   /** Switch parts of the overlay. @param {Record<string, boolean>} changes axes, boxes, clip, pick */
@@ -477,10 +483,10 @@ function devicePixels(length, laidOut = NaN) {
   return Math.abs(laidOut - scaled) <= 1 ? laidOut : Math.round(scaled);
 }
 
-function pickText({position, index, value, name}) {
+function pickText({position, index, value}, name) {
   const short = (number) => String(Number(number.toPrecision(5)));
   const lines = [value === null || value === undefined ? name : `${name ?? "value"}: ${short(value)}`];
   lines.push(`(${position.map(short).join(", ")})`);
-  if (index) lines.push(`index ${index.join(", ")}`);
+  if (index) lines.push(`index ${index.map((each) => Number(each.toFixed(1))).join(", ")}`);
   return lines.filter(Boolean).join("\n");
 }
