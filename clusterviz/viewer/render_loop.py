@@ -7,6 +7,7 @@ abandoned on all ranks as soon as there is newer input.
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -22,6 +23,7 @@ from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.frame.opening import Given, Opened
 from clusterviz.frame.run import Image
 from clusterviz.image.picture import layers_of
+from clusterviz.kernels import objects
 from clusterviz.report.provenance import Provenance
 from clusterviz.scene.values import Scene
 from clusterviz.viewer.describe import Content
@@ -35,6 +37,8 @@ WAKE, STOP = 7101, 7102
 """Tags of messages from rank 0: there is a command; a frame is abandoned (1), or not (0)."""
 LONGEST_SLEEP, SHORTEST_SLEEP = 5e-3, 2e-4
 """Sleep of waiting ranks between two looks for a command, seconds: it grows with the time that they have waited."""
+QUICK_SECONDS = 0.3
+"""A still picture that is expected to take longer comes after one of the quality of moving ones."""
 IDLE_SECONDS = 1.0
 """Time that rank 0 waits for a request before it looks for a signal."""
 
@@ -156,6 +160,7 @@ class RenderLoop:
         self._loop = FrameLoop(scene, channel, source, self._options)
         self._frames, self._is_new = 0, False
         self._content = self.content
+        self._still_seconds, self._previewed = math.inf, 0
 
     @property
     def scene(self) -> Scene:
@@ -181,12 +186,20 @@ class RenderLoop:
     def lead(self, session: Session, pace: Pace) -> None:
         """Draw what a session asks for until it is closed; for rank 0."""
         self._session = session
+        announce = objects.on_compiling
+
+        def tell(name: str) -> None:
+            announce(name)
+            session.busy("compiling kernels")
+
+        objects.on_compiling = tell
         while not session.is_ended:
             request = session.next_request(IDLE_SECONDS)
             if isinstance(request, Request):
                 self._answer(session, request, pace)
             elif isinstance(request, Job):
                 self._do(session, request)
+        objects.on_compiling = announce
         self._send(Command("end"))
         self.close()
 
@@ -195,6 +208,9 @@ class RenderLoop:
         self._loop.__exit__(None)
 
     def _answer(self, session: Session, request: Request, pace: Pace) -> None:
+        if not request.moving and self._still_seconds > QUICK_SECONDS and request.number != self._previewed:
+            request = replace(request, moving=True)  # the still picture follows
+        self._previewed = request.number
         began = time.perf_counter()
         completed = request.completed
         scene = pace.settings(completed) if request.moving else completed
@@ -205,12 +221,14 @@ class RenderLoop:
                 raise
             session.failed(request, error)
             return
+        seconds = time.perf_counter() - began
+        if not request.moving:
+            self._still_seconds = seconds
         if self._is_new and not request.hidden:
             session.reopened(self.content)
         self._is_new = self._is_new and bool(request.hidden)
         if rendered is None or rendered.image is None:
             return
-        seconds = time.perf_counter() - began
         if request.moving:
             width, height = completed.image.size
             drawing = rendered.statistics.seconds.get("render", 0.0)

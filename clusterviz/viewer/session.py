@@ -26,6 +26,7 @@ from clusterviz.viewer.messages import (
     Edit,
     Message,
     Pick,
+    Pose,
     Preset,
     Redo,
     Reset,
@@ -202,7 +203,9 @@ class Session:
         self._jobs: list[tuple[int, Pick | Save]] = []
         self._number, self._drawn = 1, 0
         self._revision, self._inputs = 1, dict[int, int]()
-        self._moving, self._was_moving = False, False
+        self._moving, self._was_moving, self._is_busy = False, False, False
+        self._newest_pose: Pose | None = None
+        self._newest_size: Size | None = None
         self._last_input = -REST_SECONDS
         self._picture: Picture | None = None
         self._pictures = 0
@@ -270,6 +273,8 @@ class Session:
     def _change(self, number: int, member: _Member, message: Change) -> None:
         if isinstance(message, Size):
             member.size = message
+            if message == self._newest_size:
+                return
         if self._steering is None and not self._shared:
             self._give(number)
         if self._shared or self._steering == number:
@@ -322,13 +327,16 @@ class Session:
         with self._lock:
             self._pictures += 1
             background = background_rgb(request.completed.image.background)
-            about = self._pictures, request.revision, request.inputs, still, camera, seconds
+            about = self._pictures, request.revision, dict(request.inputs), still, camera, seconds
             self._picture = shown = Picture(picture, background, *about)
             self._drawn, self._was_moving, self._drawn_data = request.number, request.moving, self._shown.data
             if still:
                 self._warnings = warnings
             for member in self._members.values():
                 member.client.show(shown)
+            if self._is_busy:
+                self._is_busy = False
+                self._send_all({"type": "busy", "message": ""})
             changed = self._state_revision != request.revision or (still and self._state["warnings"] != list(warnings))
             if changed and (still or now - self._state_sent >= STATE_SECONDS):
                 self._send_state()
@@ -346,6 +354,12 @@ class Session:
             with self._lock:
                 self._shown.undo = [each for each in self._shown.undo if each.data is not self._drawn_data]
             self._show(self._drawn_data)
+
+    def busy(self, text: str) -> None:
+        """Tell all clients why the next picture takes long; its arrival ends that."""
+        with self._lock:
+            self._is_busy = True
+            self._send_all({"type": "busy", "message": text})
 
     def reopened(self, content: Content) -> None:
         """Take what is known of the data of a scene with other files or grids."""
@@ -380,10 +394,20 @@ class Session:
 
     def _request(self, moving: bool) -> Request:
         scenes = self.scene, self.completed
-        return Request(self._number, *scenes, self._revision, dict(self._inputs), moving, self._shown.hidden)
+        return Request(self._number, *scenes, self._revision, self._inputs, moving, self._shown.hidden)
 
     def _put(self, number: int, message: Change) -> None:
-        """Store a message in place of earlier ones of the same kind."""
+        """Store a message in place of earlier ones of the same kind, unless it changes nothing."""
+        self._last_input = self._clock()
+        self._moving = isinstance(message, (View, Edit)) and message.moving
+        if isinstance(message, View) and message.camera == self._newest_pose:
+            # In place, so that a picture that is being drawn has it, too.
+            self._inputs[number] = message.input
+            return
+        if isinstance(message, Size):
+            self._newest_size = message
+        else:
+            self._newest_pose = message.camera if isinstance(message, View) else None
         key = _replaces(message)
         if key is not None:
             self._pending = [each for each in self._pending if _replaces(each[1]) != key]
@@ -391,8 +415,6 @@ class Session:
             self._members[number].client.send(_error("too many messages at a time", message))
             return
         self._pending.append((number, message))
-        self._last_input = self._clock()
-        self._moving = isinstance(message, (View, Edit)) and message.moving
 
     def _apply(self, number: int, message: Change) -> None:
         """Apply a message to what is shown; an error leaves it as it is."""
@@ -416,7 +438,7 @@ class Session:
             found = _error(str(error), message)
             self.answer(number, lambda client: client.send(found))
         if isinstance(message, (View, Edit)):
-            self._inputs[number] = message.input
+            self._inputs = {**self._inputs, number: max(message.input, self._inputs.get(number, 0))}
 
     def _resize(self, message: Size) -> None:
         size = [message.width, message.height]

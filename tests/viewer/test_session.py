@@ -114,6 +114,23 @@ def test_input_during_a_still_picture_is_seen_at_once() -> None:
     assert room.session.has_input()
 
 
+def test_what_changes_nothing_does_not_end_a_still_picture() -> None:
+    room = Room()
+    room.session.receive(1, Size(width=640, height=480))
+    room.view(1.0)
+    room.draw()
+    room.view(1.0, moving=False)
+    request = room.next()
+    assert not request.moving
+    assert request.inputs == {1: 2}
+    room.view(1.0, moving=False)
+    room.session.receive(1, Size(width=640, height=480))
+    assert not room.session.has_input()
+    room.session.finished(request, PIXELS, 0.01, None)
+    assert room.clients[0].pictures[-1].inputs == {1: 3}
+    assert room.session.next_request(0.0) is None
+
+
 def test_edits_are_undone_and_redone_without_the_camera() -> None:
     room = Room()
     before = room.step
