@@ -35,8 +35,8 @@ from clusterviz.viewer.session import Job, Request, Session
 
 WAKE, STOP = 7101, 7102
 """Tags of messages from rank 0: there is a command; a frame is abandoned (1), or not (0)."""
-LONGEST_SLEEP, SHORTEST_SLEEP = 5e-3, 2e-4
-"""Sleep of waiting ranks between two looks for a command, seconds: it grows with the time that they have waited."""
+LONGEST_SLEEP, SHORTEST_SLEEP, SLEEP_SHARE = 2e-2, 2e-4, 1 / 500
+"""Sleep of waiting ranks between two looks for a command, seconds: a share of the time that they have waited."""
 QUICK_SECONDS = 0.3
 """A still picture that is expected to take longer comes after one of the quality of moving ones."""
 IDLE_SECONDS = 1.0
@@ -348,7 +348,7 @@ class RenderLoop:
         pending = [self._channel.post_receive(np.zeros(1, np.uint8), 0, WAKE)]
         while not self._channel.test_some(pending):
             waited = time.perf_counter() - began
-            time.sleep(min(LONGEST_SLEEP, max(SHORTEST_SLEEP, waited / 100)))
+            time.sleep(min(LONGEST_SLEEP, max(SHORTEST_SLEEP, waited * SLEEP_SHARE)))
         return self._channel.broadcast(Command("end"))
 
 
