@@ -17,6 +17,7 @@ from clusterviz.data import open_scene
 from clusterviz.errors import ClustervizError
 from clusterviz.frame.picture_file import write_picture
 from clusterviz.report.provenance import Provenance
+from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.text import commented_scene
 from clusterviz.scene.values import Scene
 from clusterviz.scene.yaml_text import write_yaml
@@ -68,6 +69,9 @@ def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
     ClustervizError
         The scene cannot be told by overrides.
     """
+    first = open_scene(file.name, file.overrides, file.preset)
+    if any(len(getattr(first, name)) != len(getattr(scene, name)) for name in ("volumes", *LISTED_SECTIONS)):
+        raise ClustervizError("entries are hidden or added, which no command line can tell: save the scene as a file")
     wanted = _drawn_part(scene)
     found: dict[str, Any] = {}
     for _ in range(MOST_TRIES):
@@ -79,7 +83,7 @@ def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
             words += [word for option in options for word in ("-D", option)]
             return shlex.join([*words, "-o", "picture.png"])
         found |= missing
-    raise ClustervizError("this scene has no command line: save it as a file")
+    raise ClustervizError("this scene has no command line: save the scene as a file")
 
 
 def _drawn_part(scene: Scene) -> dict[str, Any]:

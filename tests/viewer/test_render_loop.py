@@ -223,11 +223,16 @@ def test_picks_and_files_are_of_what_is_shown(tmp_path: Any) -> None:
         pose = Pose(position=(3.0, 1.0, 2.0), focal_point=(0.0, 0.0, 0.0), view_up=(0.0, 0.0, 1.0))
         keys = tuple(KeyPose(time=float(n), camera=pose) for n in range(2))
         found.append(viewer.ask(Save(what="path", keys=keys, save=2), "file"))
+        viewer.edit(hidden=["volumes.0"])
+        viewer.wait(lambda: not viewer.pictures[-1].rgba.any())
+        found.append(viewer.ask(Save(what="command", save=9), "file"))
 
     found: list[dict[str, Any]] = []
     viewer, fresh = watch(1, act)
     check_same(viewer, fresh, 2)
-    hit, missed, scene, command, picture, path = found
+    hit, missed, scene, command, picture, path, refused = found
+    assert (refused["type"], refused["save"]) == ("error", 9)
+    assert "hidden" in refused["message"]
     distance = float(np.linalg.norm(hit["position"]))
     assert hit["name"] == "volumes.0"
     assert 0.0 < distance < 0.75
