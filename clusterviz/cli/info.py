@@ -26,6 +26,9 @@ def command(
     channel: Annotated[str | None, typer.Option(help="Which channel, by number or name; by default the first.")] = None,
     brick: Annotated[int, typer.Option(help="Voxels along the side of a brick.", min=2, max=1024)] = 64,
     points: Annotated[bool, typer.Option("--points", help="Read a .npy file (n, 3 or more) as points.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the histogram, with logarithmic counts.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Show what a data file holds.
@@ -38,23 +41,52 @@ def command(
     from clusterviz.data import grid_format_of, mesh_format_of, open_source, read_geometry, read_grid
     from clusterviz.data.axes import Subset
 
+    arrays: dict[str, Any] = {}
+    if plot:
+        from clusterviz.cli.histogram import check_plot
+
+        check_plot(plot)
     with Console(stderr=True).status(f"reading {file}"):
         mesh_format, grid_format = mesh_format_of(Path(file)), grid_format_of(Path(file))
         if points or mesh_format:
             geometry = read_geometry(file)
+            arrays = _arrays_of(geometry)
             found = {"name": file, "format": mesh_format.name if mesh_format else "npy"} | describe_geometry(geometry)
         elif grid_format:
             grid = read_grid(file, time)
+            arrays = {**grid.point_arrays, **grid.cell_arrays}
             found = {"name": file, "format": grid_format.name, "grid": describe_grid(grid)}
         else:
             source = open_source(file, subset=Subset(array, time, channel, first=True))
             found = describe(source, brick)
+    if plot:
+        from clusterviz.cli.histogram import Histogram, histograms_of, write_plot
+
+        histograms = histograms_of(arrays)
+        if found.get("percentiles"):
+            percentiles = {float(q): value for q, value in found["percentiles"].items()}
+            whole = found["minimum"], found["maximum"], found["histogram"], percentiles
+            histograms = [Histogram(f"value ({found['dtype']})", *whole)]
+        write_plot(plot, Path(file).name, histograms)
     if json:
         print(json_text.dumps(found, indent=2, ensure_ascii=False))
         return
     rows = _rows if "samples" in found else _grid_rows if "grid" in found else _geometry_rows
     for name, text in rows(found):
         print(f"{name:12} {text}")
+
+
+def _arrays_of(geometry: Geometry) -> dict[str, Any]:
+    """Return all arrays of meshes, lines and points by name."""
+    mesh, lines, points = geometry.mesh, geometry.lines, geometry.points
+    found: dict[str, Any] = {}
+    for part in (
+        *((mesh.vertex_attributes, mesh.triangle_attributes) if mesh else ()),
+        *((lines.point_attributes, lines.line_attributes) if lines else ()),
+        *((points.attributes,) if points else ()),
+    ):
+        found |= part
+    return found
 
 
 def describe_geometry(geometry: Geometry) -> dict[str, Any]:

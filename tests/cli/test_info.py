@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from data import grid_writers, mesh_writers, writers
+from PIL import Image as Pillow
 
+from clusterviz.cli.histogram import histograms_of
 from clusterviz.cli.info import format_name, sparkline
 
 
@@ -178,3 +180,30 @@ def test_sparkline_is_high_where_counts_are_and_blank_where_none_are() -> None:
     assert sparkline([0, 1, 10**6]) == " ▁█"
     assert sparkline([0, 0]) == "  "
     assert len(sparkline([1] * 256)) == 64
+
+
+def test_the_histogram_is_drawn(cli: Callable[..., Any], octahedron: Path, tmp_path: Path) -> None:
+    """Of a volume with its percentiles, and of each array of a grid; not without values, nor into another format."""
+    plot = tmp_path / "a.png"
+    np.save(tmp_path / "a.npy", np.random.default_rng(0).normal(5, 2, (9, 10, 11)).astype(np.float32))
+    grid = grid_writers.vtu(tmp_path / "a.vtu")
+    heights = []
+    for name in (tmp_path / "a.npy", grid):
+        assert cli("info", str(name), "--plot", str(plot)).status == 0
+        with Pillow.open(plot) as picture:
+            heights.append(picture.size[1])
+            assert np.asarray(picture.convert("L")).min() < 100
+    assert heights[0] < heights[1]
+    for arguments, message in (
+        ((str(octahedron), "--plot", str(plot)), "nothing to plot"),
+        ((str(grid), "--plot", str(tmp_path / "a.svg")), "not a name for the plot"),
+    ):
+        outcome = cli("info", *arguments)
+        assert (outcome.status, message in outcome.err) == (2, True), outcome.err
+
+
+def test_what_is_drawn_of_an_array() -> None:
+    vectors, gaps = np.array([[3.0, 4.0], [0.0, 0.0]]), np.array([1.0, np.nan, 2.0])
+    found = histograms_of({"v": vectors, "g": gaps, "none": np.array([np.nan])})
+    assert [(each.name, each.low, each.high, sum(each.counts)) for each in found] == [("v", 0, 5, 2), ("g", 1, 2, 2)]
+    assert found[1].percentiles[50.0] == 1.5
