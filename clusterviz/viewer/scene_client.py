@@ -1,4 +1,7 @@
-"""The kernel's own client of a session: the scene and the camera for Python, edits, and pictures of full quality."""
+"""The kernel's own client of a session: the scene and the camera for Python, edits, and pictures of full quality.
+
+Each change counts as one of a moving view, since others may follow at once: from a slider, or from a linked view.
+"""
 
 from __future__ import annotations
 
@@ -106,8 +109,8 @@ class SceneClient:
     def set_camera(self, camera: Data) -> None:
         """Move the camera."""
         with self._news:
-            self._answers.camera = camera
-        self._send({"type": "view", "camera": camera, "moving": False, "input": self._next_input()})
+            self._take_camera(camera, True)
+        self._send({"type": "view", "camera": camera, "moving": True, "input": self._next_input()})
 
     def edit(self, scene: Scene) -> None:
         """Change those keys in which another scene differs from `scene`."""
@@ -154,7 +157,7 @@ class SceneClient:
         if changes:
             with self._news:
                 self._answers.scene = scene
-            self._send({"type": "edit", "changes": changes, "moving": False, "input": self._next_input()})
+            self._send({"type": "edit", "changes": changes, "moving": True, "input": self._next_input()})
 
     def _next_input(self) -> int:
         self._input += 1
