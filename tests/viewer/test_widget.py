@@ -57,6 +57,7 @@ async (source) => {
   window.show = () => {
     const el = document.body.appendChild(document.createElement("div"));
     const remove = widget.render({model: window.model, el});
+    el.removeAttribute("style");  // as the layout of ipywidgets may do
     return () => { remove(); el.remove(); };
   };
 }

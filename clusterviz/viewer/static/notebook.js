@@ -43,17 +43,20 @@ function connectModel(model) {
 }
 
 function render({model, el}) {
-  const resize = () => { el.style.height = `${model.get("height")}px`; };
+  // The style of `el` belongs to the layout of ipywidgets.
+  const box = el.appendChild(document.createElement("div"));
+  const resize = () => { box.style.height = `${model.get("height")}px`; };
   resize();
   model.on("change:height", resize);
-  const viewer = createViewer(el, connectModel(model));
-  if (el.clientWidth < ROOM_FOR_SIDEBAR) {
+  const viewer = createViewer(box, connectModel(model));
+  if (box.clientWidth < ROOM_FOR_SIDEBAR) {
     viewer.element.classList.add("without-sidebar");
     viewer.toolbar.update();
   }
   return () => {
     model.off("change:height", resize);
     viewer.destroy();
+    box.remove();
   };
 }
 
