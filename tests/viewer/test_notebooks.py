@@ -17,7 +17,7 @@ CHECKS = {
     "first_look": "assert np.array_equal(picture, rendered) and rendered.max() > 0",
     "link_to_widgets": """
 import numpy as np
-assert right.camera["position"] == [0.0, -6.0, 3.0]
+assert right.camera["position"] == [0.0, -2.5, 1.5]
 assert scenes[0].volumes[0].clim == scenes[1].volumes[0].clim == (0.2, 0.8)
 for picture, scene in zip(pictures, scenes, strict=True):
     rendered = clusterviz.render(scene, size=(120, 90))
