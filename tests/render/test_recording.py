@@ -61,7 +61,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "cubic": ("uint8", {"interpolation": "cubic", "step": 4.0}, "cubic"),
     "cubic, an opaque surface": (
         "uint8",
-        LIT | {"interpolation": "cubic", "blending": "isosurface", "isosurfaces": (130.0,)},
+        LIT | {"interpolation": "cubic", "blending": "isosurface", "isosurfaces": (215.0,)},
         "cell_cubic gradient_cubic root spline surfaces unclipped",
     ),
     "nearest, surfaces": ("uint8", SURFACES | {"interpolation": "nearest"}, "cell_nearest"),
@@ -77,7 +77,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "gradient opacity": ("uint8", STEEP, "faded magnitude"),
     "table": ("uint8", {"transfer_2d": {}}, "composite_2d table"),
     "user's look": ("uint8", {"shader": "examples/looks/octants.glsl"}, "look"),
-    "occluded": ("uint8", LIT | {"ambient_occlusion": {"radius": 1.5}}, "ambient_occlusion density"),
+    "occluded": ("uint8", LIT | {"ambient_occlusion": {"radius": 1.1}, "step": 5.0}, "ambient_occlusion density"),
     "occluded, pre-integrated": (
         "uint8",
         LIT | INTEGRATED | {"ambient_occlusion": {"radius": 1.5}},
