@@ -27,6 +27,7 @@ from clusterviz.kernels import objects
 from clusterviz.report.provenance import Provenance
 from clusterviz.scene.values import Scene
 from clusterviz.viewer.describe import Content
+from clusterviz.viewer.knobs import Measurement, described, trials
 from clusterviz.viewer.messages import Pick, Save
 from clusterviz.viewer.pace import Pace
 from clusterviz.viewer.picking import SIDE, index_of, names_of_objects, position_at, scene_of_pick, value_at
@@ -160,7 +161,7 @@ class RenderLoop:
         self._loop = FrameLoop(scene, channel, source, self._options)
         self._frames, self._is_new = 0, False
         self._content = self.content
-        self._still_seconds, self._previewed = math.inf, 0
+        self._still_seconds, self._previewed, self._measured = math.inf, 0, 0
 
     @property
     def scene(self) -> Scene:
@@ -199,6 +200,8 @@ class RenderLoop:
                 self._answer(session, request, pace)
             elif isinstance(request, Job):
                 self._do(session, request)
+            else:
+                self._measure(session)
         objects.on_compiling = announce
         self._send(Command("end"))
         self.close()
@@ -296,6 +299,25 @@ class RenderLoop:
         types = {"png": "image/png", "npz": "application/octet-stream"}
         content = picture_file(rendered.image, rendered.scene, self._made, message.format)
         return f"picture.{message.format}", types[message.format], content
+
+    def _measure(self, session: Session) -> None:
+        """Measure cost and error of settings on small pictures, once for each scene, while there is nothing else."""
+        request, measured = session.present(), list[Measurement]()
+        if request is None or request.revision == self._measured:
+            return
+        for trial in trials(request.completed):
+            try:
+                rendered = self._draw_on_all(Command("draw", trial.scene, may_stop=True)) if session.is_idle else None
+            except ClustervizError as error:
+                if not error.agreed:
+                    raise
+                self._measured = request.revision
+                return
+            if rendered is None or rendered.image is None:
+                return
+            measured.append(Measurement(trial, np.asarray(rendered.image), rendered.statistics.seconds["render"]))
+        self._measured = request.revision
+        session.tell({"type": "knobs", "items": described(request.completed, measured)})
 
     def _draw_on_all(self, command: Command) -> Rendered | None:
         self._send(command)

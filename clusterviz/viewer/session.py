@@ -286,7 +286,7 @@ class Session:
         """Wait for something to draw, at most `timeout` seconds; None if there is nothing."""
         end = self._clock() + timeout
         with self._lock:
-            while not (self._pending or self._jobs or self._wants_picture or self._ended):
+            while self.is_idle:
                 now = self._clock()
                 if self._ends_alone and self._joined and not self._members and now > self._left + ALONE_SECONDS:
                     self._ended = "the last client has left"
@@ -308,6 +308,20 @@ class Session:
     def has_input(self) -> bool:
         """Return whether something has come that changes what is shown."""
         return bool(self._pending) or self._ended is not None
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether there is nothing to draw."""
+        return not (self._pending or self._jobs or self._wants_picture or self._ended)
+
+    def present(self) -> Request | None:
+        """Return what is shown, as a still picture; None if nobody watches."""
+        return self._request(False) if self._members else None
+
+    def tell(self, message: Data) -> None:
+        """Send a message to all clients."""
+        with self._lock:
+            self._send_all(message)
 
     def finished(
         self, request: Request, picture: Any, seconds: float, statistics: Data | None, warnings: tuple[str, ...] = ()

@@ -20,6 +20,7 @@ from clusterviz.image import read_image
 from clusterviz.render.cpu import caster
 from clusterviz.scene import Scene
 from clusterviz.scene.animation import load_path
+from clusterviz.viewer import render_loop
 from clusterviz.viewer.encoding import Picture
 from clusterviz.viewer.messages import Edit, KeyPose, Pick, Pose, Save, View
 from clusterviz.viewer.pace import Pace
@@ -250,6 +251,27 @@ def test_picks_and_files_are_of_what_is_shown(tmp_path: Any) -> None:
         np.testing.assert_array_equal(image, fresh[-1])
     assert load_path(tmp_path / "path.yaml").times == (0.0, 1.0)
     assert read_image(tmp_path / "picture.png").shape == (44, 60, 4)
+
+
+def test_costs_and_errors_of_settings_are_measured_while_nothing_else_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(render_loop, "IDLE_SECONDS", 0.01)
+
+    def act(viewer: Viewer) -> None:
+        viewer.edit(quality__step=3.0)
+        viewer.wait(lambda: viewer.messages[-1]["type"] == "knobs")
+        viewer.still()
+
+    viewer, fresh = watch(3, act)
+    check_same(viewer, fresh, 1)
+    step, ends = next(each["items"] for each in viewer.messages if each["type"] == "knobs")
+    assert (step["key"], step["value"]) == ("quality.step", 3.0)
+    errors = [each["error"] for each in sorted(step["choices"], key=lambda each: each["value"])]
+    assert errors[0] == 0.0
+    assert errors == sorted(errors), "the longer the step, the larger the error"
+    assert 3.0 in [each["value"] for each in step["choices"]]
+    assert all(each["seconds"] > 0 for each in (*step["choices"], *ends["choices"]))
 
 
 def test_rank_0_decides_once_for_all_ranks() -> None:
