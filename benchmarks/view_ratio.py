@@ -1,0 +1,340 @@
+"""The browser's view beside PyVista and trame: frames a second, latency from input to pixels, time to full quality.
+
+    python benchmarks/view_ratio.py --peer-python PYTHON_WITH_PYVISTA [--ranks 1,2,4] [--pictures FOLDER] [--json F]
+    python benchmarks/view_ratio.py --minutes 30       ours alone, for half an hour: memory, and lost pictures
+
+A real Chromium, driven by Playwright, drags the mouse over both programs' pages, in turn, with the same volume (mni152,
+resampled to 256³ samples of uint8), transfer function, camera and picture of 800 × 600 pixels. Nothing of either
+program is asked: a script in the page looks at the picture that is shown, once for each frame of the browser, and notes
+when it changes. A latency is the time from a `pointermove` event to the first change after it, after a pause in which
+nothing changed, with the button held. The time to full quality is that from the release of the button to the last
+change. The picture's own format and quality while moving are each program's defaults.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+from clusterviz.data import open_source
+from clusterviz.data.samples import fetch_sample
+
+CLUSTERVIZ = [sys.executable, "-m", "clusterviz"]
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+SIZE = (800, 600)
+SIDE = 256
+PEER = "PyVista and trame"
+PAUSE_SECONDS = 0.25
+# Notes when the picture changes: all large images and canvases are drawn into a small one, and its pixels compared.
+PROBE = """() => {
+  const small = document.createElement("canvas"); small.width = 64; small.height = 48;
+  const context = small.getContext("2d", {willReadFrequently: true});
+  const probe = window.__probe = {changes: [], moves: [], ups: [], last: 0};
+  addEventListener("pointermove", () => probe.moves.push(performance.now()), true);
+  addEventListener("pointerup", () => probe.ups.push(performance.now()), true);
+  const shown = () => [...document.querySelectorAll("img, canvas")].filter(each => {
+    const box = each.getBoundingClientRect();
+    return box.width * box.height > 0.5 * innerWidth * innerHeight;
+  });
+  const look = () => {
+    context.clearRect(0, 0, 64, 48);
+    for (const each of shown()) { try { context.drawImage(each, 0, 0, 64, 48); } catch { /* not decoded yet */ } }
+    const data = context.getImageData(0, 0, 64, 48).data;
+    let sum = 0, uniform = true;
+    for (let n = 0; n < data.length; n += 1) {
+      sum = (Math.imul(sum, 31) + data[n]) | 0;
+      uniform &&= data[n] === data[n % 4];
+    }
+    if (!uniform && sum !== probe.last) { probe.last = sum; probe.changes.push(performance.now()); }
+    requestAnimationFrame(look);
+  };
+  look();
+}"""
+
+
+def head(path: Path) -> None:
+    """Write mni152, resampled linearly to 256³ samples, as .npy."""
+    source = open_source(str(fetch_sample("mni152")), None)
+    samples = source.read((0, 0, 0), source.grid.shape_zyx).astype(np.float32)
+    for axis, count in enumerate(samples.shape):
+        at = np.linspace(0, count - 1, SIDE)
+        first = np.minimum(at.astype(int), count - 2)
+        share = (at - first).reshape([-1 if n == axis else 1 for n in range(3)]).astype(np.float32)
+        samples = np.take(samples, first, axis) * (1 - share) + np.take(samples, first + 1, axis) * share
+    np.save(path, np.rint(samples).astype(np.uint8))
+
+
+def scene_of(volume: Path, shade: bool) -> dict[str, Any]:
+    """The scene of `view_peer.py`."""
+    centre = (SIDE - 1) / 2
+    eye = [centre + share * SIDE for share in (1.3, 0.9, 1.6)]
+    shown = {
+        "path": str(volume),
+        "cmap": [[0, 0.1, 0.2, 0.6], [255, 1.0, 0.9, 0.4]],
+        "clim": [0, 255],
+        "opacity": [[0, 0], [60, 0], [120, 0.05], [255, 0.3]],
+        "opacity_unit_distance": 1.0,
+        "shade": shade,
+    }
+    camera = {"position": eye, "focal_point": [centre] * 3, "view_up": [0, 1, 0]}
+    return {"volumes": [shown], "camera": camera, "image": {"size": list(SIZE), "background": "black"}}
+
+
+@contextmanager
+def served(arguments: list[Any], url: str | None) -> Iterator[tuple[str, float, int]]:
+    """Start a server; give its address, the time of its start and its process id. None: it prints the address."""
+    began = time.perf_counter()
+    output = subprocess.PIPE if url is None else subprocess.DEVNULL
+    process = subprocess.Popen(
+        list(map(str, arguments)), stdout=output, stderr=subprocess.DEVNULL, text=True, start_new_session=True
+    )
+    try:
+        while url is None:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line, f"{arguments} ended"
+            url = next((word for word in line.split() if word.startswith("http://")), None)
+        yield url, began, process.pid
+    finally:
+        os.killpg(process.pid, signal.SIGTERM)
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def free_port() -> int:
+    """Return a free port."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def opened(page: Page, url: str) -> None:
+    """Open a page as soon as it is served, with the probe, and wait for its first picture."""
+    deadline = time.perf_counter() + 120
+    while True:
+        try:
+            page.goto(url)
+            break
+        except Exception:
+            if time.perf_counter() > deadline:
+                raise
+            time.sleep(0.05)
+    page.evaluate(PROBE)
+
+
+def quiet(page: Page, seconds: float = PAUSE_SECONDS, longest: float = 120) -> None:
+    """Wait until the picture has not changed for some seconds."""
+    script = "s => window.__probe.changes.length > 0 && performance.now() - window.__probe.changes.at(-1) > 1000 * s"
+    page.wait_for_function(script, arg=seconds, timeout=1000 * longest, polling=20)
+
+
+def noted(page: Page, name: str) -> list[float]:
+    """Return the times, seconds, of what the probe has noted."""
+    return [at / 1000 for at in page.evaluate("name => window.__probe[name]", name)]
+
+
+def centre_of(page: Page) -> tuple[float, float]:
+    """Return the middle of the picture in the page."""
+    script = """() => [...document.querySelectorAll("img, canvas")].map(e => e.getBoundingClientRect())
+      .sort((a, b) => b.width * b.height - a.width * a.height).map(b => [b.x, b.y, b.width, b.height])[0]"""
+    x, y, width, height = page.evaluate(script)
+    return x + width / 2, y + height / 2
+
+
+def fitted(page: Page) -> list[float]:
+    """Resize the window so that the picture has its size; return what it got."""
+    script = """() => [...document.querySelectorAll("img, canvas")].map(e => e.getBoundingClientRect())
+      .sort((a, b) => b.width * b.height - a.width * a.height).map(b => [b.width, b.height])[0]"""
+    for _ in range(2):
+        width, height = page.evaluate(script)
+        window = page.viewport_size
+        assert window is not None
+        wanted = {
+            "width": round(window["width"] + SIZE[0] - width),
+            "height": round(window["height"] + SIZE[1] - height),
+        }
+        page.set_viewport_size(wanted)
+        page.wait_for_timeout(500)
+    return list(page.evaluate(script))
+
+
+def orbited(page: Page, seconds: float) -> dict[str, float]:
+    """Drag in circles; return frames a second, and seconds from the release to the last change."""
+    x, y = centre_of(page)
+    page.mouse.move(x + 100, y)
+    page.mouse.down()
+    began = time.perf_counter()
+    while (elapsed := time.perf_counter() - began) < seconds:
+        page.mouse.move(x + 100 * np.cos(2 * elapsed), y + 100 * np.sin(2 * elapsed))
+        time.sleep(0.008)
+    page.mouse.up()
+    quiet(page, 2.0)
+    changes, moves, up = noted(page, "changes"), noted(page, "moves"), noted(page, "ups")[-1]
+    # The first second may still adapt.
+    within = [at for at in changes if up - seconds + 1 <= at <= up]
+    gaps = np.diff(within) if len(within) > 1 else np.array([seconds])
+    after = [at for at in changes if at > up]
+    return {
+        "frames_per_second": len(within) / (seconds - 1),
+        "longest_gap_s": float(gaps.max()),
+        "moves_per_second": len([at for at in moves if up - seconds + 1 <= at <= up]) / (seconds - 1),
+        "to_full_quality_s": after[-1] - up if after else 0.0,
+    }
+
+
+def latencies(page: Page, count: int) -> list[float]:
+    """Move the mouse a little, again and again; return the seconds from each event to the first change."""
+    x, y = centre_of(page)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    found = []
+    for n in range(count):
+        quiet(page)
+        before = len(noted(page, "changes"))
+        page.mouse.move(x + 6 * (n % 20) - 60, y + 3 * (n % 11))
+        script = "count => window.__probe.changes.length > count"
+        page.wait_for_function(script, arg=before, timeout=120000, polling=10)
+        moved = noted(page, "moves")[-1]
+        found.append(next(at for at in noted(page, "changes") if at > moved) - moved)
+    page.mouse.up()
+    quiet(page, 1.0)
+    return found
+
+
+def measured(page: Page, url: str, began: float, seconds: float, count: int) -> tuple[dict[str, Any], bytes]:
+    """Measure one program; return the numbers and the last picture, PNG."""
+    opened(page, url)
+    page.wait_for_function("() => window.__probe.changes.length > 0", timeout=120000, polling=10)
+    first = time.perf_counter() - began
+    quiet(page, 2.0)
+    size = fitted(page)
+    quiet(page, 2.0)
+    turning = orbited(page, seconds)
+    each = latencies(page, count)
+    numbers = {
+        "size": size,
+        "first_picture_s": first,
+        **turning,
+        "latency_median_s": statistics.median(each),
+        "latency_95_s": float(np.quantile(each, 0.95)),
+    }
+    return numbers, page.screenshot()
+
+
+def resident_mib(root: int) -> float:
+    """Return the resident memory of a process and its descendants, MiB."""
+    listed = subprocess.run(["ps", "-eo", "pid,ppid,rss"], capture_output=True, text=True, check=True).stdout
+    rows = [tuple(map(int, line.split())) for line in listed.splitlines()[1:]]
+    family, grown = {root}, True
+    while grown:
+        more = {pid for pid, parent, _ in rows if parent in family} - family
+        family, grown = family | more, bool(more)
+    return sum(rss for pid, _, rss in rows if pid in family) / 1024
+
+
+def endured(page: Page, url: str, pid: int, minutes: float) -> list[dict[str, float]]:
+    """Drag and rest for some minutes; return memory and pictures shown after each minute's rest."""
+    opened(page, url)
+    page.wait_for_function("() => window.__probe.changes.length > 0", timeout=120000, polling=10)
+    rows = []
+    for minute in range(int(minutes)):
+        before = len(noted(page, "changes"))
+        rests = [orbited(page, 10)["to_full_quality_s"] for _ in range(4)]
+        changes = len(noted(page, "changes")) - before
+        rows.append({"minute": minute, "mib": resident_mib(pid), "pictures": changes, "longest_rest_s": max(rests)})
+        print(json.dumps(rows[-1]), flush=True)
+    return rows
+
+
+def main() -> None:
+    """Measure ours and the peer in turn, or ours for a long time."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--peer-python", help="a Python with pyvista and trame; without it ours alone is measured")
+    parser.add_argument("--ranks", default="1", help="of ours, as in 1,2,4")
+    parser.add_argument("--shade", action="store_true")
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=8, help="of each drag")
+    parser.add_argument("--moves", type=int, default=40, help="whose latency is measured")
+    parser.add_argument("--minutes", type=float, help="drag and rest for so long")
+    parser.add_argument("--pictures", type=Path, help="a folder for screenshots")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        volume, scene = Path(folder) / "head.npy", Path(folder) / "scene.json"
+        head(volume)
+        scene.write_text(json.dumps(scene_of(volume, options.shade)))
+        programs: dict[str, tuple[list[Any], str | None]] = {
+            f"clusterviz, {ranks} rank{'s' * (ranks != '1')}": (
+                [*CLUSTERVIZ, "view", scene, "--ranks", ranks, "--port", free_port()],
+                None,
+            )
+            for ranks in options.ranks.split(",")
+        }
+        if options.peer_python:
+            peer, shade = Path(__file__).with_name("view_peer.py"), str(options.shade).lower()
+            for mapper in ("smart", "fixed_point"):
+                port = free_port()
+                arguments = [options.peer_python, peer, volume, port, shade, mapper]
+                programs[f"{PEER}, {mapper}"] = arguments, f"http://127.0.0.1:{port}"
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        if options.minutes:
+            arguments, url = next(iter(programs.values()))
+            with served(arguments, url) as (address, _, pid):
+                rows = endured(browser.new_page(), address, pid, options.minutes)
+            programs = {}
+        for number in range(options.rounds if programs else 0):
+            for name, (arguments, url) in programs.items():
+                page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+                with served(arguments, url) as (address, began, _):
+                    numbers, picture = measured(page, address, began, options.seconds, options.moves)
+                page.close()
+                rows.append({"program": name, "round": number, **numbers, "load": os.getloadavg()[0]})
+                print(json.dumps(rows[-1]), flush=True)
+                if options.pictures:
+                    Image.open(io.BytesIO(picture)).save(options.pictures / f"{name.replace(', ', '-')}.png")
+        browser.close()
+    if options.peer_python and not options.minutes:
+        report(rows)
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=2) + "\n")
+
+
+def report(rows: list[dict[str, Any]]) -> None:
+    """Print medians over the rounds, and their ratios."""
+    keys = ("frames_per_second", "latency_median_s", "latency_95_s", "to_full_quality_s", "first_picture_s")
+    names = list(dict.fromkeys(row["program"] for row in rows))
+    medians = {
+        name: [statistics.median(row[key] for row in rows if row["program"] == name) for key in keys] for name in names
+    }
+    # Whichever of the peer's mappers gives more frames.
+    peer = max((found for name, found in medians.items() if name.startswith(PEER)), key=lambda found: found[0])
+    print(f"{'':32} {'frames/s':>9} {'latency ms':>11} {'95 % ms':>8} {'quality s':>10} {'first s':>8}")
+    for name, (frames, median, most, quality, first) in medians.items():
+        print(f"{name:32} {frames:9.1f} {1e3 * median:11.0f} {1e3 * most:8.0f} {quality:10.2f} {first:8.2f}")
+    for name in (name for name in names if not name.startswith(PEER)):
+        frames, median = medians[name][0] / peer[0], medians[name][1] / peer[1]
+        print(f"{name}: {frames:.1f} times the frames, {median:.2f} of the latency")
+
+
+if __name__ == "__main__":
+    main()
