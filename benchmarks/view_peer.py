@@ -1,6 +1,6 @@
 """PyVista's plotter in a browser by trame, drawn on the server: the peer of `view_ratio.py`; needs pyvista and trame.
 
-python view_peer.py VOLUME.npy PORT SHADE MAPPER      serves on 127.0.0.1, until it is ended; MAPPER: smart, fixed_point, …
+python view_peer.py VOLUME.npy PORT SHADE MAPPER      serves on 127.0.0.1, until it is ended
 """
 
 import sys
