@@ -12,7 +12,7 @@ from frame.views import ALL, CORE, HIDDEN, check_same, draw_all, on_ranks, pixel
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.data.memory import ArraySource
-from clusterviz.errors import ClustervizError, DataError, RankError, SceneError
+from clusterviz.errors import ClustervizError, DataError, InputError, RankError
 from clusterviz.frame import STEPS, Options, Rendered, compositing, opening, render_frame
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
@@ -165,13 +165,14 @@ LOOKS = ({}, {"blending": "maximum"}, {"shade": True}, {"interpolation": "cubic"
 
 
 def scenes_of(look: dict[str, Any], path: str = "field:gaussian:16") -> list[Scene]:
-    """Every camera, and transfer functions that show nothing, then little, then all, then with another range."""
+    """Every camera; transfer functions that show nothing, little, all, with another range; another size and mode."""
     first = with_settings(
         scene_of_data(path, ["automatic=false", "image.size=[24,18]", "cluster.brick=8"]), {"clim": (0.0, 1.0)} | look
     )
     changes: list[dict[str, Any]] = [{"position": camera, "focal_point": (7.5, 7.5, 7.5)} for camera in CAMERAS]
     changes += [{"opacity": points} for points in (HIDDEN, CORE, ALL)]
     changes += [{"opacity": ALL, "clim": (0.2, 0.9), "cmap": "viridis"}, {"opacity": CORE}]
+    changes += [{"size": (9, 13)}, {"blending": "minimum"}]
     return [with_settings(first, change) for change in changes]
 
 
@@ -243,14 +244,14 @@ def test_a_camera_that_sees_nothing_gives_a_blank_frame_and_the_next_is_right() 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"size": (9, 9)}, "image.size: was [24, 18], is [9, 9]"),
         ({"brick": 4}, "cluster.brick: was 8, is 4"),
-        ({"shade": True}, "volumes[0].shade: was false, is true"),
+        ({"spacing": (1.0, 1.0, 2.0)}, "volumes[0].spacing: was null, is [1.0, 1.0, 2.0]"),
+        ({"shade": True}, "bricks lack the margin"),
     ],
 )
 def test_a_frame_that_differs_in_more_is_refused(change: dict[str, Any], said: str) -> None:
     first = scenes_of({})[0]
-    with pytest.raises(SceneError) as raised:
+    with pytest.raises(InputError) as raised:
         on_ranks(2, [first, with_settings(first, change)])
     assert said in str(raised.value)
 
