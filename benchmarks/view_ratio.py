@@ -6,8 +6,8 @@
 A real Chromium, driven by Playwright, drags the mouse over both programs' pages, in turn, with the same volume (mni152,
 resampled to 256³ samples of uint8), transfer function, camera and picture of 800 × 600 pixels. Nothing of either
 program is asked: a script in the page looks at the picture that is shown, once for each frame of the browser, and notes
-when it changes. A latency is the time from a `pointermove` event to the first change after it, after a pause in which
-nothing changed, with the button held. The time to full quality is that from the release of the button to the last
+when it changes. A latency is the time from the first `pointermove` event of a drag to the first change after it; before
+it, nothing has changed for a second. The time to full quality is that from the release of the button to the last
 change. The picture's own format and quality while moving are each program's defaults.
 """
 
@@ -41,7 +41,7 @@ CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 SIZE = (800, 600)
 SIDE = 256
 PEER = "PyVista and trame"
-PAUSE_SECONDS = 0.25
+PAUSE_SECONDS, REST_SECONDS = 0.25, 1.0
 # Notes when the picture changes: all large images and canvases are drawn into a small one, and its pixels compared.
 PROBE = """() => {
   const small = document.createElement("canvas"); small.width = 64; small.height = 48;
@@ -202,21 +202,22 @@ def orbited(page: Page, seconds: float) -> dict[str, float]:
 
 
 def latencies(page: Page, count: int) -> list[float]:
-    """Move the mouse a little, again and again; return the seconds from each event to the first change."""
+    """Begin to drag, again and again; return the seconds from the first event to the first change after it."""
     x, y = centre_of(page)
-    page.mouse.move(x, y)
-    page.mouse.down()
     found = []
     for n in range(count):
-        quiet(page)
-        before = len(noted(page, "changes"))
-        page.mouse.move(x + 6 * (n % 20) - 60, y + 3 * (n % 11))
+        page.mouse.move(x, y)
+        quiet(page, REST_SECONDS)
+        before, moves = len(noted(page, "changes")), len(noted(page, "moves"))
+        page.mouse.down()
+        sign = 1 - 2 * (n % 2)
+        for step in range(1, 5):
+            page.mouse.move(x + 12 * sign * step, y + 5 * step)
         script = "count => window.__probe.changes.length > count"
         page.wait_for_function(script, arg=before, timeout=120000, polling=10)
-        moved = noted(page, "moves")[-1]
+        page.mouse.up()
+        moved = noted(page, "moves")[moves]
         found.append(next(at for at in noted(page, "changes") if at > moved) - moved)
-    page.mouse.up()
-    quiet(page, 1.0)
     return found
 
 
