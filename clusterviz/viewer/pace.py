@@ -1,15 +1,16 @@
 """Size and quality of pictures while the view moves, chosen so that each is drawn within a time budget.
 
-A frame takes a fixed time and a time for each sample, `seconds = fixed + pixels / step · per_sample`, learnt from the
-frames that were drawn. The settings are those of a ladder: each level has about two thirds of the samples of the one
-before. The level changes at once where the budget is exceeded, and becomes finer only if the next one would clearly
-fit, so that it does not alternate.
+A frame takes a fixed time and a time for each sample, `seconds = fixed + pixels / step · per_sample`; the medians of the
+last frames predict the next. The settings are those of a ladder: each level has about two thirds of the samples of the
+one before. The level becomes coarser as soon as the prediction exceeds the time for drawing, and finer only if the next
+one would clearly fit, so that it does not alternate.
 """
 
 from __future__ import annotations
 
-import math
+from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 from clusterviz.scene.annotations import Annotations
 from clusterviz.scene.values import Scene
@@ -54,10 +55,12 @@ LEVELS = (
 """From the full picture on, each with fewer samples."""
 FIRST = 8
 """Level of the first picture, whose cost is unknown."""
-LEARNING = 0.3
-"""Weight of the newest frame among the costs."""
+KNOWN_FRAMES = 3
+"""Number of the last frames whose median costs count: a single slow frame, as by other work, changes nothing."""
+DRAWING_SHARE = 0.7
+"""Share of the budget for drawing; the rest is for encoding, sending and showing the picture."""
 ROOM = 0.8
-"""Share of the budget within which a finer level has to fit."""
+"""Share of the time for drawing within which a finer level has to fit."""
 PAUSE = 4
 """Least number of frames before a level becomes finer again."""
 SMALLEST_SIDE = 16
@@ -76,9 +79,9 @@ class Pace:
     """
 
     def __init__(self, budget_seconds: float) -> None:
-        self._budget = budget_seconds
-        self._per_cost: float | None = None
-        self._fixed = 0.0
+        self._seconds = DRAWING_SHARE * budget_seconds
+        self._costs: deque[float] = deque(maxlen=KNOWN_FRAMES)
+        self._fixed: deque[float] = deque(maxlen=KNOWN_FRAMES)
         self._pixels = 0
         self._since_change = 0
         self.level = FIRST
@@ -102,33 +105,22 @@ class Pace:
         seconds : of the frame
         fixed_seconds : of these, those that do not depend on the picture's size
         """
-        cost = LEVELS[self.level].cost * pixels
-        variable = max(1e-6, seconds - fixed_seconds) / cost
-        known = self._per_cost
-        # A cost that has changed much, as with another transfer function, replaces what was known.
-        is_other = known is None or not 0.5 < variable / known < 2.0
-        weight = 1.0 if is_other else LEARNING
-        self._per_cost = variable if known is None else known + weight * (variable - known)
-        self._fixed += (1.0 if is_other else LEARNING) * (fixed_seconds - self._fixed)
+        self._costs.append(max(1e-6, seconds - fixed_seconds) / (LEVELS[self.level].cost * pixels))
+        self._fixed.append(fixed_seconds)
         self._pixels = pixels
         self._since_change += 1
         self._choose(seconds)
 
     def predicted(self, level: int) -> float:
-        """Return the expected seconds of a level; infinite before the first frame."""
-        if self._per_cost is None:
-            return math.inf
-        return self._fixed + self._per_cost * LEVELS[level].cost * self._pixels
+        """Return the expected seconds of a level, after the first frame."""
+        return median(self._fixed) + median(self._costs) * LEVELS[level].cost * self._pixels
 
     def _choose(self, seconds: float) -> None:
-        coarsest = len(LEVELS) - 1
-        if self.predicted(self.level) > self._budget:
-            fitting = (n for n in range(self.level, coarsest) if self.predicted(n) <= self._budget)
+        level, coarsest = self.level, len(LEVELS) - 1
+        if self.predicted(level) > self._seconds:
+            fitting = (n for n in range(level, coarsest) if self.predicted(n) <= self._seconds)
             level = next(fitting, coarsest)
-        else:
-            level = self.level
-            if self._since_change >= PAUSE or seconds < self._budget / 3:
-                finer = range(self.level)
-                level = next((n for n in finer if self.predicted(n) <= ROOM * self._budget), self.level)
+        elif self._since_change >= PAUSE or seconds < self._seconds / 3:
+            level = next((n for n in range(level) if self.predicted(n) <= ROOM * self._seconds), level)
         if level != self.level:
             self.level, self._since_change = level, 0

@@ -13,8 +13,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-# The other halves of declared packages, which pin them exactly or take their classes.
-HALVES = {"llvmlite": "numba", "pydantic-core": "pydantic", "traitlets": "anywidget"}
+# The other halves of declared packages, which pin them exactly.
+HALVES = {"llvmlite": "numba", "pydantic-core": "pydantic"}
 NAME = re.compile(r"[\w.-]+")
 
 
