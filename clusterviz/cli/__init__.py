@@ -121,7 +121,7 @@ COMMANDS: dict[str, Command] = {
     "presets": Command(
         "clusterviz.cli.presets",
         "List presets of volumes: tissue, bone, vessels, mip, labels, …",
-        "clusterviz render head.nii.gz -o head.png --preset bone",
+        "clusterviz presets --json",
     ),
     "samples": Command(
         "clusterviz.cli.samples",

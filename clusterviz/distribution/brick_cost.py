@@ -82,13 +82,13 @@ def _samples_per_cell(
     # The axes have unit length in the world: their determinant is cells per unit of volume.
     cell_world = 1 / abs(float(np.linalg.det(axes)))
     if view.parallel:
-        seen = (left <= right) & (right <= last) & (bottom <= up) & (up <= top)
+        seen = (left <= right) & (right < last) & (bottom < up) & (up <= top)
         return np.where(seen, cell_world / (view.pixel**2 * step_world), 0.0)
     # Close to the eye the density at a point has no bound, but the samples of a brick have.
     floor = near * cell_world ** (1 / 3) / 2
     depth = np.maximum(ahead, floor)
     across, along = right / depth, up / depth
-    seen = (ahead > 0) & (left <= across) & (across <= last) & (bottom <= along) & (along <= top)
+    seen = (ahead > 0) & (left <= across) & (across < last) & (bottom < along) & (along <= top)
     squared = depth * depth
     distance = np.sqrt(squared + (right * right + up * up))
     return np.where(seen, cell_world / (view.pixel**2 * step_world) * distance / (squared * depth), 0.0)

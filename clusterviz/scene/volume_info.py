@@ -118,7 +118,8 @@ class VolumeInfo:
         if not known.any() or not deviation:
             return 0.0
         expected = 2 * NormalDist().inv_cdf((samples - 0.375) / (samples + 0.25)) * deviation
-        return float(np.median((high - low)[known])) / expected
+        ranges = np.sort((high - low)[known])  # `np.median` would import masked arrays
+        return float(ranges[len(ranges) // 2]) / expected
 
     @property
     def foreground(self) -> tuple[float, float]:

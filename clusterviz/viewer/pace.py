@@ -1,9 +1,9 @@
 """Size and quality of pictures while the view moves, chosen so that each is drawn within a time budget.
 
-A frame takes a fixed time and a time for each sample, `seconds = fixed + pixels / step · per_sample`; the medians of the
-last frames predict the next. The settings are those of a ladder: each level has about two thirds of the samples of the
-one before. The level becomes coarser as soon as the prediction exceeds the time for drawing, and finer only if the next
-one would clearly fit, so that it does not alternate.
+A frame takes a fixed time and a time for each sample, `seconds = fixed + pixels / step · per_sample`; the medians of
+the last frames predict the next. The settings are those of a ladder: each level has about two thirds of the samples of
+the one before. The level becomes coarser as soon as the prediction exceeds the time for drawing, and finer only if the
+next one would clearly fit, so that it does not alternate.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ STAGES = [
     ("composite", 1, "clusterviz.composite.compositor:collect"),
     ("check", 1, "clusterviz.frame.compositing:collect"),
     ("check", 0, "clusterviz.frame.compositing:compare"),
-    ("write", 0, "clusterviz.cli.render:write_image"),
+    ("write", 0, "clusterviz.cli.render:write_picture"),
 ]
 
 
