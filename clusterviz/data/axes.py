@@ -24,6 +24,7 @@ class Subset:
     channel : number of the channel, from 0, or its name if the file has names
     first : take time step 0 and channel 0 if there are several and none is named
     spaced : the spacing is given elsewhere, so coordinates that are on no lattice count as even
+    vectors : the array holds vectors: an axis of three without a name, the last or first of space, is their channels
     """
 
     array: str | None = None
@@ -31,6 +32,7 @@ class Subset:
     channel: int | str | None = None
     first: bool = False
     spaced: bool = False
+    vectors: bool = False
 
 
 @dataclass(frozen=True)
@@ -113,13 +115,19 @@ def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_
     return Hyperslab(tuple(sizes), index, shape_zyx, time, time_steps, channel, channels, names)
 
 
-def unnamed_axes(dimensions: int, subset: Subset) -> str:
+def unnamed_axes(shape: Sequence[int], subset: Subset) -> str:
     """Return the letters of axes without names.
 
-    They are (time, channel, z, y, x); of four, the first is time unless only a channel is asked for.
+    They are (time, channel, z, y, x); of four, the first is time unless only a channel is asked for. Vectors are
+    (time, z, y, x, channel), or as above, where that axis has three.
     """
+    dimensions = len(shape)
+    if subset.vectors and shape[-1:] == (3,) and dimensions > 2:
+        return {4: "ZYXC", 5: "TZYXC"}.get(dimensions, "Z" * (dimensions - 1) + "C")
     if dimensions == 4 and subset.channel is not None and subset.time is None:
         return "CZYX"
+    if subset.vectors and dimensions == 4:
+        return "CZYX" if shape[0] == 3 else "ZYXC"
     return {4: "TZYX", 5: "TCZYX"}.get(dimensions, "Z" * dimensions)
 
 

@@ -10,7 +10,7 @@ Marschner and Lobb, An evaluation of reconstruction filters for volume rendering
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,14 +84,10 @@ class FieldSource:
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Compute the samples of a box, a layer at a time to limit float64 memory; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
-        z, y, x = (self._positions(axis, begin_zyx[axis], end_zyx[axis]) for axis in range(3))
+        z, y, x = (cube_positions(self.grid, axis, begin_zyx[axis], end_zyx[axis]) for axis in range(3))
         for layer, height in zip(voxels, z, strict=True):
             layer[:] = self.formula(*np.broadcast_arrays(x[None, :], y[:, None], height))
         return voxels
-
-    def _positions(self, axis: int, begin: int, end: int) -> Values:
-        last = self.grid.shape_zyx[axis] - 1
-        return np.arange(2 * begin - last, 2 * end - last, 2, dtype=np.float64) / max(1, last)
 
 
 def open_field(spec: str) -> FieldSource:
@@ -102,13 +98,29 @@ def open_field(spec: str) -> FieldSource:
     DataError
         Unknown name or impossible size.
     """
+    name, side = parse_field(spec, FIELDS)
+    return FieldSource(spec, cube(side), FIELDS[name])
+
+
+def parse_field(spec: str, known: Iterable[str]) -> tuple[str, int]:
+    """Return the name and the size in `field:NAME[:SIZE]`; raises as `open_field`."""
     _, name, *rest = (*spec.split(":"), "")[: max(2, spec.count(":") + 1)]
-    if name not in FIELDS:
-        raise DataError("no such field", where=spec, found=repr(name), allowed=", ".join(FIELDS))
+    if name not in known:
+        raise DataError("no such field", where=spec, found=repr(name), allowed=", ".join(known))
     size = rest[0] if rest else str(DEFAULT_SIZE)
     if len(rest) > 1 or not size.isdecimal() or int(size) < 1:
         raise DataError("impossible size", where=spec, found=":".join(rest), allowed="one whole number, 1 or more")
-    side = int(size)
+    return name, int(size)
+
+
+def cube(side: int) -> Grid:
+    """Return the grid of a cube over [-1, 1]³."""
     spacing = 2 / max(1, side - 1)
     first = -1.0 if side > 1 else 0.0
-    return FieldSource(spec, Grid((side,) * 3, (spacing,) * 3, (first,) * 3), FIELDS[name])
+    return Grid((side,) * 3, (spacing,) * 3, (first,) * 3)
+
+
+def cube_positions(grid: Grid, axis: int, begin: int, end: int) -> Values:
+    """Return the positions of samples [begin, end) along an axis, 0 for z, of a cube over [-1, 1]³."""
+    last = grid.shape_zyx[axis] - 1
+    return np.arange(2 * begin - last, 2 * end - last, 2, dtype=np.float64) / max(1, last)

@@ -146,3 +146,17 @@ def check_box(begin_zyx: Index, end_zyx: Index, shape_zyx: Index) -> Index:
         raise IndexError(f"box {begin_zyx} to {end_zyx} does not lie in a volume of shape {shape_zyx}")
     z, y, x = (e - b for b, e in zip(begin_zyx, end_zyx, strict=True))
     return z, y, x
+
+
+def check_step(step: int, times: Sequence[float], where: str) -> int:
+    """Return the number of a time step.
+
+    Raises
+    ------
+    DataError
+        There is no such step.
+    """
+    if not 0 <= step < max(1, len(times)):
+        allowed = f"0 to {len(times) - 1}" if times else "0: the vectors have no time steps"
+        raise DataError("no such time step", where=where, found=step, allowed=allowed)
+    return step

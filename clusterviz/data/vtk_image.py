@@ -23,6 +23,7 @@ class VtkImageArray(Protocol):
     name : of the array
     on_cells : whether it is cell data, else point data
     active : whether the file marks it as the active scalars
+    components : numbers for each tuple
     """
 
     @property
@@ -34,8 +35,16 @@ class VtkImageArray(Protocol):
     @property
     def active(self) -> bool: ...
 
+    @property
+    def components(self) -> int: ...
+
 
 Array = TypeVar("Array", bound=VtkImageArray)
+
+
+def vector_arrays(arrays: Sequence[Array]) -> list[Array]:
+    """Return the arrays of three components."""
+    return [array for array in arrays if array.components == 3]
 
 
 def choose_array(arrays: Sequence[Array], name: str | None, noun: str, path: Path) -> Array:

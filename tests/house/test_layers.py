@@ -19,6 +19,7 @@ LEVELS = (
     ("scene", "codec", "report"),
     ("data", "gl", "comm", "annotations"),
     ("spmd",),
+    ("flow",),
     ("plan",),
     ("partition",),
     ("render", "composite", "reference"),

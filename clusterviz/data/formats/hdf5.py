@@ -182,26 +182,37 @@ def _choose(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
             raise DataError("no such array", where=str(path), found=subset.array, allowed=listed)
         return held[subset.array.lstrip("/")]
     volumes = [item for item in held.values() if item.shape and len(item.shape) > 2]
+    if subset.vectors:
+        volumes = [item for item in volumes if _channels(item, subset) == 3]
     spatial = [item for item in volumes if _letters(item, subset).count("Z") == 3]
     volumes = [item for item in spatial if len(item.shape) == 3] or spatial or volumes
     if len(volumes) != 1:
         what = f"several volumes: name one, as in {path.name}:/path" if volumes else "no 3-D dataset"
+        if subset.vectors and not volumes:
+            what = "no array of vectors"
         raise DataError(what, where=str(path), allowed=listed)
     return volumes[0]
+
+
+def _channels(dataset: Any, subset: Subset) -> int:
+    """Return the number of channels of a dataset; 0 without an axis of them."""
+    letters = _letters(dataset, subset)
+    return int(dataset.shape[letters.index("C")]) if "C" in letters else 0
 
 
 def _letters(dataset: Any, subset: Subset) -> str:
     """Return the letters of the axes for `select`, by the names of dimensions."""
     names, scales = _axes(dataset)
     if not any(names):
-        letters = unnamed_axes(len(names), subset)
+        letters = unnamed_axes(dataset.shape or (), subset)
         return letters.replace("Y", "Z").replace("X", "Z")
     found = [
         "T" if name in ("t", "time") or _is_time(scale) else "C" if name in ("c", "channel") else "Z"
         for name, scale in zip(names, scales, strict=True)
     ]
     if found.count("Z") > 3 and "C" not in found:  # members of an ensemble, bands, …
-        found[found.index("Z")] = "C"
+        is_last = subset.vectors and found[-1] == "Z" and dataset.shape[-1] == 3
+        found[-1 if is_last else found.index("Z")] = "C"
     return "".join(found)
 
 

@@ -40,7 +40,7 @@ def open_npy(path: Path, subset: Subset) -> StridedSource:
         shape, fortran, stored = read_header(file, where)
         begin = file.tell()
     dtype = check_dtype(stored, where)
-    slab = select(shape, unnamed_axes(len(shape), subset), subset, where)
+    slab = select(shape, unnamed_axes(shape, subset), subset, where)
     needed = slab.samples * stored.itemsize
     check_size(size - begin, needed, where, exact=True)
     storage = FileBytes([FileRange(path, begin, needed)])
@@ -86,13 +86,13 @@ def open_npz(path: Path, subset: Subset) -> StridedSource:
     size = require_file(path)
     try:
         with readable(path), zipfile.ZipFile(path) as archive:
-            name, member = _choose(_members(archive, path), subset.array, path)
+            name, member = _choose(_members(archive, path), subset, path)
             begin = _data_begin(archive, member.entry)
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, struct.error) as error:
         raise DataError(f"truncated or damaged: {error}", where=str(path)) from error
     entry, stored, where = member.entry, member.stored, f"{path}:{name}"
     dtype = check_dtype(stored, where)
-    slab = select(member.shape, unnamed_axes(len(member.shape), subset), subset, where)
+    slab = select(member.shape, unnamed_axes(member.shape, subset), subset, where)
     check_size(entry.file_size, member.header_bytes + slab.samples * stored.itemsize, where, exact=True)
     check_size(size, begin + entry.compress_size, where)
     offset, strides = slab.strides(stored.itemsize, member.fortran)
@@ -123,13 +123,14 @@ def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, _Member]:
     return members
 
 
-def _choose(members: dict[str, _Member], array: str | None, path: Path) -> tuple[str, _Member]:
+def _choose(members: dict[str, _Member], subset: Subset, path: Path) -> tuple[str, _Member]:
+    array = subset.array
     listed = ", ".join(f"{name} {member.shape}" for name, member in members.items()) or "none: the archive holds none"
     if array is not None:
         if array not in members:
             raise DataError("no such array", where=str(path), found=array, allowed=listed)
         return array, members[array]
-    volumes = {name: member for name, member in members.items() if len(member.shape) >= 3}
+    volumes = {name: member for name, member in members.items() if len(member.shape) >= (4 if subset.vectors else 3)}
     only = members if len(members) == 1 else volumes
     if len(only) != 1:
         raise DataError("several arrays: name one" if only else "no volume", where=str(path), allowed=listed)

@@ -94,7 +94,7 @@ def _letters(header: Mapping[str, Any], axes: Sequence[int], subset: Subset) -> 
     """Return the letters of the axes for `select`, slowest first."""
     kinds = header.get("kinds")
     if kinds is None:
-        return unnamed_axes(len(axes), subset)
+        return unnamed_axes([int(header["sizes"][axis]) for axis in axes], subset)
     letters = {"time": "T", **dict.fromkeys(("domain", "space", "none", "???", "stub"), "Z")}
     found = "".join(letters.get(str(kinds[axis]).lower(), "C") for axis in axes)
     return "TZZZ" if found == "ZZZZ" else found  # as ITK writes time

@@ -230,7 +230,7 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
     axes = _axes(scales, opened.shape, getattr(opened.metadata, "dimension_names", None) or (), str(place))
     dtype = check_dtype(np.dtype(opened.dtype), where)
     omero = omero_channels(attributes)
-    letters = "".join(axis.letter for axis in axes) if axes else unnamed_axes(opened.ndim, subset)
+    letters = "".join(axis.letter for axis in axes) if axes else unnamed_axes(opened.shape, subset)
     slab = select(opened.shape, letters, subset, where, [each.label for each in omero])
     grid = _grid(slab, axes, scales, described, {}, where)
     if "image-label" in (attributes.get("ome") or attributes):

@@ -57,7 +57,7 @@ def open_raw(path: Path, subset: Subset) -> StridedSource:
     where, keys = str(sidecar), _read_sidecar(sidecar)
     stored = _stored_dtype(keys, where)
     shape = _integers(keys["shape"], "shape", where)
-    slab = select(shape, unnamed_axes(len(shape), subset), subset, where)
+    slab = select(shape, unnamed_axes(shape, subset), subset, where)
     (header_bytes,) = _integers([keys.get("header_bytes", 0)], "header_bytes", where)
     direction = np.asarray(keys.get("direction", np.eye(3).ravel().tolist()), object)
     if direction.size != 9:

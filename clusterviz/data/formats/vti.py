@@ -11,14 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Subset, select
+from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import require_file
 from clusterviz.data.header import check_box, check_dtype, check_packed, check_shape
 from clusterviz.data.source import Grid, Index, Source
@@ -62,6 +61,7 @@ class PiecesSource:
     ----------
     boxes : int64 (n, 2, 3), first sample and end of each piece along z, y, x
     open_piece : function of a piece's number
+    slab : the volume's part of the stored array
     """
 
     name: str
@@ -69,6 +69,7 @@ class PiecesSource:
     dtype: np.dtype[Any]
     boxes: NDArray[np.int64]
     open_piece: Callable[[int], StridedSource]
+    slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -95,7 +96,7 @@ def _index(numbers: NDArray[np.int64]) -> Index:
 
 
 def open_vti(path: Path, subset: Subset) -> Source:
-    """Open one scalar array of a VTK image or rectilinear file.
+    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file.
 
     Raises
     ------
@@ -110,7 +111,7 @@ def open_vti(path: Path, subset: Subset) -> Source:
 
 
 def open_pvti(path: Path, subset: Subset) -> Source:
-    """Open one scalar array of a VTK image or rectilinear file in pieces.
+    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file in pieces.
 
     Raises
     ------
@@ -139,7 +140,9 @@ def open_pvti(path: Path, subset: Subset) -> Source:
     boxes = np.stack([begins, begins + [_samples(extent, first.on_cells, where) for extent in extents]], axis=1)
     shape = _samples(whole, first.on_cells, where)
     packing = PACKINGS.get(first.layout.file.get("compressor", ""), "text")
-    check_packed(sum(map(require_file, files)), prod(shape) * first.source.stored_dtype.itemsize, packing, where)
+    assert first.source.slab, "the piece is a part of an array"
+    slab = replace(first.source.slab, shape=(*shape, first.source.slab.channels), shape_zyx=shape)
+    check_packed(sum(map(require_file, files)), slab.samples * first.source.stored_dtype.itemsize, packing, where)
     coordinates = (
         tuple(np.full(last - begin + 1, np.nan) for begin, last in whole.tolist()) if first.coordinates else ()
     )
@@ -148,8 +151,8 @@ def open_pvti(path: Path, subset: Subset) -> Source:
             coordinates, opened(number).coordinates, begins[number, ::-1].tolist(), strict=True
         ):
             line[max(0, begin) : begin + len(part)] = part[max(0, -begin) : len(line) - begin]
-    name = f"{where}:{first.array}" if len(first.layout.arrays) > 1 else where
-    source = PiecesSource(name, Grid(shape), first.source.dtype, boxes, lru_cache(64)(lambda n: opened(n).source))
+    name = (f"{where}:{first.array}" if len(first.layout.arrays) > 1 else where) + slab.label
+    source = PiecesSource(name, Grid(shape), first.source.dtype, boxes, lru_cache(64)(lambda n: opened(n).source), slab)
     image = {**first.layout.dataset, **layout.dataset}  # VTK writes the direction into the pieces only
     return _placed(source, image, whole, first.on_cells, coordinates, subset.spaced)
 
@@ -161,8 +164,9 @@ def _kind(path: Path) -> str:
 def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
     size = require_file(path)
     layout = scan_xml(path, kind)
-    scalars = [a for a in layout.arrays if a.components == 1 and a.section in ("PointData", "CellData")]
-    chosen = choose_array(scalars, subset.array, "scalar array", path)
+    components, noun = (3, "array of vectors") if subset.vectors else (1, "scalar array")
+    fitting = [a for a in layout.arrays if a.components == components and a.section in ("PointData", "CellData")]
+    chosen = choose_array(fitting, subset.array, noun, path)
     where = f"{path}:{chosen.name}" if len(layout.arrays) > 1 else str(path)
     stored = stored_dtype(layout, chosen, where)
     if len(layout.pieces) != 1:
@@ -171,9 +175,11 @@ def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
     extent = _extent(piece if "Extent" in piece else image, "Extent" if "Extent" in piece else "WholeExtent", where)
     whole = _extent(image, "WholeExtent", where) if "WholeExtent" in image else extent
     shape = _samples(extent, chosen.on_cells, where)
-    select(shape, "ZYX", replace(subset, array=None), where)
-    storage, offset = storage_of(path, size, layout, chosen, stored, prod(shape), where)
-    source = StridedSource(where, Grid(shape), check_dtype(stored, where), storage, stored, offset)
+    slab = select((*shape, components), "ZYXC", replace(subset, array=None), where)
+    storage, begin = storage_of(path, size, layout, chosen, stored, slab.samples, where)
+    offset, strides = slab.strides(stored.itemsize)
+    dtype = check_dtype(stored, where)
+    source = StridedSource(where + slab.label, Grid(shape), dtype, storage, stored, begin + offset, strides, slab=slab)
     coordinates: tuple[NDArray[Any], ...] = ()
     if kind == "RectilinearGrid":
         arrays = [a for a in layout.arrays if a.section == "Coordinates"]

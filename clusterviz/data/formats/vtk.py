@@ -30,7 +30,7 @@ from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, 
 from clusterviz.data.strided import StridedSource
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid
 from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
-from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear
+from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear, vector_arrays
 from clusterviz.data.vtk_polydata import Cells, polydata
 from clusterviz.errors import DataError
 
@@ -278,7 +278,8 @@ def open_vtk(path: Path, subset: Subset) -> Source:
         Not such a file, not image data, damaged or truncated, no such array, several and none named.
     """
     scan = _scan(path, ("STRUCTURED_POINTS", "RECTILINEAR_GRID"), "image data")
-    chosen = choose_array(scan.arrays, subset.array, "array", path)
+    arrays = vector_arrays(scan.arrays) if subset.vectors else scan.arrays
+    chosen = choose_array(arrays, subset.array, "array of vectors" if subset.vectors else "array", path)
     where = f"{path}:{chosen.name}" if len(scan.arrays) > 1 else str(path)
     stored = np.dtype(scan.type_of(chosen.kind)).newbyteorder(">" if scan.binary else "=")
     grid = _grid_of(scan, chosen.on_cells, where)

@@ -31,7 +31,7 @@ from clusterviz.data.formats.vtkhdf import load_dataset
 from clusterviz.data.header import check_box, check_dtype, check_shape, make_grid
 from clusterviz.data.rectilinear import interpolate
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.vtk_image import choose_array, image_grid
+from clusterviz.data.vtk_image import choose_array, image_grid, vector_arrays
 from clusterviz.errors import DataError
 
 IMAGES = ("ImageData", "OverlappingAMR")
@@ -79,6 +79,11 @@ class HdfArray:
     active: bool
     dataset: Any
 
+    @property
+    def components(self) -> int:
+        """Size of the last axis."""
+        return int(self.dataset.shape[-1]) if self.dataset.shape else 0
+
 
 def _arrays(group: Any) -> list[HdfArray]:
     return [
@@ -90,7 +95,11 @@ def _arrays(group: Any) -> list[HdfArray]:
 
 
 def _open_image(root: Any, path: Path, subset: Subset) -> Source:
-    chosen = choose_array(_arrays(root), subset.array, "array", path)
+    arrays = _arrays(root)
+    if subset.vectors:
+        count = 5 if "Steps" in root else 4
+        arrays = vector_arrays([array for array in arrays if len(array.dataset.shape) == count])
+    chosen = choose_array(arrays, subset.array, "array of vectors" if subset.vectors else "array", path)
     where, dataset = f"{path}:{chosen.name}", chosen.dataset
     extent = _numbers(root, "WholeExtent", 6, None, where).astype(np.int64).reshape(3, 2)
     points = extent[:, 1] - extent[:, 0] + 1
