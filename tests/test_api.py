@@ -26,7 +26,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.errors import DataError, InputError, OutputError, SceneError
 from clusterviz.frame import render_frame
 from clusterviz.image.finish import finish
-from clusterviz.scene import cluster, values
+from clusterviz.scene import cluster, flows, values
 from clusterviz.scene.field_types import Section
 from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import Settings, with_settings
@@ -242,7 +242,10 @@ def test_the_example_of_a_flow_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 CHOICES = {
-    kind: name for module in (cluster, values) for name, kind in vars(module).items() if get_origin(kind) is Literal
+    kind: name
+    for module in (cluster, values, flows)
+    for name, kind in vars(module).items()
+    if get_origin(kind) is Literal
 }
 
 
@@ -281,6 +284,7 @@ def test_the_types_of_settings_are_those_of_the_scene() -> None:
         "volumes": "Sequence[Volume | Mapping[str, Any]]",
         "lights": "Sequence[Light | Mapping[str, Any]]",
         "layers": "Sequence[Layer]",
+        "surfaces": "Sequence[str] | None",
         "color": "str | Numbers",  # of a light: numbers only
         "time": "int | float | None",
         "radius": "float | str | None",

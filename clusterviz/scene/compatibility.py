@@ -68,16 +68,21 @@ def check_ambient_occlusion(blending: Blending, shade: bool, has_own_opacity: bo
 
 
 def check_several_volumes(
-    volumes: Sequence[Any], geometry: Sequence[Any], grids: Sequence[Any], quality: Any, cluster: Any
+    volumes: Sequence[Any],
+    geometry: Sequence[Any],
+    grids: Sequence[Any],
+    flows: Sequence[Any],
+    quality: Any,
+    cluster: Any,
 ) -> None:
     """Refuse projections and settings that support a single volume only, and nothing else.
 
     Parameters
     ----------
-    volumes, geometry, grids, quality, cluster : sections of a scene; geometry: meshes, lines and points
+    volumes, geometry, grids, flows, quality, cluster : sections of a scene; geometry: meshes, lines and points
     """
     has_levels = any(volume.detail != "full" for volume in volumes)
-    if len(volumes) < 2 and not geometry and not grids and not has_levels:
+    if len(volumes) < 2 and not geometry and not grids and not flows and not has_levels:
         return
     with_what, allowed = "for several volumes", "one volume with it"
     if has_levels:
@@ -86,6 +91,8 @@ def check_several_volumes(
         with_what, allowed = "with meshes, lines or points", "one volume alone with it"
     elif grids:
         with_what, allowed = "with unstructured grids", "one volume alone with it"
+    elif flows:
+        with_what, allowed = "with flows", "one volume alone with it"
     projections = [(n, volume.blending) for n, volume in enumerate(volumes) if not BLEND_MODES[volume.blending].mixed]
     keys = [(f"volumes[{n}].blending", blending, NO_COMMON_SCALE) for n, blending in projections]
     keys += [(f"quality.{name}", getattr(quality, name), why) for name, why in SINGLE_VOLUME_QUALITY.items()]
@@ -97,6 +104,26 @@ def check_several_volumes(
     if count > MAX_SURFACES:
         allowed = f"{MAX_SURFACES} isosurfaces in all volumes"
         raise InvalidValueError("too many", allowed, key="volumes: isosurfaces", found=count)
+
+
+MOST_VOLUMES = 8
+"""Volumes of a scene, with those that flows become."""
+VOLUMES_OF_LIC = 4
+"""Volumes that line integral convolution becomes: its values, and the three components of the vectors."""
+
+
+def check_flows(volumes: Sequence[Any], flows: Sequence[Any]) -> None:
+    """Refuse more volumes, with those of flows, than a slab may be in.
+
+    Parameters
+    ----------
+    volumes, flows : sections of a scene
+    """
+    found = sum(flow.show == "lic" for flow in flows)
+    most = (MOST_VOLUMES - len(volumes)) // VOLUMES_OF_LIC
+    if found > most:
+        beside = f" beside {len(volumes)} volumes" * bool(volumes)
+        raise InvalidValueError("too many with show: lic", f"at most {most}{beside}", key="flows", found=found)
 
 
 def check_frame_coherence(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:

@@ -23,6 +23,7 @@ from clusterviz.scene.field_types import (
     Specular,
     SpecularPower,
 )
+from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.geometry import GEOMETRY_SECTIONS, Transform
 
 MOST_GRIDS = 4
@@ -120,7 +121,7 @@ class GridSection(Section):
     )
 
 
-LISTED_SECTIONS: dict[str, type[Section]] = {**GEOMETRY_SECTIONS, "grids": GridSection}
+LISTED_SECTIONS: dict[str, type[Section]] = {**GEOMETRY_SECTIONS, "grids": GridSection, "flows": FlowSection}
 """Sections of a scene that list content other than volumes."""
 
 

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from clusterviz.scene.annotations import Annotations
     from clusterviz.scene.cluster import Codec, Compositing, Distribution, Mode, Tiling, Transport
+    from clusterviz.scene.flows import Lic, Order, Seeds, Show, Trace
     from clusterviz.scene.geometry import Edges
     from clusterviz.scene.grids import KBuffer
     from clusterviz.scene.presets import PresetName
@@ -351,6 +352,14 @@ class Settings(TypedDict, total=False):
     scale: float | None
     # GridSection
     visibility: Literal["exact"] | KBuffer | Mapping[str, Any]
+    # FlowSection
+    order: Order
+    show: Show
+    lic: Lic | Mapping[str, Any] | None
+    seeds: Seeds | Mapping[str, Any] | None
+    trace: Trace | Mapping[str, Any] | None
+    speed_opacity: Rows | None
+    surfaces: Sequence[str] | None
     # Transfer2d
     values: Numbers | None
     magnitudes: Numbers | None
@@ -360,6 +369,7 @@ class Settings(TypedDict, total=False):
     lines: Sequence[Any]
     points: Sequence[Any]
     grids: Sequence[Any]
+    flows: Sequence[Any]
     automatic: bool
     lights: Sequence[Light | Mapping[str, Any]]
     clip: Clip | Mapping[str, Any]

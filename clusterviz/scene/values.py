@@ -28,6 +28,7 @@ from clusterviz.scene.checks import (
 from clusterviz.scene.cluster import Cluster as Cluster
 from clusterviz.scene.compatibility import (
     check_ambient_occlusion,
+    check_flows,
     check_frame_coherence,
     check_gradient,
     check_gradient_opacity,
@@ -61,6 +62,7 @@ from clusterviz.scene.field_types import (
     SpecularPower,
     Vector,
 )
+from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.geometry import GEOMETRY_SECTIONS, GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.grids import MOST_GRIDS, GridSection
 from clusterviz.scene.presets import PRESETS, PresetName
@@ -492,6 +494,11 @@ class Scene(Section):
         examples=[[{"path": "disk.vtu", "array": "Temp"}]],
         description="Unstructured grids, drawn as volumes without resampling.",
     )
+    flows: tuple[FlowSection, ...] = Field(
+        default=(),
+        examples=[[{"path": "channel.vti", "show": "streamlines"}]],
+        description="Vector fields, shown as line integral convolution, lines or arrows.",
+    )
     automatic: Annotated[bool, Field(strict=True)] = Field(
         default=False,
         description="Choose unset keys by the class of the data (light, colours, opacity, interpolation, background, "
@@ -511,7 +518,8 @@ class Scene(Section):
 
     @model_validator(mode="after")
     def _can_be_mixed(self) -> Scene:
-        check_several_volumes(self.volumes, self.geometry, self.grids, self.quality, self.cluster)
+        check_several_volumes(self.volumes, self.geometry, self.grids, self.flows, self.quality, self.cluster)
+        check_flows(self.volumes, self.flows)
         check_frame_coherence(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
         check_layers(self.volumes, self.grids, self.quality, self.image.layers)
@@ -526,7 +534,7 @@ class Scene(Section):
     @property
     def has_content(self) -> bool:
         """Whether there is anything to draw."""
-        return bool(self.volumes or self.geometry or self.grids)
+        return bool(self.volumes or self.geometry or self.grids or self.flows)
 
     @property
     def geometry(self) -> tuple[GeometrySection, ...]:

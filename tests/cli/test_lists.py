@@ -84,6 +84,6 @@ def test_schema_is_json_that_names_every_section(cli: Callable[..., Any]) -> Non
     outcome = cli("schema")
     schema = json.loads(outcome.out)
     assert outcome.status == 0
-    sections = "volumes meshes lines points grids automatic lights clip camera image annotations quality cluster"
+    sections = "volumes meshes lines points grids flows automatic lights clip camera image annotations quality cluster"
     assert list(schema["properties"]) == sections.split()
     assert schema["$defs"]["Quality"]["properties"]["step"]["exclusiveMinimum"] == 0

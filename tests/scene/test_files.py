@@ -186,4 +186,4 @@ def test_the_example_scenes_load() -> None:
     assert examples
     for example in examples:
         scene = load_scene(example)
-        assert scene.volumes or scene.geometry or scene.grids
+        assert scene.volumes or scene.geometry or scene.grids or scene.flows

@@ -63,6 +63,10 @@ def grid(**keys: Any) -> dict[str, Any]:
     return {"grids": [{"path": "a", **keys}]}
 
 
+def flow(**keys: Any) -> dict[str, Any]:
+    return {"flows": [{"path": "a", **keys}]}
+
+
 SURFACES = "not with meshes, lines or points"
 COHERENT, NOT_WITH = {"quality": {"frame_coherence": True}}, "quality.frame_coherence: not with"
 BAD = [
@@ -103,6 +107,24 @@ BAD = [
     (grid() | {"quality": {"adaptive": 0.01}}, "quality.adaptive: not with unstructured grids", "0.01", "one volume"),
     (grid() | volume(blending="maximum"), "volumes[0].blending: not with unstructured grids", "max", "one volume"),
     (grid() | {"image": {"layers": ["depth"]}}, "image.layers: not with unstructured grids", '["depth"]', "no grids"),
+    (flow(show="lik"), "flows[0].show: not one of the choices", '"lik"', "lic, streamlines, pathlines"),
+    (flow(seeds={}), "flows[0].seeds: not for show: lic", "{}", "null, or this key with show: streamlines"),
+    (flow(lic={"lenght": 3}), "flows[0].lic.lenght: unknown key, did you mean length?", "lenght", "length, step"),
+    (flow(lic={"step": 0}), "flows[0].lic.step", "0", "more than 0"),
+    (flow(color_by="direction"), "flows[0].color_by: not for show: lic", '"direction"', "speed, color"),
+    (flow(order="xyy"), "flows[0].order", '"xyy"', "xyz, xzy"),
+    (flow(show="streamlines", seeds={"kind": "plane"}), "flows[0].seeds.center: missing", "", "for kind: plane"),
+    (
+        flow(show="streamlines", seeds={"radius": 1}),
+        "flows[0].seeds.radius: not for kind: random",
+        "1",
+        "plane, sphere",
+    ),
+    (flow(show="streamlines", trace={"release": 1}), "flows[0].trace.release: not for show: str", "1", "streaklines"),
+    (flow(show="surface-lic", lic={"noise": "white"}), "flows[0].lic.noise: not for show: sur", '"white"', "halton"),
+    (flow(show="surface-lic", opacity="linear"), "flows[0].opacity: the pattern has one strength", "", "a number in"),
+    ({"flows": [{"path": "a"}] * 3}, "flows: too many with show: lic", "3", "at most 2"),
+    (flow() | volume(blending="maximum"), "volumes[0].blending: not with flows", "maximum", "one volume alone"),
     (volume(spacing=[1, 0, 1]), "volumes[0].spacing[1]", "0", "more than 0"),
     (volume(spacing=[1, 1]), "volumes[0].spacing", "[1, 1]", "a list, such as [0.5, 0.5, 1.2]"),
     (volume(origin=[1, 1, NAN]), "volumes[0].origin[2]", "NaN", "a finite number"),
