@@ -8,6 +8,8 @@ open.py        choice of the channel that a program uses
 all_to_all.py  exchange of arrays between all ranks
 window.py      contracts of shared memory: windows of a node's ranks, counters of all ranks
 mpi_window.py  both over MPI's one-sided communication
+remote_memory.py  contract of one-sided access to any rank's memory, and what all channels share of it
+mpi_memory.py  such memory in MPI windows
 work_queue.py  queue of numbered work on these counters
 placement.py   nodes, cores, threads and the variables that launchers set
 library.py     MPI library and launcher, and a check that they match
@@ -23,6 +25,7 @@ from clusterviz.comm.channel import Channel, MessageError
 from clusterviz.comm.loopback import LoopbackChannel, run_loopback
 from clusterviz.comm.open import as_channel, open_channel, opened_channel
 from clusterviz.comm.placement import Placement, limit_threads
+from clusterviz.comm.remote_memory import RemoteBox, RemoteMemory, RemoteMemoryError
 from clusterviz.comm.throttled import ThrottledChannel
 from clusterviz.comm.window import Counters, SharedWindow, WindowError
 from clusterviz.comm.work_queue import WorkQueue
@@ -34,6 +37,9 @@ __all__ = [
     "LoopbackChannel",
     "MessageError",
     "Placement",
+    "RemoteBox",
+    "RemoteMemory",
+    "RemoteMemoryError",
     "SharedWindow",
     "ThrottledChannel",
     "WindowError",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from clusterviz.comm.channel import Channel
@@ -65,6 +65,19 @@ def _raise_together(channel: Channel, frame: int, stage: str, error: Exception |
     raise mark_agreed(RankError(rank, frame, stage, report[1], report[2])) from (
         error if rank == channel.rank else None
     )
+
+
+def check_faults(channel: Channel, fault: str, kind: Callable[[str], ClustervizError]) -> None:
+    """Raise the fault of the lowest rank that has one on every rank; collective.
+
+    Parameters
+    ----------
+    fault : of this rank, as a short clause, or ""
+    kind : makes the error of a text
+    """
+    if channel.maximum(bool(fault)):
+        faults = channel.allgather(fault)
+        raise mark_agreed(kind(next(f"rank {rank}: {text}" for rank, text in enumerate(faults) if text)))
 
 
 @contextmanager

@@ -7,19 +7,22 @@ source and a tag. A sent buffer must not change until `wait_sends` returns. A me
 longer one is a MessageError.
 
 Collective calls (`allgather`, `allgather_numbers`, `broadcast`, `gather`, `maximum`, `barrier`, `placement`, `nodes`,
-`window`, `counters`, `for_thread`, `duplicate`, `close`) are made by every rank in the same order. They carry small
-Python objects or a few numbers. Pixels travel point to point, or lie in a window that the ranks of a node share.
+`window`, `remote_memory`, `counters`, `for_thread`, `duplicate`, `close`) are made by every rank in the same order.
+They carry small Python objects or a few numbers. Pixels travel point to point, or lie in a window that the ranks of a
+node share.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.placement import Nodes, Placement
+from clusterviz.comm.remote_memory import RemoteMemory
 from clusterviz.comm.window import Counters, Numbers, SharedWindow
 from clusterviz.errors import ClustervizError
 
@@ -132,6 +135,24 @@ class Channel(Protocol):
             On every rank: a negative size.
         WindowError
             On every rank: a node has no such memory.
+        """
+        ...
+
+    def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
+        """Allocate memory that every rank reads and writes.
+
+        Parameters
+        ----------
+        own_bytes : size of this rank's part, 0 or more; it may differ between ranks
+        folder : on this rank's node, for parts in files, which the operating system writes where memory is short;
+            None: parts in memory. All ranks give a folder, or none does.
+
+        Raises
+        ------
+        InputError
+            On every rank: a negative size.
+        RemoteMemoryError
+            On every rank: there is not enough memory, or space in a folder.
         """
         ...
 

@@ -10,13 +10,24 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm.agree import check_faults
 from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes
 from clusterviz.comm.placement import Nodes, Placement, group_by_node, single_placement
+from clusterviz.comm.remote_memory import (
+    LOCKS,
+    RemoteMemory,
+    RemoteMemoryError,
+    Transfer,
+    make_part_file,
+    map_part_file,
+    part_fault,
+)
 from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, check_index, check_numbers, check_sizes
 
 T = TypeVar("T")
@@ -122,6 +133,44 @@ class LoopbackWindow:
     def free(self) -> None:
         """Wait until no member reads any longer, and release the memory."""
         self.exchange(())
+        self._parts.clear()
+
+
+class LoopbackParts:
+    """Parts of threads: arrays of one process.
+
+    Parameters
+    ----------
+    parts : of all ranks
+    barrier : waits for all ranks
+    """
+
+    def __init__(self, parts: Sequence[NDArray[np.uint8]], barrier: Callable[[], None]) -> None:
+        self._parts, self._barrier = list(parts), barrier
+
+    def view(self, rank: int) -> NDArray[np.uint8]:
+        """Return a part."""
+        return self._parts[rank]
+
+    def check_thread(self) -> None:
+        """Do nothing: every thread may communicate."""
+
+    def fetch(self, transfers: Sequence[Transfer]) -> None:
+        """Do nothing: every part has a view."""
+
+    def store(self, transfers: Sequence[Transfer]) -> None:
+        """Do nothing: every part has a view."""
+
+    def fence(self) -> None:
+        """Do nothing: the locks of Python order accesses."""
+
+    def sync(self) -> None:
+        """Wait for all ranks."""
+        self._barrier()
+
+    def free(self) -> None:
+        """Wait until no rank reads any longer, and release the memory."""
+        self._barrier()
         self._parts.clear()
 
 
@@ -277,6 +326,23 @@ class LoopbackChannel:
         brought = self.allgather((np.zeros(own_bytes, np.uint8), empty_boards(len(members))))
         parts = [brought[member][0] for member in members]
         return LoopbackWindow(self._world, members, members.index(self._rank), parts, brought[members[0]][1])
+
+    def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
+        """Allocate a part on each rank, which all map."""
+        check_sizes(self.allgather(own_bytes))
+        part, fault = np.empty(0, np.uint8), ""
+        try:
+            if folder is None:
+                part = np.zeros(own_bytes, np.uint8)
+            else:
+                path = make_part_file(folder, own_bytes)
+                part = map_part_file(path, own_bytes)
+                path.unlink()
+        except (MemoryError, OSError) as error:
+            fault = part_fault(error, own_bytes, folder)
+        check_faults(self, fault, RemoteMemoryError)
+        parts = LoopbackParts(self.allgather(part), self.barrier)
+        return RemoteMemory(self._rank, parts, self.counters(2 * LOCKS))
 
     def counters(self, count: int) -> LoopbackCounters:
         """Create counters in a list of rank 0 that all ranks share."""

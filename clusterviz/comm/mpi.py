@@ -30,6 +30,7 @@ import numpy as np
 from clusterviz.comm.back_off import poll_until
 from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes, check_contiguous
 from clusterviz.comm.library import check_launcher
+from clusterviz.comm.mpi_memory import open_remote_memory
 from clusterviz.comm.mpi_window import MpiCounters, MpiWindow, open_window
 from clusterviz.comm.placement import (
     RANKS_PER_NODE_VARIABLE,
@@ -40,6 +41,7 @@ from clusterviz.comm.placement import (
     group_by_node,
     parse_ranks_per_node,
 )
+from clusterviz.comm.remote_memory import RemoteMemory
 from clusterviz.comm.window import Numbers
 
 if TYPE_CHECKING:
@@ -306,6 +308,10 @@ class MpiChannel:
     def window(self, own_bytes: int) -> MpiWindow:
         """Allocate an MPI-3 shared-memory window on each node."""
         return open_window(self._mpi, self._comm, self, own_bytes)
+
+    def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
+        """Make remote memory in an MPI window of all ranks."""
+        return open_remote_memory(self._mpi, self._comm, self, own_bytes, folder)
 
     def counters(self, count: int) -> MpiCounters:
         """Create counters in the memory of rank 0."""

@@ -27,11 +27,11 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm.agree import check_faults
 from clusterviz.comm.back_off import poll_until
 from clusterviz.comm.channel import Channel
 from clusterviz.comm.placement import granted_cores
 from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, WindowError, check_index, check_numbers, check_sizes
-from clusterviz.errors import mark_agreed
 
 # A poll takes 0.1 microseconds. Spinning pays only if every member has a core of its own.
 _SPIN_CALLS = 100
@@ -53,7 +53,7 @@ def open_window(mpi: Any, comm: Any, channel: Channel, own_bytes: int) -> MpiWin
     number, members = next((i, node) for i, node in enumerate(channel.nodes()) if channel.rank in node)
     # Simulated nodes share the memory of a real one.
     largest_node = channel.placement().local_size * max(map(_segment_bytes, sizes))
-    _agree(channel, _space_fault(min(largest_node, sum(map(_segment_bytes, sizes)))))
+    check_faults(channel, space_fault(min(largest_node, sum(map(_segment_bytes, sizes)))), WindowError)
     window: MpiWindow | None = None
     fault = ""
     try:
@@ -64,18 +64,11 @@ def open_window(mpi: Any, comm: Any, channel: Channel, own_bytes: int) -> MpiWin
     except OSError as error:
         fault = f"{error.strerror} while {own_bytes} bytes were filled with zeros"
     # This is also the barrier after which all boards are zero.
-    _agree(channel, fault)
+    check_faults(channel, fault, WindowError)
     return cast(MpiWindow, window)
 
 
-def _agree(channel: Channel, fault: str) -> None:
-    """Raise the first fault of any rank on every rank. Windows that other ranks got are freed at exit."""
-    if channel.maximum(bool(fault)):
-        faults = channel.allgather(fault)
-        raise mark_agreed(WindowError(next(f"rank {rank}: {text}" for rank, text in enumerate(faults) if text)))
-
-
-def _space_fault(needed: int) -> str:
+def space_fault(needed: int) -> str:
     """Return why /dev/shm is too small, or "".
 
     Checked first, since one rank that fails inside MPI may leave the others waiting.
@@ -139,7 +132,7 @@ class MpiWindow:
         OSError
             There is not enough memory.
         """
-        _zero(self._mine)
+        fill_with_zeros(self._mine)
 
     def _segment(self, index: int) -> NDArray[np.uint8]:
         """Return a member's segment from its first whole page on."""
@@ -192,7 +185,7 @@ def _whole_pages(size: int) -> int:
     return -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
 
 
-def _zero(memory: NDArray[np.uint8]) -> None:
+def fill_with_zeros(memory: NDArray[np.uint8]) -> None:
     """Fill memory with zeros, and so touch all its pages.
 
     The operating system writes them, because it reports missing memory as an error; an own write would end the process.

@@ -7,7 +7,7 @@ receiver polls, and once more whenever a message has passed.
 Not simulated: the sender's link (`wait_sends` returns as early as the inner channel's), links that the ranks of a node
 share, switches, packet headers, congestion, and CPU time of the network's protocol. Messages really pass through the
 inner channel first, whose time is added, and a message for an idle link starts only when the receiver polls: times are
-too long rather than too short. Collective calls, counters and windows run at full speed.
+too long rather than too short. Collective calls, counters, windows and remote memory run at full speed.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar, cast
 
 import numpy as np
 
 from clusterviz.comm.channel import Buffer, Channel, Pending
 from clusterviz.comm.placement import Nodes, Placement
+from clusterviz.comm.remote_memory import RemoteMemory
 from clusterviz.comm.window import Counters, Numbers, SharedWindow
 from clusterviz.errors import InputError
 
@@ -173,6 +175,10 @@ class ThrottledChannel:
     def window(self, own_bytes: int) -> SharedWindow:
         """Call the inner channel."""
         return self._channel.window(own_bytes)
+
+    def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
+        """Call the inner channel."""
+        return self._channel.remote_memory(own_bytes, folder)
 
     def counters(self, count: int) -> Counters:
         """Call the inner channel."""

@@ -22,6 +22,7 @@ LEVELS = (
     ("flow",),
     ("plan",),
     ("partition",),
+    ("jobs",),
     ("render", "composite", "reference"),
     ("frame.run",),
     ("frame.work", "frame.opening"),

@@ -1,0 +1,490 @@
+"""Distributed array: each rank holds blocks of it, and every rank reads and writes any box.
+
+Reads, writes and atomic operations are one-sided (`comm.remote_memory`): no other rank takes part. They are complete on
+return. `sync` is collective: what any rank wrote before it is seen by all ranks after it. Between two calls of `sync` a
+rank sees its own writes; whether it sees those of others is not defined.
+
+An array may be larger than the memory of a node, since each holds its part. With a memory limit the blocks of a rank
+beyond it lie in a file without a name, which is mapped: the operating system keeps what is used in free memory, and
+writes the rest. A store (OME-Zarr) does not serve here: its compressed bricks cannot be changed in place, nor by two
+ranks at once. Use `save` for what shall stay.
+
+Floating-point sums depend on their order. `accumulate` of integers, "min" and "max" give the same bits on any ranks;
+for "sum" of floats let one block's result be written by one rank, or give `order`.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import EllipsisType
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from clusterviz.comm import Channel, RemoteBox, RemoteMemory, agree, mark_agreed
+from clusterviz.comm.remote_memory import Transfer
+from clusterviz.data.bricks import Box, read_bricks
+from clusterviz.data.header import check_dtype
+from clusterviz.data.source import Grid, Index, Source
+from clusterviz.errors import InputError
+from clusterviz.jobs.blocks import block_owners, make_blocks
+from clusterviz.report.machine import memory
+
+_ALIGNMENT = 64
+MEMORY_SHARE = 0.9
+"""Share of a node's free memory that one array may take."""
+
+Key = EllipsisType | int | slice | Box | tuple[int | slice | EllipsisType, ...]
+
+
+class DistributedArray:
+    """Array of numbers over all ranks of a channel; construction is collective.
+
+    Parameters
+    ----------
+    channel : to all ranks; opened for several threads if several threads of a rank use the array
+    shape : elements along z, y and x, then components, which blocks do not divide
+    dtype : integers or floats of at most 64 bits
+    blocks : side of the blocks in elements, or sides along z, y and x
+    distribution : of the blocks: coherent or interleaved; see `block_owners`
+    memory_limit : bytes of the array in each rank's memory; blocks beyond them lie in a file. None: no limit
+    spill : folder for such files, on each rank's node; by default that for temporary files (TMPDIR)
+    name : for messages
+
+    Attributes
+    ----------
+    grid : division into blocks
+    bytes_fetched : bytes that this rank read from the parts of other ranks
+    bytes_local : bytes that this rank read from its own part
+    bytes_stored : bytes that this rank wrote or accumulated into the parts of other ranks
+
+    Raises
+    ------
+    InputError
+        On every rank, before anything is allocated: a wrong shape, type or distribution, or too little memory.
+    RemoteMemoryError
+        On every rank: the memory or the files could not be allocated.
+    """
+
+    def __init__(
+        self,
+        channel: Channel,
+        shape: Sequence[int],
+        dtype: Any,
+        blocks: int | Index = 64,
+        *,
+        distribution: str = "coherent",
+        memory_limit: int | None = None,
+        spill: str | Path | None = None,
+        name: str = "array",
+    ) -> None:
+        self.channel, self.name = channel, name
+        self.shape = _checked_shape(shape, name)
+        self.dtype = check_dtype(np.dtype(dtype), name)
+        self.grid = make_blocks(self.shape_zyx, blocks, name)
+        self._owners = block_owners(self.grid, channel.size, distribution)
+        self.bytes_fetched = self.bytes_local = self.bytes_stored = 0
+        self._counting = threading.Lock()
+        self._element_bytes = self.dtype.itemsize * math.prod(self.components)
+        sizes = -(-self.grid.elements * self._element_bytes // _ALIGNMENT) * _ALIGNMENT
+        self._offset, self._in_file, in_memory, in_files = _part_layout(
+            sizes, self._owners.owner, channel.size, memory_limit
+        )
+        _check_memory(channel, in_memory, f"{name} of shape {self.shape} and type {self.dtype}")
+        self._memory = channel.remote_memory(int(in_memory[channel.rank]))
+        self._files: RemoteMemory | None = None
+        if in_files.any():
+            folder = Path(spill if spill is not None else tempfile.gettempdir())
+            self._files = channel.remote_memory(int(in_files[channel.rank]), folder)
+
+    @property
+    def shape_zyx(self) -> Index:
+        """Elements along z, y and x."""
+        return self.shape[0], self.shape[1], self.shape[2]
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Axes behind z, y and x."""
+        return self.shape[3:]
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all elements on all ranks."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    @property
+    def blocks(self) -> Index:
+        """Number of blocks along z, y and x: the grid of a job that has one item a block."""
+        return self.grid.counts_zyx
+
+    @property
+    def owners(self) -> NDArray[np.int32]:
+        """The rank that holds each block, int32 (bz, by, bx)."""
+        return self._owners.owner
+
+    def owner(self, index_zyx: Index) -> int:
+        """Return the rank that holds a block."""
+        return int(self._owners.owner[index_zyx])
+
+    def box(self, index_zyx: Index, halo: int = 0) -> Box:
+        """Return the box of a block, and of the elements at most `halo` beyond it along each axis, cut at the array."""
+        if not all(0 <= i < n for i, n in zip(index_zyx, self.blocks, strict=True)):
+            raise InputError("no such block", where=self.name, found=tuple(index_zyx), allowed=f"below {self.blocks}")
+        return self.grid.box(index_zyx, halo)
+
+    def bytes_by_rank(self, box: Box) -> NDArray[np.int64]:
+        """Return the bytes of a box that each rank holds, int64 (ranks,)."""
+        slices, elements = self.grid.shared_elements(self._checked_box(box))
+        found = np.zeros(self.channel.size, np.int64)
+        np.add.at(found, self.owners[slices], elements * self._element_bytes)
+        return found
+
+    def own_blocks(self) -> Iterator[tuple[Index, NDArray[Any]]]:
+        """Yield the blocks that this rank holds, in array order: index and writable elements, (z, y, x, components)."""
+        for z, y, x in self._owners.bricks(self.channel.rank).tolist():
+            begin, end = self.grid.box((z, y, x))
+            memory, place = self._place((z, y, x), (begin, end))
+            yield (z, y, x), np.ndarray(place.shape, self.dtype, memory.own, place.offset)
+
+    def read(self, box: Box) -> NDArray[Any]:
+        """Return the elements of a box, (z, y, x, components), owned by the caller.
+
+        Raises
+        ------
+        InputError
+            The box does not lie in the array.
+        """
+        begin, end = self._checked_box(box)
+        values = np.empty((*np.subtract(end, begin), *self.components), self.dtype)
+        in_memory, in_files = self._transfers((begin, end), values)
+        self._memory.get(in_memory)
+        if self._files is not None:
+            self._files.get(in_files)
+        far = _far_bytes((in_memory, in_files), self.channel.rank)
+        with self._counting:
+            self.bytes_fetched += far
+            self.bytes_local += values.nbytes - far
+        return values
+
+    def write(self, box: Box, values: ArrayLike) -> None:
+        """Write values into a box; they are repeated as in NumPy. Of writes to one element at once, one wins.
+
+        Raises
+        ------
+        InputError
+            The box does not lie in the array, or the values do not fit its shape or the array's type.
+        """
+        in_memory, in_files = self._transfers(self._checked_box(box), self._fitting(box, values))
+        self._memory.put(in_memory)
+        if self._files is not None:
+            self._files.put(in_files)
+        self._count_stored(in_memory, in_files)
+
+    def accumulate(self, box: Box, values: ArrayLike, operation: str = "sum") -> None:
+        """Combine the elements of a box with values: sum, min or max; atomic in each block. NaN wins over numbers.
+
+        Raises
+        ------
+        InputError
+            As `write`; or no such operation.
+        """
+        in_memory, in_files = self._transfers(self._checked_box(box), self._fitting(box, values))
+        self._memory.accumulate(in_memory, operation)
+        if self._files is not None:
+            self._files.accumulate(in_files, operation)
+        self._count_stored(in_memory, in_files)
+
+    def compare_and_swap(self, index: Sequence[int], expected: Any, new: Any) -> Any:
+        """Write an element if its bytes are those of `expected`, atomically, and return its previous value.
+
+        Parameters
+        ----------
+        index : of the element along z, y, x and the components
+        expected, new : numbers of the array's type
+
+        Raises
+        ------
+        InputError
+            No such element, or numbers of another type.
+        """
+        at = tuple(map(int, index))
+        if len(at) != len(self.shape) or not all(0 <= i < n for i, n in zip(at, self.shape, strict=True)):
+            raise InputError("no such element", where=self.name, found=at, allowed=f"below {self.shape}")
+        block = cast(Index, tuple(i // side for i, side in zip(at[:3], self.grid.block_zyx, strict=True)))
+        memory, place = self._place(block, self.grid.box(block))
+        inside = (*(i % side for i, side in zip(at[:3], self.grid.block_zyx, strict=True)), *at[3:])
+        element = RemoteBox(place.rank, place.offset, place.shape, inside, tuple(i + 1 for i in inside))
+        one = (1,) * len(at)
+        old, given = (self._typed(value).reshape(one) for value in (expected, new))
+        return memory.compare_and_swap(element, old, given).reshape(())[()]
+
+    def __getitem__(self, key: Key) -> Any:
+        """Read a box: array[...], array[box], or integers and slices along z, y and x as in NumPy."""
+        box, dropped = self._box_of(key)
+        return self.read(box)[dropped]
+
+    def __setitem__(self, key: Key, values: ArrayLike) -> None:
+        """Write a box, given as for reading."""
+        box, dropped = self._box_of(key)
+        given = np.asarray(values)
+        missing = tuple(axis for axis, part in enumerate(dropped) if part == 0)
+        self.write(box, np.expand_dims(given, missing) if given.ndim and missing else given)
+
+    def fill(self, value: Any) -> None:
+        """Set all elements to a value, or to one for each component; collective."""
+        with agree(self.channel, 0, "fill"):
+            number = self._typed(value)
+            for _, elements in self.own_blocks():
+                elements[...] = number
+        self.sync()
+
+    def fill_from(self, source: Source) -> None:
+        """Read all elements from a data source, each rank those of its blocks; collective.
+
+        Raises
+        ------
+        InputError
+            The source has another shape, or a type that the array's does not hold.
+        RankError, DataError
+            On every rank: it cannot be read.
+        """
+        with agree(self.channel, 0, "read"):
+            if source.grid.shape_zyx != self.shape_zyx:
+                raise InputError(
+                    "not the shape of the array", where=source.name, found=source.grid.shape_zyx, allowed=self.shape_zyx
+                )
+            if self.components:
+                for index, elements in self.own_blocks():
+                    elements[...] = self._fitting(self.grid.box(index), source.read(*self.grid.box(index)))
+            else:
+                own = dict(self.own_blocks())
+                for index, samples in read_bricks(source, self.grid, own):
+                    own[index][...] = self._typed(samples)
+        self.sync()
+
+    def as_source(self, grid: Grid | None = None) -> ArrayBoxes:
+        """Return the array as a data source, for `clusterviz.render` on the same ranks.
+
+        Parameters
+        ----------
+        grid : positions of the elements; by default 1 apart from the world's origin
+
+        Raises
+        ------
+        InputError
+            The array has components, or the grid another shape.
+        """
+        if self.components:
+            raise InputError("not a scalar volume", where=self.name, found=f"shape {self.shape}", allowed="(z, y, x)")
+        if grid is not None and grid.shape_zyx != self.shape_zyx:
+            raise InputError(
+                "not the shape of the array", where=self.name, found=grid.shape_zyx, allowed=self.shape_zyx
+            )
+        return ArrayBoxes(self, grid or Grid(self.shape_zyx))
+
+    def sync(self) -> None:
+        """Let all ranks see what any of them wrote before; collective."""
+        self._memory.sync()
+        if self._files is not None:
+            self._files.sync()
+
+    def free(self) -> None:
+        """Release the memory; collective."""
+        self._memory.free()
+        if self._files is not None:
+            self._files.free()
+
+    def _place(self, block: Index, box: Box) -> tuple[RemoteMemory, RemoteBox]:
+        """Return where a box of one block's elements lies."""
+        begin, end = self.grid.box(block)
+        shape = (*(e - b for b, e in zip(begin, end, strict=True)), *self.components)
+        inside = [tuple(i - b for i, b in zip(corner, begin, strict=True)) for corner in box]
+        files = self._files
+        memory = files if files is not None and self._in_file[block] else self._memory
+        return memory, RemoteBox(
+            int(self.owners[block]),
+            int(self._offset[block]),
+            shape,
+            (*inside[0], *(0 for _ in self.components)),
+            (*inside[1], *self.components),
+        )
+
+    def _transfers(self, box: Box, values: NDArray[Any]) -> tuple[list[Transfer], list[Transfer]]:
+        """Return the parts of a box in the blocks in memory, and in those in files, with views of its values."""
+        found: tuple[list[Transfer], list[Transfer]] = [], []
+        (z, y, x), _ = box
+        for block, (begin, end) in self.grid.shared(box):
+            memory, place = self._place(block, (begin, end))
+            part = values[begin[0] - z : end[0] - z, begin[1] - y : end[1] - y, begin[2] - x : end[2] - x]
+            found[memory is self._files].append((place, part))
+        return found
+
+    def _count_stored(self, *transfers: Sequence[Transfer]) -> None:
+        far = _far_bytes(transfers, self.channel.rank)
+        with self._counting:
+            self.bytes_stored += far
+
+    def _checked_box(self, box: Box) -> Box:
+        begin, end = box
+        if not all(0 <= b <= e <= n for b, e, n in zip(begin, end, self.shape_zyx, strict=True)):
+            found = f"{tuple(begin)} to {tuple(end)}"
+            raise InputError("no such box", where=self.name, found=found, allowed=f"inside {self.shape_zyx}")
+        return box
+
+    def _typed(self, values: ArrayLike) -> NDArray[Any]:
+        """Return values in the array's type."""
+        given = np.asarray(values)
+        try:
+            if given.dtype.kind in "iu" and not hasattr(values, "dtype"):
+                return np.asarray(values, self.dtype)
+            if np.can_cast(given.dtype, self.dtype, "same_kind"):
+                return given.astype(self.dtype)
+        except OverflowError:
+            pass
+        raise InputError("not of the array's type", where=self.name, found=given.dtype, allowed=self.dtype)
+
+    def _fitting(self, box: Box, values: ArrayLike) -> NDArray[Any]:
+        """Return values in the array's type and the shape of a box."""
+        begin, end = box
+        shape = (*(e - b for b, e in zip(begin, end, strict=True)), *self.components)
+        given = self._typed(values)
+        try:
+            return np.broadcast_to(given, shape)
+        except ValueError:
+            raise InputError(
+                "not of the box's shape", where=self.name, found=f"values of shape {given.shape}", allowed=shape
+            ) from None
+
+    def _box_of(self, key: Key) -> tuple[Box, tuple[int | slice, ...]]:
+        """Return the box that a key names, and what takes away the axes of its integers."""
+        keys: tuple[Any, ...] = key if isinstance(key, tuple) else (key,)
+        if len(keys) == 2 and all(isinstance(corner, tuple) for corner in keys):
+            return cast(Box, keys), ()
+        if Ellipsis in keys:
+            first = keys.index(Ellipsis)
+            keys = (*keys[:first], *[slice(None)] * (4 - len(keys)), *keys[first + 1 :])
+        keys = (*keys, *[slice(None)] * (3 - len(keys)))
+        begin: list[int] = []
+        end: list[int] = []
+        dropped: list[int | slice] = []
+        for part, n in zip(keys[:3], self.shape_zyx, strict=True):
+            if isinstance(part, int | np.integer):
+                at = int(part) + (n if part < 0 else 0)
+                begin.append(at)
+                end.append(at + 1)
+                dropped.append(0)
+            elif isinstance(part, slice) and part.step in (None, 1):
+                low, high, _ = part.indices(n)
+                begin.append(low)
+                end.append(max(low, high))
+                dropped.append(slice(None))
+            else:
+                begin = []
+                break
+        if len(keys) != 3 or len(begin) != 3:
+            allowed = "a box, or integers and slices without steps along z, y and x"
+            raise InputError("no such part of an array", where=self.name, found=key, allowed=allowed)
+        return ((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])), tuple(dropped)
+
+
+class ArrayBoxes:
+    """Distributed array as a data source; each rank reads the boxes that it needs."""
+
+    def __init__(self, array: DistributedArray, grid: Grid) -> None:
+        self._array, self._grid = array, grid
+
+    @property
+    def name(self) -> str:
+        return self._array.name
+
+    @property
+    def grid(self) -> Grid:
+        return self._grid
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self._array.dtype
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """Read the samples of a box; see `Source.read`."""
+        return self._array.read((begin_zyx, end_zyx))
+
+
+def array_from(channel: Channel, source: Source, blocks: int | Index = 64, **options: Any) -> DistributedArray:
+    """Return a distributed array with the samples of a data source; collective.
+
+    Parameters
+    ----------
+    options : of `DistributedArray`
+    """
+    array = DistributedArray(channel, source.grid.shape_zyx, source.dtype, blocks, **{"name": source.name} | options)
+    array.fill_from(source)
+    return array
+
+
+def _checked_shape(shape: Sequence[int], name: str) -> tuple[int, ...]:
+    sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
+    if len(sizes) < 3 or not all(isinstance(n, int | np.integer) and n >= 1 for n in sizes):
+        allowed = "elements along z, y and x, and components, each at least 1"
+        raise InputError("no shape of an array", where=name, found=shape, allowed=allowed)
+    return tuple(map(int, sizes))
+
+
+def _part_layout(
+    sizes: NDArray[np.int64], owner: NDArray[np.int32], ranks: int, memory_limit: int | None
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64]]:
+    """Return where each block lies in its owner's parts.
+
+    Parameters
+    ----------
+    sizes : int64 (bz, by, bx), bytes of the blocks
+    owner : int32 (bz, by, bx)
+
+    Returns
+    -------
+    offset : int64 (bz, by, bx), bytes before a block in its part
+    in_file : bool (bz, by, bx)
+    in_memory, in_files : int64 (ranks,), bytes of the parts
+    """
+    order = np.argsort(owner, axis=None, kind="stable")
+    owners, sorted_sizes = owner.reshape(-1)[order], sizes.reshape(-1)[order]
+    ends = np.cumsum(sorted_sizes)
+    totals = np.bincount(owners, sorted_sizes, ranks).astype(np.int64)
+    begins = ends - sorted_sizes - (np.cumsum(totals) - totals)[owners]
+    limit = totals.max() if memory_limit is None else memory_limit
+    is_in_file = begins + sorted_sizes > limit
+    in_memory = np.bincount(owners, np.where(is_in_file, 0, sorted_sizes), ranks).astype(np.int64)
+    begins -= np.where(is_in_file, in_memory[owners], 0)
+    offset, in_file = np.empty(sizes.size, np.int64), np.empty(sizes.size, np.bool_)
+    offset[order], in_file[order] = begins, is_in_file
+    return offset.reshape(sizes.shape), in_file.reshape(sizes.shape), in_memory, totals - in_memory
+
+
+def _check_memory(channel: Channel, own_bytes: NDArray[np.int64], where: str) -> None:
+    """Refuse an array whose parts do not fit into the free memory of a node; collective.
+
+    Raises
+    ------
+    InputError
+        On every rank.
+    """
+    place, free = channel.placement(), int(MEMORY_SHARE * memory().available_bytes)
+    told = channel.allgather_numbers([place.node, free])
+    for node in range(place.nodes):
+        ranks = np.flatnonzero(told[:, 0] == node)
+        needed, least = int(own_bytes[ranks].sum()), int(told[ranks, 1].min())
+        if least and needed > least:
+            found = f"{needed} bytes for {len(ranks)} of {channel.size} ranks on node {node}"
+            allowed = f"{least} bytes there; more nodes, or a memory_limit beyond which blocks lie in files"
+            raise mark_agreed(
+                InputError("the array does not fit into memory", where=where, found=found, allowed=allowed)
+            )
+
+
+def _far_bytes(transfers: Sequence[Sequence[Transfer]], rank: int) -> int:
+    return sum(values.nbytes for part in transfers for box, values in part if box.rank != rank)
