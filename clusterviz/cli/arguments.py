@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from clusterviz.errors import InputError
-from clusterviz.render.choice import Device
+from clusterviz.gl.devices import Device
 
 SceneArgument = Annotated[
     str,

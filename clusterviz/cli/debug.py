@@ -23,9 +23,9 @@ from clusterviz.debugger.watches import COLOUR_MAP, Watched
 from clusterviz.errors import InputError
 from clusterviz.frame import STEPS, Options
 from clusterviz.gl.context import open_context
+from clusterviz.gl.devices import egl_device
 from clusterviz.image.files import check_writable, write_image
 from clusterviz.image.replace import replacing
-from clusterviz.render.choice import egl_device
 from clusterviz.scene import Scene
 from clusterviz.spmd.probe import Probe, Shader
 

@@ -19,8 +19,8 @@ from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open
 from clusterviz.comm.library import launcher, mpi_library
 from clusterviz.errors import ClustervizError, DeviceError, InputError
 from clusterviz.image.replace import remove_leftovers
-from clusterviz.render.cpu.width import cpu_name
 from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, memory
+from clusterviz.spmd.width import cpu_name
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -27,9 +27,9 @@ from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.kernels.objects import folder, object_path, read_code
 from clusterviz.render.cpu.caster import compiled_variant
 from clusterviz.render.cpu.prepared import common_variants, first_variants
-from clusterviz.render.cpu.width import host_width
 from clusterviz.render.variant import Variant
 from clusterviz.spmd.machine_code import code_sources
+from clusterviz.spmd.width import host_width
 
 Job = tuple[Callable[..., Any], tuple[Any, ...]]
 """Function that compiles and caches a kernel, and its arguments."""

@@ -12,7 +12,7 @@ from clusterviz.cli.console import print_report, show_progress
 from clusterviz.cli.jobs import refuse_launcher
 from clusterviz.data import open_scene
 from clusterviz.errors import InputError, SceneError
-from clusterviz.render.choice import prefers_cpu
+from clusterviz.gl.devices import prefers_cpu
 from clusterviz.report.output import check_folder, replacing_folder
 from clusterviz.report.profile.measure import Report, measure
 from clusterviz.report.profile.page import NUMBERS, PAGE, as_json, write_report

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.frame.residency import least_bytes
+from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import brick_bytes, prefers_cpu
+from clusterviz.render.choice import brick_bytes
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.values import Cluster
 

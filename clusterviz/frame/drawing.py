@@ -18,9 +18,9 @@ from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.residency import Residency, has_passes
 from clusterviz.frame.run import Options, Run
 from clusterviz.frame.work import RankWork
+from clusterviz.gl.devices import prefers_cpu
 from clusterviz.image.partial import PartialImage, Rect, joined
 from clusterviz.partition import Piece
-from clusterviz.render.choice import prefers_cpu
 from clusterviz.render.stored_brick import stamp_of
 from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.frame_coherence import together

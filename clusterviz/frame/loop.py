@@ -26,8 +26,8 @@ from clusterviz.frame.opening import Bricks, Given, Opened, open_time_steps, ope
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Options, Progress, Run
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
+from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.plan import changed_settings
-from clusterviz.render.choice import prefers_cpu
 from clusterviz.report.decisions import Change
 from clusterviz.scene.diff import is_same_volume
 from clusterviz.scene.grids import KBuffer

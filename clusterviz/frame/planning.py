@@ -19,9 +19,9 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.opening import Opened, complete
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
+from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import make_view
-from clusterviz.render.choice import prefers_cpu
 from clusterviz.report.decisions import Accuracy, Sharing
 from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.values import Scene

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure, agree
-from clusterviz.render.choice import Device
+from clusterviz.gl.devices import Device
 from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import STAGES, Clock
 from clusterviz.scene.values import Scene

@@ -17,7 +17,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from ctypes.util import find_library
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from clusterviz.errors import DeviceError, InputError
 
@@ -29,6 +29,10 @@ INSTALL_HINT = (
 _EXTENSIONS, _VENDOR, _RENDERER = 0x3055, 0x3053, 0x335F
 _DRM_DEVICE_FILE, _DRM_RENDER_NODE_FILE, _CUDA_DEVICE = 0x3233, 0x3377, 0x323A
 _MOST_DEVICES = 128
+
+
+Device = int | Literal["cpu"] | None
+"""Device to draw on, as a user sets it: an EGL device by its index, the CPU, or None for the best one."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,33 @@ def egl_devices() -> tuple[EglDevice, ...]:
         raise DeviceError(f"there is no EGL library; {INSTALL_HINT}")
     egl = _Egl(ctypes.CDLL(name))
     return tuple(_describe(egl, index, handle) for index, handle in enumerate(egl.handles()))
+
+
+def has_gpu() -> bool:
+    """Return True if EGL lists hardware on this node."""
+    try:
+        return any(not device.software for device in egl_devices())
+    except DeviceError:
+        return False
+
+
+def prefers_cpu(device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
+    """Return True if a rank prefers the CPU ray caster to OpenGL.
+
+    Parameters
+    ----------
+    device : the user's setting; if it is None and CLUSTERVIZ_EGL_DEVICE names a device, OpenGL draws on that
+    environment : variables to read, this process's own by default
+    """
+    variables = os.environ if environment is None else environment
+    if isinstance(device, int) or (device is None and variables.get(ENVIRONMENT, "").strip()):
+        return False
+    return device == "cpu" or not has_gpu()
+
+
+def egl_device(device: Device) -> int | None:
+    """Return the EGL device of a setting; EGL's default for the CPU."""
+    return None if device == "cpu" else device
 
 
 def choose_device(

@@ -6,52 +6,20 @@ branch and emulates every fetch.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import DeviceError, InputError
-from clusterviz.gl.devices import ENVIRONMENT, egl_devices
+from clusterviz.errors import InputError
+from clusterviz.gl.devices import Device, egl_device, prefers_cpu
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import Slot, slot_of
 
 if TYPE_CHECKING:
     from clusterviz.render.cpu.caster import VectorCaster
     from clusterviz.render.raycast import Raycaster
-
-Device = int | Literal["cpu"] | None
-"""Device to draw on, as a user sets it: an EGL device by its index, the CPU, or None for the best one."""
-
-
-def prefers_cpu(device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
-    """Return True if a rank prefers the CPU ray caster to OpenGL.
-
-    Parameters
-    ----------
-    device : the user's setting; if it is None and CLUSTERVIZ_EGL_DEVICE names a device, OpenGL draws on that
-    environment : variables to read, this process's own by default
-    """
-    variables = os.environ if environment is None else environment
-    if isinstance(device, int) or (device is None and variables.get(ENVIRONMENT, "").strip()):
-        return False
-    return device == "cpu" or not has_gpu()
-
-
-def has_gpu() -> bool:
-    """Return True if EGL lists hardware on this node."""
-    try:
-        return any(not device.software for device in egl_devices())
-    except DeviceError:
-        return False
-
-
-def egl_device(device: Device) -> int | None:
-    """Return the EGL device of a setting; EGL's default for the CPU."""
-    return None if device == "cpu" else device
 
 
 def check_opengl(plan: Plan) -> None:

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.gl.devices import Device, egl_device, prefers_cpu
 from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import Device, check_opengl, egl_device, prefers_cpu
+from clusterviz.render.choice import check_opengl
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.crossing import Crossing, Planes
 from clusterviz.render.passes import Passes

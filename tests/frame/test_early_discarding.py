@@ -14,12 +14,12 @@ from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Rendered
+from clusterviz.gl.devices import Device
 from clusterviz.plan import plan
 from clusterviz.plan.content import make_content
 from clusterviz.plan.plan import changed_settings
 from clusterviz.render import raycast
 from clusterviz.render.abuffer import discarding, fills
-from clusterviz.render.choice import Device
 from clusterviz.report.early_discarding import EarlyDiscarding
 from clusterviz.scene import Scene
 from clusterviz.scene.animation import orbit

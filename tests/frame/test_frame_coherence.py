@@ -14,9 +14,9 @@ import pytest
 from frame.views import check_same, move_at_random, moving, on_ranks, pixels, so_far
 
 from clusterviz.frame import Rendered
+from clusterviz.gl.devices import Device
 from clusterviz.image import compare
 from clusterviz.render import frame_coherence
-from clusterviz.render.choice import Device
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.animation import orbit
 from clusterviz.scene.overrides import with_settings

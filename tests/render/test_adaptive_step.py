@@ -10,9 +10,9 @@ import pytest
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.data import open_source
 from clusterviz.frame import Options, Rendered, render_frame
+from clusterviz.gl.devices import Device
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
-from clusterviz.render.choice import Device
 from clusterviz.render.storage import Slot
 from clusterviz.render.stored_brick import group_curvature
 from clusterviz.scene import Scene, scene_of_data

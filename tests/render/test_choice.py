@@ -8,8 +8,8 @@ import pytest
 
 from clusterviz.cli.arguments import parse_device
 from clusterviz.errors import DeviceError, InputError
-from clusterviz.render import choice
-from clusterviz.render.choice import prefers_cpu
+from clusterviz.gl import devices
+from clusterviz.gl.devices import prefers_cpu
 
 ASKED = {"CLUSTERVIZ_EGL_DEVICE": "0"}
 
@@ -28,7 +28,7 @@ ASKED = {"CLUSTERVIZ_EGL_DEVICE": "0"}
 def test_the_processor_draws_where_there_is_no_gpu_or_it_is_asked_for(
     gpu: bool, device: Any, environment: dict[str, str], processor: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(choice, "has_gpu", lambda: gpu)
+    monkeypatch.setattr(devices, "has_gpu", lambda: gpu)
     assert prefers_cpu(device, environment) is processor
 
 
@@ -36,8 +36,8 @@ def test_no_egl_is_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail() -> None:
         raise DeviceError("there is no EGL library")
 
-    monkeypatch.setattr(choice, "egl_devices", fail)
-    assert not choice.has_gpu()
+    monkeypatch.setattr(devices, "egl_devices", fail)
+    assert not devices.has_gpu()
 
 
 def test_devices_are_named_by_index_or_cpu() -> None:

@@ -19,9 +19,9 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import render_frame
 from clusterviz.frame.run import Options
+from clusterviz.gl.devices import Device
 from clusterviz.image import compare
 from clusterviz.reference import render_reference
-from clusterviz.render.choice import Device
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.overrides import with_settings
 

@@ -11,7 +11,8 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_scene
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run, prepare
-from clusterviz.render.choice import Device, make_caster
+from clusterviz.gl.devices import Device
+from clusterviz.render.choice import make_caster
 from clusterviz.scene import Scene
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, MutableMapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cache
 from operator import length_hint
@@ -39,12 +38,10 @@ from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
 from clusterviz.render.cpu.tables import Blocks, brick_buffers, frame_of, textures, uniform_blocks
-from clusterviz.render.cpu.width import Width, cpu_name, host_width
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
 from clusterviz.render.passes import Passes, is_reached
 from clusterviz.render.render_result import (
-    PROGRESS_SECONDS,
     SQUARE,
     PartOf,
     Progress,
@@ -60,6 +57,8 @@ from clusterviz.render.variant import Lanes, Variant, cpu_variant_of, of_size
 from clusterviz.report.kbuffer_counts import KBufferCounts
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.spmd.machine_code import addresses, compiled
+from clusterviz.spmd.threads import run_threads, thread_pool
+from clusterviz.spmd.width import Width, cpu_name, host_width
 
 Index = tuple[int, int, int]
 Cast = Callable[[int], None]
@@ -379,7 +378,7 @@ class VectorCaster:
                 # Pixels that are not drawn again keep their colours, and the others have zeros.
                 frame["first_box"] = 0
             if shown.geometry:
-                threads, limits = (_pool(os.getpid()), self._threads), hidden.limits if hidden else None
+                threads, limits = (thread_pool(os.getpid()), self._threads), hidden.limits if hidden else None
                 tiles = list_primitives(plan, shown.geometry, rect, threads, limits, tiles)
                 found = find_fragments(
                     plan,
@@ -443,14 +442,11 @@ class VectorCaster:
         progress: Progress = no_progress,
     ) -> None:
         """Let all threads take tiles from a counter; this one waits, so that it can be interrupted."""
-        threads = [_pool(os.getpid()).submit(cast, table.ctypes.data) for _ in range(self._threads)]
-        try:
-            while wait(threads, PROGRESS_SECONDS).not_done:
-                progress(min(1.0, int(state[COUNTER]) / tiles))
-        finally:
-            # After an interrupt there are no more tiles; those that are being drawn write to memory of this frame.
-            state[COUNTER] = tiles
-            wait(threads)
+
+        def report() -> None:
+            progress(min(1.0, int(state[COUNTER]) / tiles))
+
+        run_threads(cast, table, state[COUNTER : COUNTER + 1], tiles, self._threads, report)
 
     def _skips_of(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> NDArray[Any]:
         """Return how far rays may skip from the groups of a box, or their bits if the step is adaptive.
@@ -517,9 +513,3 @@ def compiled_variant(variant: Variant) -> Cast:
     """Return the machine code of a variant, a function of the address of a table of addresses."""
     assert variant.cpu, "the variant is one of a CPU"
     return compiled(variant.source, variant.name, variant.cpu.lanes)
-
-
-@cache
-def _pool(process: int) -> ThreadPoolExecutor:
-    """Threads that wait for work, made as they are needed; a forked process has none of its parent's."""
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="cast")

@@ -19,10 +19,10 @@ from clusterviz.comm import Channel, abort_on_failure
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.frame.opening import Given
 from clusterviz.frame.work import DrawnFrame, Rendered
+from clusterviz.gl.devices import Device
 from clusterviz.image.partial import Rect
 from clusterviz.render.abuffer.fills import FRAGMENT, bytes_of, room_for
 from clusterviz.render.abuffer.resolves import LARGEST, MOST_SIZE, SMALLEST, class_of
-from clusterviz.render.choice import Device
 from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.geometry import GeometrySection, as_sections
 from clusterviz.scene.values import Fill, Scene

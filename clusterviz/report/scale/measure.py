@@ -21,10 +21,9 @@ from clusterviz.composite import Compositor
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.frame.work import DrawnFrame
-from clusterviz.gl.devices import choose_device, egl_devices
+from clusterviz.gl.devices import choose_device, egl_devices, prefers_cpu
 from clusterviz.image.partial import EMPTY
 from clusterviz.plan.plan import Plan
-from clusterviz.render.choice import prefers_cpu
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.animation import scenes_along
 from clusterviz.scene.values import Scene
