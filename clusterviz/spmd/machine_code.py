@@ -60,20 +60,24 @@ _COMPILING = Lock()
 """Threads that stand for ranks ask for the same code at once."""
 
 
-def compiled(source: ShaderSource, name: str, lanes: int) -> Callable[[int], None]:
+def compiled(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True) -> Callable[[int], None]:
     """Return a shader's `main`, from its object file; see `function_of` and `kernels/objects.py`.
 
     Parameters
     ----------
     name : of the function and, but for a hash, of the file
+    intrinsics : as of `code_of`; not for text of users, whose functions may have the same names
     """
     with _COMPILING:
-        return _compiled(source, name, lanes)
+        return _compiled(source, name, lanes, intrinsics)
 
 
 @cache
-def _compiled(source: ShaderSource, name: str, lanes: int) -> Callable[[int], None]:
-    address = function_address(name, code_sources(source, lanes), lambda: object_code(source, name, lanes))
+def _compiled(source: ShaderSource, name: str, lanes: int, intrinsics: bool) -> Callable[[int], None]:
+    def make() -> bytes:
+        return object_code(source, name, lanes, intrinsics)
+
+    address = function_address(name, code_sources(source, lanes), make)
     return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address)
 
 
