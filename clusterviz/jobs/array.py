@@ -16,9 +16,12 @@ for "sum" of floats let one block's result be written by one rank, or give `orde
 from __future__ import annotations
 
 import math
+import pickle
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack
+from functools import partial
 from pathlib import Path
 from types import EllipsisType
 from typing import Any, cast
@@ -26,20 +29,41 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from clusterviz.comm import Channel, RemoteBox, RemoteMemory, agree, mark_agreed
-from clusterviz.comm.remote_memory import Transfer
+from clusterviz.comm import Channel, RemoteBox, RemoteMemory, abort_on_failure, agree, all_to_all, mark_agreed
+from clusterviz.comm.remote_memory import Transfer, operation_of
 from clusterviz.data.bricks import Box, read_bricks
 from clusterviz.data.header import check_dtype
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.errors import InputError
+from clusterviz.data.store.shards import BrickCodec
+from clusterviz.data.store.writer import write_store
+from clusterviz.errors import InputError, OutputError
+from clusterviz.image.replace import replacing
 from clusterviz.jobs.blocks import block_owners, make_blocks
 from clusterviz.report.machine import memory
 
 _ALIGNMENT = 64
+_TAG = 31_000
 MEMORY_SHARE = 0.9
 """Share of a node's free memory that one array may take."""
 
+_Waiting = tuple[int, RemoteBox, bool, str, NDArray[Any]]
 Key = EllipsisType | int | slice | Box | tuple[int | slice | EllipsisType, ...]
+
+
+class ArrayBox(tuple[Index, Index]):
+    """A `Box` that knows its array.
+
+    Attributes
+    ----------
+    array : the distributed array
+    """
+
+    array: DistributedArray
+
+    def __new__(cls, array: DistributedArray, begin_zyx: Index, end_zyx: Index) -> ArrayBox:
+        self = super().__new__(cls, (begin_zyx, end_zyx))
+        self.array = array
+        return self
 
 
 class DistributedArray:
@@ -58,6 +82,7 @@ class DistributedArray:
 
     Attributes
     ----------
+    shape, components : all axes, and those behind z, y and x
     grid : division into blocks
     bytes_fetched : bytes that this rank read from the parts of other ranks
     bytes_local : bytes that this rank read from its own part
@@ -85,16 +110,21 @@ class DistributedArray:
     ) -> None:
         self.channel, self.name = channel, name
         self.shape = _checked_shape(shape, name)
+        self.components = self.shape[3:]
+        self._zeros = (0,) * len(self.components)
         self.dtype = check_dtype(np.dtype(dtype), name)
         self.grid = make_blocks(self.shape_zyx, blocks, name)
         self._owners = block_owners(self.grid, channel.size, distribution)
+        # Lists answer for one block faster than arrays.
+        self._owner_lists: list[list[list[int]]] = self._owners.owner.tolist()
         self.bytes_fetched = self.bytes_local = self.bytes_stored = 0
         self._counting = threading.Lock()
+        self._waiting: list[_Waiting] = []
         self._element_bytes = self.dtype.itemsize * math.prod(self.components)
         sizes = -(-self.grid.elements * self._element_bytes // _ALIGNMENT) * _ALIGNMENT
-        self._offset, self._in_file, in_memory, in_files = _part_layout(
-            sizes, self._owners.owner, channel.size, memory_limit
-        )
+        offset, in_file, in_memory, in_files = _part_layout(sizes, self._owners.owner, channel.size, memory_limit)
+        self._offsets: list[list[list[int]]] = offset.tolist()
+        self._is_in_file: list[list[list[bool]]] = in_file.tolist()
         _check_memory(channel, in_memory, f"{name} of shape {self.shape} and type {self.dtype}")
         self._memory = channel.remote_memory(int(in_memory[channel.rank]))
         self._files: RemoteMemory | None = None
@@ -106,11 +136,6 @@ class DistributedArray:
     def shape_zyx(self) -> Index:
         """Elements along z, y and x."""
         return self.shape[0], self.shape[1], self.shape[2]
-
-    @property
-    def components(self) -> tuple[int, ...]:
-        """Axes behind z, y and x."""
-        return self.shape[3:]
 
     @property
     def nbytes(self) -> int:
@@ -131,18 +156,22 @@ class DistributedArray:
         """Return the rank that holds a block."""
         return int(self._owners.owner[index_zyx])
 
-    def box(self, index_zyx: Index, halo: int = 0) -> Box:
+    def box(self, index_zyx: Index, halo: int = 0) -> ArrayBox:
         """Return the box of a block, and of the elements at most `halo` beyond it along each axis, cut at the array."""
         if not all(0 <= i < n for i, n in zip(index_zyx, self.blocks, strict=True)):
             raise InputError("no such block", where=self.name, found=tuple(index_zyx), allowed=f"below {self.blocks}")
-        return self.grid.box(index_zyx, halo)
+        return ArrayBox(self, *self.grid.box(index_zyx, halo))
 
     def bytes_by_rank(self, box: Box) -> NDArray[np.int64]:
         """Return the bytes of a box that each rank holds, int64 (ranks,)."""
-        slices, elements = self.grid.shared_elements(self._checked_box(box))
-        found = np.zeros(self.channel.size, np.int64)
-        np.add.at(found, self.owners[slices], elements * self._element_bytes)
-        return found
+        along_z, along_y, along_x = self.grid.parts(self._checked_box(box))
+        found = [0] * self.channel.size
+        for i, z, z_end in along_z:
+            for j, y, y_end in along_y:
+                owners, rows = self._owner_lists[i][j], (z_end - z) * (y_end - y)
+                for k, x, x_end in along_x:
+                    found[owners[k]] += rows * (x_end - x)
+        return np.array(found, np.int64) * self._element_bytes
 
     def own_blocks(self) -> Iterator[tuple[Index, NDArray[Any]]]:
         """Yield the blocks that this rank holds, in array order: index and writable elements, (z, y, x, components)."""
@@ -185,15 +214,30 @@ class DistributedArray:
             self._files.put(in_files)
         self._count_stored(in_memory, in_files)
 
-    def accumulate(self, box: Box, values: ArrayLike, operation: str = "sum") -> None:
+    def accumulate(self, box: Box, values: ArrayLike, operation: str = "sum", order: int | None = None) -> None:
         """Combine the elements of a box with values: sum, min or max; atomic in each block. NaN wins over numbers.
+
+        Parameters
+        ----------
+        order : number of this contribution, as the number of the block of a job, that no other contribution has: it is
+            kept until `sync`, and then all are applied in rising order, so that sums of floats have the same bits on
+            any ranks. None: it is applied at once.
 
         Raises
         ------
         InputError
             As `write`; or no such operation.
         """
+        operation_of(operation)
         in_memory, in_files = self._transfers(self._checked_box(box), self._fitting(box, values))
+        if order is not None:
+            with self._counting:
+                for is_in_file, transfers in enumerate((in_memory, in_files)):
+                    self._waiting += [
+                        (order, place, bool(is_in_file), operation, np.array(part)) for place, part in transfers
+                    ]
+            self._count_stored(in_memory, in_files)
+            return
         self._memory.accumulate(in_memory, operation)
         if self._files is not None:
             self._files.accumulate(in_files, operation)
@@ -287,11 +331,64 @@ class DistributedArray:
             )
         return ArrayBoxes(self, grid or Grid(self.shape_zyx))
 
+    def save(self, path: str | Path, grid: Grid | None = None) -> None:
+        """Write the array as a NumPy file (.npy) or a store (.zarr) in a folder that all ranks see; collective.
+
+        Parameters
+        ----------
+        grid : positions of the elements of a store
+
+        Raises
+        ------
+        OutputError, RankError
+            On every rank: it cannot be written, or has no such name.
+        """
+        target = Path(path)
+        self.sync()
+        with agree(self.channel, 0, "save"):
+            if target.suffix not in (".npy", ".zarr"):
+                raise OutputError("no such file of an array", where=str(target), allowed="NAME.npy, NAME.zarr")
+            if target.suffix == ".zarr" and target.exists():  # a store of another array would be continued
+                raise OutputError("something else is there", where=str(target), allowed="a new name")
+        if target.suffix == ".zarr":
+            codec, together = BrickCodec(), partial(_stage, self.channel)
+            rank, size, share = self.channel.rank, self.channel.size, self.channel.allgather
+            write_store(self.as_source(grid), target, codec, 64, rank, size, together, share)
+            return
+        with ExitStack() as stack:
+            with agree(self.channel, 0, "save"):
+                file = stack.enter_context(replacing(target)) if self.channel.rank == 0 else target
+                if self.channel.rank == 0:
+                    np.lib.format.open_memmap(file, "w+", self.dtype, self.shape)
+            file = self.channel.broadcast(file)
+            with agree(self.channel, 0, "save"):
+                written = np.lib.format.open_memmap(file, "r+")
+                for index, elements in self.own_blocks():
+                    written[tuple(map(slice, *self.grid.box(index)))] = elements
+                written.flush()
+
     def sync(self) -> None:
-        """Let all ranks see what any of them wrote before; collective."""
+        """Apply contributions that wait, and let all ranks see what any of them wrote before; collective."""
         self._memory.sync()
+        if self.channel.maximum(len(self._waiting)):
+            self._apply_waiting()
+            self._memory.sync()
         if self._files is not None:
             self._files.sync()
+
+    def _apply_waiting(self) -> None:
+        """Send contributions that wait to the owners of their blocks, and apply those to own blocks in order."""
+        sent = [
+            pickle.dumps([one for one in self._waiting if one[1].rank == rank]) for rank in range(self.channel.size)
+        ]
+        self._waiting.clear()
+        received = all_to_all(self.channel, [np.frombuffer(data, np.uint8) for data in sent], _TAG)
+        mine: list[_Waiting] = [one for data in received for one in pickle.loads(data.tobytes())]
+        for _, place, is_in_file, operation, values in sorted(mine, key=lambda one: one[0]):
+            memory = self._files if is_in_file else self._memory
+            assert memory is not None, "no block is in a file without files"
+            target = np.ndarray(place.shape, self.dtype, memory.own, place.offset)[place.slices]
+            operation_of(operation)(target, values, out=target)
 
     def free(self) -> None:
         """Release the memory; collective."""
@@ -301,17 +398,17 @@ class DistributedArray:
 
     def _place(self, block: Index, box: Box) -> tuple[RemoteMemory, RemoteBox]:
         """Return where a box of one block's elements lies."""
-        begin, end = self.grid.box(block)
-        shape = (*(e - b for b, e in zip(begin, end, strict=True)), *self.components)
-        inside = [tuple(i - b for i, b in zip(corner, begin, strict=True)) for corner in box]
+        (z, y, x), (z_end, y_end, x_end) = self.grid.box(block)
+        (z_in, y_in, x_in), (z_out, y_out, x_out) = box
+        i, j, k = block
         files = self._files
-        memory = files if files is not None and self._in_file[block] else self._memory
+        memory = files if files is not None and self._is_in_file[i][j][k] else self._memory
         return memory, RemoteBox(
-            int(self.owners[block]),
-            int(self._offset[block]),
-            shape,
-            (*inside[0], *(0 for _ in self.components)),
-            (*inside[1], *self.components),
+            self._owner_lists[i][j][k],
+            self._offsets[i][j][k],
+            (z_end - z, y_end - y, x_end - x, *self.components),
+            (z_in - z, y_in - y, x_in - x, *self._zeros),
+            (z_out - z, y_out - y, x_out - x, *self.components),
         )
 
     def _transfers(self, box: Box, values: NDArray[Any]) -> tuple[list[Transfer], list[Transfer]]:
@@ -330,9 +427,10 @@ class DistributedArray:
             self.bytes_stored += far
 
     def _checked_box(self, box: Box) -> Box:
-        begin, end = box
-        if not all(0 <= b <= e <= n for b, e, n in zip(begin, end, self.shape_zyx, strict=True)):
-            found = f"{tuple(begin)} to {tuple(end)}"
+        (z, y, x), (z_end, y_end, x_end) = box
+        depth, height, width = self.shape_zyx
+        if not (0 <= z <= z_end <= depth and 0 <= y <= y_end <= height and 0 <= x <= x_end <= width):
+            found = f"{(z, y, x)} to {(z_end, y_end, x_end)}"
             raise InputError("no such box", where=self.name, found=found, allowed=f"inside {self.shape_zyx}")
         return box
 
@@ -425,6 +523,11 @@ def array_from(channel: Channel, source: Source, blocks: int | Index = 64, **opt
     array = DistributedArray(channel, source.grid.shape_zyx, source.dtype, blocks, **{"name": source.name} | options)
     array.fill_from(source)
     return array
+
+
+def _stage(channel: Channel, stage: str) -> AbstractContextManager[None]:
+    """Return the context of a stage of `write_store`."""
+    return (abort_on_failure if stage == "statistics" else agree)(channel, 0, stage)
 
 
 def _checked_shape(shape: Sequence[int], name: str) -> tuple[int, ...]:

@@ -72,33 +72,22 @@ class Blocks:
         """Return the elements of a block."""
         return self.box(index_zyx)
 
-    def touched(self, box: Box) -> tuple[range, range, range]:
-        """Return the indices along z, y and x of the blocks that share elements with a box."""
-        z, y, x = (
-            range(begin // side, -(-end // side)) if begin < end else range(0)
+    def parts(self, box: Box) -> list[list[tuple[int, int, int]]]:
+        """Return along z, y and x: index, begin and end of what each block shares with a box."""
+        return [
+            [(i, max(begin, i * side), min(end, (i + 1) * side)) for i in range(begin // side, -(-end // side))]
+            if begin < end
+            else []
             for begin, end, side in zip(*box, self.block_zyx, strict=True)
-        )
-        return z, y, x
+        ]
 
     def shared(self, box: Box) -> Iterator[tuple[Index, Box]]:
         """Yield the blocks that share elements with a box, in array order, and those elements."""
-        axes = [
-            [(i, max(begin, i * side), min(end, (i + 1) * side)) for i in touched]
-            for begin, end, side, touched in zip(*box, self.block_zyx, self.touched(box), strict=True)
-        ]
-        for i, z, z_end in axes[0]:
-            for j, y, y_end in axes[1]:
-                for k, x, x_end in axes[2]:
+        along_z, along_y, along_x = self.parts(box)
+        for i, z, z_end in along_z:
+            for j, y, y_end in along_y:
+                for k, x, x_end in along_x:
                     yield (i, j, k), ((z, y, x), (z_end, y_end, x_end))
-
-    def shared_elements(self, box: Box) -> tuple[tuple[slice, slice, slice], NDArray[np.int64]]:
-        """Return slices of the blocks that share elements with a box, and how many each shares, int64."""
-        sides = []
-        for begin, end, side, touched in zip(*box, self.block_zyx, self.touched(box), strict=True):
-            borders = np.arange(touched.start, touched.stop + 1) * side
-            sides.append(np.diff(borders.clip(begin, end)))
-        z, y, x = (slice(touched.start, touched.stop) for touched in self.touched(box))
-        return (z, y, x), sides[0][:, None, None] * sides[1][:, None] * sides[2]
 
 
 def make_blocks(shape_zyx: Index, block: int | Index, where: str) -> Blocks:

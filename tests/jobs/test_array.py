@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.comm import Channel, RemoteMemoryError, ThrottledChannel, run_loopback
+from clusterviz.comm import Channel, LoopbackChannel, RemoteMemoryError, ThrottledChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE
+from clusterviz.data import open_source
+from clusterviz.data.given import given_scene
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.errors import InputError, is_agreed
+from clusterviz.errors import ClustervizError, InputError, OutputError, is_agreed
+from clusterviz.frame import Options, render_frame
 from clusterviz.jobs import array as array_module
 from clusterviz.jobs.array import DistributedArray, array_from
 from clusterviz.report.machine import Memory
@@ -120,8 +124,29 @@ def test_over_mpi(mpi_ranks: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         for options in (CASES["cubes"], CASES["in files"] | {"spill": tmp_path}):
             assert check_boxes(channel, options) == bits
             check_atomic(channel, options)
+        check_thread(channel, is_far=ranks_per_node == "1")
         channel.close()
     assert not list(tmp_path.iterdir())
+
+
+def check_thread(channel: Channel, is_far: bool) -> None:
+    """Another thread reads what is mapped; elsewhere MPI, which was started for one thread, is not called."""
+    array = DistributedArray(channel, SHAPE, np.float32, 4)
+    found: list[Any] = []
+
+    def read() -> None:
+        try:
+            found.append(array[...].shape)
+        except ClustervizError as error:
+            found.append(str(error))
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    thread.join()
+    refused = "MPI was not started for several threads; open the channel with several_threads=True"
+    assert found == [refused if is_far else SHAPE]
+    array.sync()
+    array.free()
 
 
 def test_components_keys_and_scalars() -> None:
@@ -143,6 +168,74 @@ def test_components_keys_and_scalars() -> None:
 
     run_loopback(1, check)
     run_loopback(3, lambda channel: check(channel) if channel.rank < 0 else None)
+
+
+@pytest.mark.parametrize("case", ["cubes", "in files"])
+def test_ordered_sums_of_floats_have_the_same_bits_on_any_ranks(case: str, tmp_path: Path) -> None:
+    """40 contributions of very different size, from whichever rank has taken them, and one at once."""
+
+    def run(channel: Channel) -> bytes:
+        array = DistributedArray(channel, SHAPE, np.float32, **CASES[case], spill=tmp_path)
+        dice = np.random.default_rng(3)
+        for number in dice.permutation(40).tolist():
+            values = np.random.default_rng(number).normal(size=(5, 8, 9)) * 10.0 ** (number % 7)
+            if number % channel.size == channel.rank:
+                array.accumulate(((1, 1, 1), (6, 9, 10)), values, order=number)
+        before = array[...]
+        array.sync()
+        assert not before.any()
+        found: bytes = array[...].tobytes()
+        return found
+
+    each = [bits for ranks in RANKS for bits in run_loopback(ranks, run)]
+    expected = np.zeros(SHAPE, np.float32)
+    for number in range(40):
+        values = np.random.default_rng(number).normal(size=(5, 8, 9)) * 10.0 ** (number % 7)
+        expected[1:6, 1:9, 1:10] += values.astype(np.float32)
+    assert set(each) == {expected.tobytes()}
+
+
+def test_a_saved_array_is_read_again(tmp_path: Path) -> None:
+    """As .npy with components, and as a store with its grid, which another array does not continue."""
+    grid = Grid(SHAPE, (1.0, 2.0, 3.0))
+
+    def run(channel: Channel) -> None:
+        array = array_from(channel, ArraySource(NUMBERS), 4)
+        array.save(tmp_path / "a.zarr", grid)
+        with pytest.raises(OutputError, match="something else is there"):
+            array.save(tmp_path / "a.zarr", grid)
+        with pytest.raises(OutputError, match=r"no such file of an array; allowed NAME.npy, NAME.zarr"):
+            array.save(tmp_path / "a.tif")
+        with pytest.raises(ClustervizError, match=r"rank 0, frame 0, save: .*/nowhere is missing"):
+            array.save(tmp_path / "nowhere" / "a.npy")
+        vectors = DistributedArray(channel, (*SHAPE, 2), np.int16, 4)
+        vectors.fill((1, 2))
+        vectors.save(tmp_path / "v.npy")
+        store = open_source(tmp_path / "a.zarr")
+        again = array_from(channel, store, 5, distribution="interleaved")
+        assert np.array_equal(again[...], NUMBERS, equal_nan=True)
+        assert store.grid.spacing == grid.spacing
+
+    run_loopback(3, run, timeout_seconds=300)  # kernels are compiled
+    assert np.array_equal(np.load(tmp_path / "v.npy"), np.broadcast_to(np.array([1, 2], np.int16), (*SHAPE, 2)))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "v.npy"]
+
+
+def test_an_array_is_rendered_as_the_numpy_array(tmp_path: Path) -> None:
+    """By the ranks that hold it, each reading its bricks, some of them in files."""
+    values = np.random.default_rng(2).random((12, 11, 10)).astype(np.float32)
+
+    def run(channel: Channel, held: Any) -> Any:
+        scene, source = given_scene(held, None, {"size": (24, 20), "brick": 4}, "render")
+        return render_frame(scene, channel, source, Options(device="cpu")).image
+
+    def run_distributed(channel: Channel) -> Any:
+        array = array_from(channel, ArraySource(values), 4, memory_limit=1000, spill=tmp_path)
+        return run(channel, array.as_source())
+
+    expected = run(LoopbackChannel(), values)
+    assert expected.any()
+    assert np.allclose(run_loopback(3, run_distributed)[0], expected, atol=1e-6)
 
 
 REFUSED: dict[str, tuple[Callable[[DistributedArray], object], str]] = {
