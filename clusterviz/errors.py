@@ -101,10 +101,10 @@ class DeviceError(ClustervizError):
 
 
 class RankError(ClustervizError):
-    """Failure of one rank; every rank raises this with the same text: rank, frame, stage and cause."""
+    """Failure of one rank; every rank raises this with the same text: rank, frame if there is one, stage and cause."""
 
-    def __init__(self, rank: int, frame: int, stage: str, cause: str, exit_status: int = 1) -> None:
-        super().__init__(f"rank {rank}, frame {frame}, {stage}: {cause}")
+    def __init__(self, rank: int, frame: int | None, stage: str, cause: str, exit_status: int = 1) -> None:
+        super().__init__(f"rank {rank}, {'' if frame is None else f'frame {frame}, '}{stage}: {cause}")
         self.rank, self.frame, self.stage, self.cause = rank, frame, stage, cause
         self.exit_status = exit_status
 

@@ -33,7 +33,7 @@ def _status(error: BaseException) -> int:
 
 
 @contextmanager
-def agree(channel: Channel, frame: int, stage: str) -> Iterator[None]:
+def agree(channel: Channel, frame: int | None, stage: str) -> Iterator[None]:
     """Context of a stage without communication: an error on one rank is raised on every rank.
 
     If all ranks raise the same ClustervizError (a missing file, for example), it is raised unchanged. A stage may
@@ -55,7 +55,7 @@ def agree(channel: Channel, frame: int, stage: str) -> Iterator[None]:
         _raise_together(channel, frame, stage, error)
 
 
-def _raise_together(channel: Channel, frame: int, stage: str, error: Exception | None) -> None:
+def _raise_together(channel: Channel, frame: int | None, stage: str, error: Exception | None) -> None:
     """Gather the errors of all ranks, and raise the same error on each."""
     mine = None if error is None else (isinstance(error, ClustervizError), describe(error), _status(error))
     reports = channel.allgather(mine)

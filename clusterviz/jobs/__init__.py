@@ -13,7 +13,7 @@ blocks.py     their division into blocks, and the owners of these
 from __future__ import annotations
 
 from clusterviz.jobs.array import DistributedArray, array_from
-from clusterviz.jobs.cluster import Cluster, JobError, Run, cluster
+from clusterviz.jobs.cluster import Cluster, Run, cluster
 from clusterviz.jobs.device import Device, devices, on_device
 from clusterviz.jobs.job import Job, job
 from clusterviz.jobs.kernel import Kernel, KernelError, kernel
@@ -24,7 +24,6 @@ __all__ = [
     "Device",
     "DistributedArray",
     "Job",
-    "JobError",
     "Kernel",
     "KernelError",
     "Run",

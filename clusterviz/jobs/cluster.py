@@ -23,7 +23,7 @@ from clusterviz.comm.agree import describe, is_agreed, mark_agreed
 from clusterviz.comm.back_off import poll_until
 from clusterviz.data.source import Index as IndexZyx
 from clusterviz.data.source import Source
-from clusterviz.errors import ClustervizError, InputError
+from clusterviz.errors import ClustervizError, InputError, RankError
 from clusterviz.jobs.array import DistributedArray, array_from
 from clusterviz.jobs.device import DevicePool, DeviceSetting, devices_of, with_pool
 from clusterviz.jobs.job import Job
@@ -40,14 +40,6 @@ from clusterviz.jobs.task import Grid, Index, indices
 Block = tuple[int, Index]
 """Number of a job in a run, and the index of its block."""
 _THREAD = threading.local()
-
-
-class JobError(ClustervizError):
-    """Failure of a block; every rank raises this with the same text: rank, job, block and cause."""
-
-    def __init__(self, rank: int, where: str, cause: str, exit_status: int) -> None:
-        super().__init__(f"rank {rank}, {where}: {cause}")
-        self.exit_status = exit_status
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +97,7 @@ class Cluster:
 
         Raises
         ------
-        JobError
+        RankError
             On every rank: a block has failed.
         InputError
             On every rank: wrong arguments, or blocks that wait for each other in a circle.
@@ -114,15 +106,15 @@ class Cluster:
 
     def run_all(self, parts: Sequence[tuple[Job, Grid]], schedule: ScheduleName = "local", seed: int = 0) -> list[Run]:
         """Run several jobs together, whose blocks may wait for blocks of each other; collective; see `run`."""
+        if getattr(_THREAD, "in_job", False):
+            raise InputError("a block of a job cannot run jobs", where="Cluster.run", allowed="tasks")
         for array in self._arrays:
             array.sync()
-        with agree(self.channel, 0, "jobs"):
-            if getattr(_THREAD, "in_job", False):
-                raise InputError("a block of a job runs no jobs", where="run", allowed="a task")
+        with agree(self.channel, None, "jobs"):
             blocks: list[Block] = [(n, block) for n, (_, grid) in enumerate(parts) for block in indices(grid)]
             after = _dependencies([job for job, _ in parts], blocks)
         held = self._held([job for job, _ in parts], blocks) if schedule == "local" and self.size > 1 else None
-        with agree(self.channel, 0, "jobs"):
+        with agree(self.channel, None, "jobs"):
             planned = make_schedule(schedule, len(blocks), self.size, held, seed)
             if after:
                 planned = in_order(planned, _order(parts, blocks, after))
@@ -139,6 +131,11 @@ class Cluster:
         made = array_from(self.channel, source, blocks, **options)
         self._arrays.append(made)
         return made
+
+    def free(self, array: DistributedArray) -> None:
+        """Release an array before the cluster ends; collective."""
+        self._arrays.remove(array)
+        array.free()
 
     def collect(self, run: Run) -> list[Any]:
         """Return the values of all blocks of a run in C order, on every rank; collective."""
@@ -179,7 +176,7 @@ class Cluster:
             return None
         share = -(-len(blocks) // self.size)
         own = np.zeros((share, self.size), np.int64)
-        with agree(self.channel, 0, "declared reads"):
+        with agree(self.channel, None, "declared reads"):
             for row, (number, block) in enumerate(blocks[share * self.rank : share * (self.rank + 1)]):
                 for array, box in _boxes(jobs[number], block):
                     own[row] += array.bytes_by_rank(box)
@@ -222,12 +219,16 @@ class _Runner:
             with with_pool(pool):
                 self._work()
         else:
-            pool.run(self._work)
+            try:
+                pool.run(self._work)
+            except BaseException:  # interrupted: the devices' threads take no more
+                self._reader().close()
+                raise
         return self._finish(self._bytes_fetched() - fetched)
 
     def _work(self) -> None:
         """Take blocks and run them; one device's part."""
-        reader = QueueReader(self._schedule, self._add, self._cluster.rank)
+        reader = self._reader()
         _THREAD.in_job = True
         try:
             while (taken := reader.take()) is not None:
@@ -236,6 +237,9 @@ class _Runner:
                     reader.close()
         finally:
             _THREAD.in_job = False
+
+    def _reader(self) -> QueueReader:
+        return QueueReader(self._schedule, self._add, self._cluster.rank)
 
     def _run_block(self, number: int, stolen: bool) -> bool:
         """Run a block; return False if it has failed."""
@@ -280,7 +284,7 @@ class _Runner:
             reports = channel.allgather(status)
             rank = int(numbers[:, 0].argmax())
             where, text, exit_status = reports[rank] or ("", "", 1)
-            raised = mark_agreed(JobError(rank, where, text, exit_status))
+            raised = mark_agreed(RankError(rank, None, where, text, exit_status))
             raise raised from (failure[1] if failure is not None and rank == channel.rank else None)
         n = len(self._parts)
         return [
@@ -303,13 +307,12 @@ def _boxes(job: Job, block: Index) -> list[tuple[Any, Any]]:
     declared = job.reads(block) if job.reads else []
     found = []
     for each in declared if isinstance(declared, list) else [declared]:
-        array, box = (each.array, each) if hasattr(each, "array") else each
-        if not hasattr(array, "bytes_by_rank"):
-            allowed = "array.box(i), (array, box), or a list of them"
-            raise InputError(
-                "no box of a distributed array", where=f"reads of job {job.name}", found=each, allowed=allowed
-            )
-        found.append((array, box))
+        match (each.array, each) if hasattr(each, "array") else each:
+            case (DistributedArray() as array, box):
+                found.append((array, box))
+            case _:
+                where, allowed = f"reads of job {job.name}", "array.box(i), (array, box), or a list of them"
+                raise InputError("no box of a distributed array", where=where, found=each, allowed=allowed)
     return found
 
 
@@ -375,7 +378,7 @@ def cluster(comm: Any = None, devices: Sequence[DeviceSetting] | None = None) ->
             placement = channel.placement()
             if channel.size > 1:
                 limit_threads(placement)
-            with agree(channel, 0, "devices"):
+            with agree(channel, None, "devices"):
                 pool = DevicePool(devices_of(devices, placement.local_rank))
             if several and channel.size > 1 and channel.for_thread() is None:
                 found = "MPI was started for one thread"

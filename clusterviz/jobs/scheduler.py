@@ -32,10 +32,8 @@ ScheduleName = Literal["local", "shared", "static", "random"]
 SCHEDULES: tuple[str, ...] = get_args(ScheduleName)
 Node = TypeVar("Node", bound=Hashable)
 
-BACK_BITS = 32
+BACK_BITS = 36
 """Bits of a counter for what was taken from the front; those above are for the back."""
-CLOSED = 1 << (BACK_BITS - 1)
-"""Added to a counter, closes its queue."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +152,8 @@ class QueueReader:
 
     def close(self) -> None:
         """Close all queues, so that no rank takes another block."""
-        for number in range(len(self._queues)):
-            self._add(number, CLOSED)
+        for number, queue in enumerate(self._queues):
+            self._add(number, len(queue))
 
     def _taken(self, number: int, more: int) -> tuple[int, int]:
         before = self._add(number, more)

@@ -1,0 +1,45 @@
+"""Program of several ranks that fails as its argument says: in one block, on whichever rank runs it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clusterviz import jobs
+
+
+def wrong(dst: Any) -> None:
+    """Kernel with a mistake."""
+
+
+def fail(how: str, folder: str) -> None:
+    """Fail."""
+    if how == "kernel":
+        file = Path(folder) / "wrong.glsl"
+        file.write_text("void kernel(ivec3 at) {\n    dst_set(at, 1.0 +);\n}\n")
+        jobs.kernel(file, writes=("dst",))(wrong)[4](np.zeros(4, np.float32))
+    if how == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def main(how: str, folder: str) -> None:
+    """Run a job of 30 blocks, each behind the one before it."""
+
+    @jobs.job(after=lambda block: range(max(0, block - 1), block))
+    def run(block: int) -> None:
+        if block == 17:
+            fail(how, folder)
+
+    with jobs.cluster() as c:
+        if how == "alone" and c.rank == 1:
+            raise ValueError("odd")
+        c.run(run, 30)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

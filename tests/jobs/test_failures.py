@@ -1,0 +1,97 @@
+"""A block that fails, a rank that dies and blocks that wait for each other end all ranks, with one message."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clusterviz import jobs
+from clusterviz.comm import run_loopback
+from clusterviz.errors import InputError, RankError
+
+PROGRAM = Path(__file__).parent / "failing_program.py"
+SECONDS = 30
+
+
+@pytest.mark.fresh
+@pytest.mark.parametrize(
+    ("how", "status", "text"),
+    [
+        ("kernel", 2, "wrong.glsl:2:22: expected an expression; found )\n"),
+        ("alone", 1, "clusterviz: rank 1: ValueError: odd\n"),
+    ],
+)
+def test_all_ranks_end_with_one_message(how: str, status: int, text: str, tmp_path: Path) -> None:
+    command = ["mpirun", "-n", "3", sys.executable, str(PROGRAM), how, str(tmp_path)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
+    assert ended.returncode == status
+    assert ended.stderr.count(text) == 1
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.fresh
+def test_a_killed_rank_ends_the_others_though_they_wait_for_its_block(tmp_path: Path) -> None:
+    command = ["mpirun", "-n", "3", sys.executable, str(PROGRAM), "kill", str(tmp_path)]
+    assert subprocess.run(command, capture_output=True, timeout=SECONDS).returncode != 0
+
+
+def outcome(channel: Any, job: jobs.Job, schedule: Any) -> str:
+    """Return the error of a run on a rank."""
+    with pytest.raises((RankError, InputError)) as raised, jobs.cluster(channel) as c:
+        c.run(job, 12, schedule)
+    return str(raised.value)
+
+
+@pytest.mark.parametrize("schedule", ["local", "shared", "static"])
+def test_every_rank_raises_the_same_error(schedule: str) -> None:
+    @jobs.job(after=lambda block: range(block % 4, block, 4))
+    def run(block: int) -> None:
+        if block in (5, 6):
+            raise ValueError(f"odd {block}")
+
+    (text,) = set(run_loopback(3, lambda channel: outcome(channel, run, schedule)))
+    assert text.startswith("rank ")
+    assert "job run, block 5: ValueError: odd 5" in text or "job run, block 6: ValueError: odd 6" in text
+
+
+def test_a_job_within_a_block_is_refused() -> None:
+    def program(channel: Any) -> str:
+        with pytest.raises(RankError) as raised, jobs.cluster(channel) as c:
+            c.run(jobs.job(lambda block: c.run(jobs.job(print), 3)), 1)
+        return str(raised.value)
+
+    (text,) = set(run_loopback(2, program))
+    assert "a block of a job cannot run jobs" in text
+
+
+@pytest.mark.parametrize(
+    ("job", "grid", "said"),
+    [
+        (jobs.job(after=lambda block: [block + 1])(print), 3, "job print, block 2 waits for a block that is not run"),
+        (
+            jobs.job(after=lambda block: [(block + 1) % 3])(print),
+            3,
+            "found print 0 waits for print 1 waits",
+        ),
+        (jobs.job(reads=lambda block: [3])(print), 3, "no box of a distributed array"),
+        (jobs.job(print), (2, -1), "wrong grid of blocks"),
+    ],
+)
+def test_wrong_jobs_are_refused_before_a_block_is_run(job: jobs.Job, grid: Any, said: str) -> None:
+    def program(channel: Any) -> str:
+        with pytest.raises(InputError) as raised, jobs.cluster(channel) as c:
+            c.run(job, grid)
+        return str(raised.value)
+
+    (text,) = set(run_loopback(2, program))
+    assert said in text
+
+
+def test_wrong_devices_are_refused() -> None:
+    for devices in (["gpu"], [], "cpu", [99]):
+        with pytest.raises(InputError, match="device"), jobs.cluster(devices=devices):  # type: ignore[arg-type]
+            pass
