@@ -6,6 +6,8 @@ computed in float64 from its position alone and stored as float32, so it does no
 References
 ----------
 Marschner and Lobb, An evaluation of reconstruction filters for volume rendering, IEEE Visualization 1994, section 4.
+Kak and Slaney, Principles of Computerized Tomographic Imaging, IEEE Press 1988, table 3.2: the head phantom of Shepp
+and Logan in three dimensions; with the contrasts of Toft, The Radon Transform, thesis, DTU 1996, appendix B.
 """
 
 from __future__ import annotations
@@ -23,6 +25,19 @@ from clusterviz.errors import DataError
 
 Values = NDArray[np.float64]
 DEFAULT_SIZE = 64
+SHEPP_LOGAN = (
+    (1.0, (0.69, 0.92, 0.81), (0.0, 0.0, 0.0), 0.0),
+    (-0.8, (0.6624, 0.874, 0.78), (0.0, -0.0184, 0.0), 0.0),
+    (-0.2, (0.11, 0.31, 0.22), (0.22, 0.0, 0.0), -18.0),
+    (-0.2, (0.16, 0.41, 0.28), (-0.22, 0.0, 0.0), 18.0),
+    (0.1, (0.21, 0.25, 0.41), (0.0, 0.35, -0.15), 0.0),
+    (0.1, (0.046, 0.046, 0.05), (0.0, 0.1, 0.25), 0.0),
+    (0.1, (0.046, 0.046, 0.05), (0.0, -0.1, 0.25), 0.0),
+    (0.1, (0.046, 0.023, 0.05), (-0.08, -0.605, 0.0), 0.0),
+    (0.1, (0.023, 0.023, 0.02), (0.0, -0.606, 0.0), 0.0),
+    (0.1, (0.023, 0.046, 0.02), (0.06, -0.605, 0.0), 0.0),
+)
+"""Ellipsoids that add up: value, half axes and centre along x, y, z, and rotation about z in degrees."""
 BOHR_RADIUS = 1 / 24  # world units: the lobes peak at 6 radii, and have faded at the box
 
 
@@ -62,6 +77,16 @@ def shells(x: Values, y: Values, z: Values) -> Values:
     return np.asarray(sum(height * np.exp(-(((r - radius) / 0.05) ** 2)) for radius, height in peaks))
 
 
+def shepp_logan(x: Values, y: Values, z: Values) -> Values:
+    """Head phantom of Shepp and Logan: ten ellipsoids with sharp borders, values in [0, 1]."""
+    found = np.zeros(np.broadcast_shapes(x.shape, y.shape, z.shape))
+    for value, (a, b, c), (x0, y0, z0), degrees in SHEPP_LOGAN:
+        cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        along, across = cosine * (x - x0) + sine * (y - y0), cosine * (y - y0) - sine * (x - x0)
+        found += value * ((along / a) ** 2 + (across / b) ** 2 + ((z - z0) / c) ** 2 <= 1)
+    return found
+
+
 FIELDS: dict[str, Callable[[Values, Values, Values], Values]] = {
     "marschner-lobb": marschner_lobb,
     "gaussian": gaussian,
@@ -69,6 +94,7 @@ FIELDS: dict[str, Callable[[Values, Values, Values], Values]] = {
     "constant": constant,
     "hydrogen": hydrogen,
     "shells": shells,
+    "shepp-logan": shepp_logan,
 }
 
 
