@@ -12,6 +12,7 @@ from clusterviz.image.merge import Operator
 from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.shading import Grading, Shading
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
+from clusterviz.scene.flow_content import LicVolume
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Quality, Volume
 
@@ -54,6 +55,7 @@ class BlendMode:
     surfaces : isosurfaces that are not wholly transparent, by ascending value
     grading : dependence of opacity on the gradient's magnitude; None if there is none
     smooth : gradients are those of cubic B-splines, with any interpolation
+    of_lines : opacity and light depend on vectors, whose components are the three volumes before
     """
 
     blending: Blending = DEFAULT_BLENDING
@@ -62,6 +64,7 @@ class BlendMode:
     surfaces: tuple[Surface, ...] = ()
     grading: Grading | None = None
     smooth: bool = False
+    of_lines: bool = False
 
     @property
     def traits(self) -> BlendModeTraits:
@@ -195,7 +198,7 @@ def make_blend_mode(
         surfaces.append(Surface(value, units, (red, green, blue), opacity, number))
     visible = tuple(sorted((s for s in surfaces if s.opacity > 0), key=lambda surface: surface.value))
     smooth = volume.gradient == "smooth" and bool(shading or grading)
-    return BlendMode(volume.blending, threshold, shading, visible, grading, smooth)
+    return BlendMode(volume.blending, threshold, shading, visible, grading, smooth, isinstance(volume, LicVolume))
 
 
 def _in_float32(units: NDArray[np.float64]) -> float:

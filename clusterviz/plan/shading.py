@@ -24,6 +24,7 @@ from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.scene.checks import difference
+from clusterviz.scene.flow_content import LicVolume
 from clusterviz.scene.geometry import GeometrySection
 from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer_2d import load_table
@@ -141,6 +142,8 @@ def make_shading(
     """
     world_from_index = grid.world_from_index[:3, :3]
     normals = np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T
+    if isinstance(volume, LicVolume):  # the vectors, by which it is lit, are those of the world
+        normals, caps = np.eye(3), False
     scale = np.abs(normals).max() * (min(grid.spacing) / np.abs(world_from_index).max())
     return Shading(
         _material(volume),
@@ -289,7 +292,7 @@ class Grading:
 
 def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Grading:
     """Return the grading of a completed volume that has one."""
-    length = min(grid.spacing)
+    length, values_clim = min(grid.spacing), clim
     matrix = np.linalg.inv(grid.world_from_index[:3, :3] / length).T.astype(np.float64)
 
     def units(magnitudes: Floats) -> Floats:
@@ -298,6 +301,9 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
             found = magnitudes * (length / 2 / (clim[1] / 2 - clim[0] / 2))
         return np.minimum(found, FAR)
 
+    if isinstance(volume, LicVolume):
+        # Its vectors are those of the world, in units of `largest`.
+        matrix, length, clim = np.eye(3), 1.0, (0.0, volume.largest)
     look, rows = None, None
     if volume.shader is not None:
         # Few scenes need it.
@@ -314,7 +320,7 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
     rgba[..., 3] = opacities
     if colours is not None:
         rgba[..., :3] = colours
-    along = _axis(in_units_of_clim(table.values, *clim), opacities.shape[1])
+    along = _axis(in_units_of_clim(table.values, *values_clim), opacities.shape[1])
     across = _axis(units(np.array(table.magnitudes)), opacities.shape[0])
     holds: Table = "opacity" if colours is None else "colour and opacity"
     return Grading(matrix, np.zeros((0, 4)), along + across, rgba, holds)

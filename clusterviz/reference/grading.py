@@ -9,6 +9,7 @@ import numpy as np
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.rays import Floats
+from clusterviz.scene.flow_content import LicVolume
 from clusterviz.scene.transfer import OPAQUE, TransferFunction, interpolate
 from clusterviz.scene.transfer_2d import TransferTable, load_table
 from clusterviz.scene.values import Volume
@@ -32,7 +33,7 @@ def glow_and_extinction(
     Parameters
     ----------
     scalar : float64 (n,)
-    gradient : float64 (n, 3), per voxel along (x, y, z); None if nothing depends on it
+    gradient : float64 (n, 3), per voxel along (x, y, z), of a LIC volume the vectors; None if nothing depends on it
     point : float64 (n, 3), in index space
 
     Raises
@@ -42,7 +43,7 @@ def glow_and_extinction(
     """
     if gradient is None or not (volume.gradient_opacity or volume.transfer_2d or volume.shader):
         return classify.colour(scalar), classify.extinction(scalar)
-    magnitude = magnitude_of(gradient, grid)
+    magnitude = np.linalg.norm(gradient, axis=1) if isinstance(volume, LicVolume) else magnitude_of(gradient, grid)
     if volume.shader is not None:
         if volume.shader not in LOOKS:
             raise InputError("the float64 reference does not read shaders", where=volume.shader)

@@ -120,6 +120,44 @@ def lit(
     return np.minimum(found, 1)
 
 
+def lit_line(
+    colour: Floats, vector: Floats, point: Floats, ray: Floats, volume: Material, scene: Scene, grid: Grid
+) -> Floats:
+    """Return straight colours of thin lines under the scene's lights, clamped to 1.
+
+    Of all normals of a line, the one that lies in a plane with the light reflects most diffusely, and the one between
+    light and eye most specularly. Without a direction a line reflects as much as one across the light.
+
+    Parameters
+    ----------
+    vector : float64 (n, 3), along the lines, in the world
+    colour, point, ray, volume, scene, grid : as in `lit`
+
+    References
+    ----------
+    M. Zöckler, D. Stalling, H.-C. Hege: Interactive visualization of 3D-vector fields using illuminated stream lines,
+    IEEE Visualization 1996, section 3.
+    """
+    world_from_index = grid.world_from_index[:3, :3]
+    tangent, toward_eye = _unit(vector), -_unit(ray @ world_from_index.T)
+    found = volume.ambient * colour
+    for light in scene.lights or (Light(type="headlight"),):
+        toward_light = toward_eye
+        if light.position is not None and light.type == "scene":
+            toward_light = np.broadcast_to(_unit(np.subtract(light.position, light.focal_point)[None]), tangent.shape)
+        strength = np.full(tangent.shape, light.intensity) * light.color
+        if light.position is not None and light.positional:
+            way = light.position - (point @ world_from_index.T + grid.origin)
+            toward_light = _unit(way)
+            strength = strength * _arriving(light, way)[:, None]
+        angles = [np.arccos(np.clip((tangent * one).sum(axis=1), -1, 1)) for one in (toward_light, toward_eye)]
+        # The mirrored light leaves at the same angle on the other side.
+        mirrored = np.maximum(np.cos(np.pi - angles[0] - angles[1]), 0) ** volume.specular_power
+        reflected = volume.diffuse * np.sin(angles[0])[:, None] * colour + (volume.specular * mirrored)[:, None]
+        found = found + reflected * strength
+    return np.minimum(found, 1)
+
+
 def _cap(
     gradient: Floats, point: Floats, volume: Volume, clip: Clip, grid: Grid, box: tuple[int, ...]
 ) -> tuple[Floats, Floats]:

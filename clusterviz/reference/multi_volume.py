@@ -36,12 +36,13 @@ from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import Fragments, PlacedGeometry, find_fragments, joined_fragments
 from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_of, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
-from clusterviz.reference.lighting import lit
+from clusterviz.reference.lighting import lit, lit_line
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.rays import Floats, Rays, inside, kept, to_index_space
 from clusterviz.reference.slabs import Slab, slabs_in
 from clusterviz.reference.surfaces import Crossings, RayField
 from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.flow_content import LicVolume
 from clusterviz.scene.values import Scene, Volume
 
 Flags = NDArray[np.bool_]
@@ -146,9 +147,13 @@ class VolumeRays:
     ----------
     rays : rays in the world
     first : number of the volume as an object; its isosurfaces follow as they are listed
+    components : voxels of the components of a LIC volume's vectors
     """
 
-    def __init__(self, rays: Rays, placed: PlacedVolume, scene: Scene, first: int) -> None:
+    def __init__(
+        self, rays: Rays, placed: PlacedVolume, scene: Scene, first: int, components: Sequence[NDArray[Any]] = ()
+    ) -> None:
+        self.components = components
         self.volume, self.grid, self.voxels, self.scene = placed.volume, placed.grid, placed.voxels, scene
         self.rays, self.last = to_index_space(rays, placed.grid), np.array(placed.grid.shape_zyx[::-1], np.float64) - 1
         self.transfer, self.sampler = transfer_function(placed.volume), SAMPLERS[placed.volume.interpolation]
@@ -207,12 +212,19 @@ class VolumeRays:
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
         point = np.clip(self.points(slab, middle)[inside], 0, self.last)
         scalar, valid = self.sampler(self.voxels, *point.T)
-        gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
+        gradient = self._gradient(point) if needs_gradient(self.volume) else None
         colour, extinction = glow_and_extinction(self.volume, self.transfer, scalar, gradient, self.grid, point)
         depth[inside] = np.where(valid, extinction, 0) * (slab.end - slab.begin)[inside]
         colour = self._lit(slab.rays[inside], point, np.where(valid[:, None], colour, 0), gradient)
         glow[inside] = depth[inside, None] * colour
         return depth, glow
+
+    def _gradient(self, point: Floats) -> Floats:
+        """Return the gradients at points (m, 3), or the vectors of a LIC volume."""
+        if not isinstance(self.volume, LicVolume):
+            return gradient_at(self.volume, self.voxels, point)
+        vectors: Floats = np.stack([self.sampler(each, *point.T)[0] for each in self.components], axis=1)
+        return vectors
 
     def _ramp(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
         """Return absorption of a slab with a linear scalar.
@@ -268,6 +280,8 @@ class VolumeRays:
         if gradient is None:
             gradient = gradient_at(self.volume, self.voxels, np.clip(point, 0, self.last))
         direction = self.rays.direction[rays]
+        if isinstance(self.volume, LicVolume):
+            return lit_line(colour, gradient, point, direction, self.volume, self.scene, self.grid)
         box = self.voxels.shape if box is None else box
         ambient = ambient_light(self.volume, self.voxels, point, self.scene, self.grid)
         return lit(colour, gradient, point, direction, self.volume, self.scene, self.grid, box, ambient)
@@ -324,8 +338,9 @@ def march_mixture(
     # World lengths from the box's low corner.
     box = Grid((1, 1, 1), origin=(float(low[0]), float(low[1]), float(low[2])))
     rgba, transmittance = np.zeros((len(rays.direction), 4)), np.ones(len(rays.direction))
-    numbered = zip(volumes, firsts, strict=False)
-    passages = [VolumeRays(rays, placed, scene, first) for placed, first in numbered if placed.has_extent]
+    before = [[each.voxels for each in volumes[max(0, n - 3) : n]] for n in range(len(volumes))]
+    each_volume = zip(volumes, firsts, before, strict=False)
+    passages = [VolumeRays(rays, *one[:1], scene, *one[1:]) for one in each_volume if one[0].has_extent]
     mixed, crossed = list[UniformSlabs](), list[Fragments]()
     for slab in slabs_in(to_index_space(rays, box), high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)

@@ -98,6 +98,8 @@ last_of_level level_cells level_row level_slice level_first level_gradient see a
 """
 OWN_NAMES = tuple(_NAMES.split())
 """Names that the files of each volume define."""
+COMPONENT = ("scalar_at", "here")
+"""Names of a volume of components that its LIC volume uses."""
 CHAINED = {
     "face": "ray",
     "begin": "position, brick",
@@ -126,6 +128,7 @@ class VolumeVariant:
     preintegrated : its slabs are classified between their ends, not at their midpoints
     look : as in `Variant`
     occlusion : as in `Variant`
+    of_lines : as in `BlendMode`
     """
 
     filter: Filter
@@ -142,6 +145,7 @@ class VolumeVariant:
     preintegrated: bool = False
     look: Look | None = None
     occlusion: int = 0
+    of_lines: bool = False
 
     @property
     def rows(self) -> dict[str, int]:
@@ -171,7 +175,8 @@ class VolumeVariant:
         pieces : as in `Lanes`
         """
         macros, chain = self._macros(number) | (self._sizes_on_cpu(number) if on_cpu else {}), chain_of(number)
-        graded = self.lights or self.fading or self.table or crossing or (self.look and self.look.uses_gradient)
+        graded = self.lights or self.fading or self.table or (self.look and self.look.uses_gradient)
+        graded = crossing or (graded and not self.of_lines)
         gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
         magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
         fade = "faded.glsl" if self.fading else "unfaded.glsl"
@@ -182,7 +187,11 @@ class VolumeVariant:
             classified = ("segment.glsl", "pieces.glsl", "classified_pieces.glsl", "absorbing.glsl")
         absorbing = ("ramp.glsl", "ramp_slab.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
         met = (*cell_files(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
-        light = ("lights.glsl", *light_files(self.near, bool(self.occlusion))) if self.lights else ("unlit.glsl",)
+        light = ("lights.glsl", *light_files(self.near, bool(self.occlusion), self.of_lines)) if self.lights else ("unlit.glsl",)
+        if self.of_lines:
+            parts = {f"{name}_{axis}": f"{name}_{number - 3 + n}" for n, axis in enumerate("xyz") for name in COMPONENT}
+            macros |= parts
+            absorbing = define({"gradient_at": f"vector_at_{number}"}), "vector.glsl", *absorbing
         density = density_files(self.preintegrated) if self.occlusion else ()
         voxel, field = voxel_files(self.slot, on_cpu), field_file(self.filter, self.slot, on_cpu)
         slope: tuple[str, ...] = (gradient,)
@@ -294,14 +303,16 @@ def volume_variants(content: Content, slot: Slot) -> tuple[VolumeVariant, ...]:
             part.preintegrated,
             part.blend_mode.grading.look if part.blend_mode.grading else None,
             len(part.blend_mode.shading.occlusion) if part.blend_mode.shading else 0,
+            part.blend_mode.of_lines,
         )
         for part, part_slot in zip(content.volume_layers, slot.parts, strict=True)
     )
 
 
-def light_files(near: bool, occluded: bool) -> tuple[str, str]:
-    """Return the files of lights' places and of ambient light."""
-    return "lights_near.glsl" if near else "lights_far.glsl", "ambient_occlusion.glsl" if occluded else "ambient.glsl"
+def light_files(near: bool, occluded: bool, of_lines: bool = False) -> tuple[str, str, str]:
+    """Return the files of lights' places, of ambient light, and of what surfaces or lines reflect."""
+    places, ambient = "lights_near.glsl" if near else "lights_far.glsl", "ambient_occlusion.glsl"
+    return places, ambient if occluded else "ambient.glsl", "lines.glsl" if of_lines else "phong.glsl"
 
 
 def density_files(preintegrated: bool) -> tuple[str, ...]:

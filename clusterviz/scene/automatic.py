@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.flows import FlowInfo
 from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, as_sections
 from clusterviz.scene.grids import GridInfo
 from clusterviz.scene.presets import LIGHT, MAX_LABELS, PRESETS, PresetName, has_hounsfield_units
@@ -40,7 +41,7 @@ OPT_OUT_KEYS = (
 )
 """Keys of a volume without a preset that turn automatic settings off: such a scene gets the defaults of scene files."""
 
-Info = VolumeInfo | GeometryInfo | GridInfo
+Info = VolumeInfo | GeometryInfo | GridInfo | FlowInfo
 GEOMETRY_KEYS = {"color": (0.93, 0.9, 0.84), "ambient": 0.12, "diffuse": 0.85, "specular": 0.15, "specular_power": 20.0}
 
 
@@ -60,10 +61,10 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
     SceneError
         A preset that a volume names excludes another key of the scene.
     """
-    own = [volume for volume in scene.volumes if volume.preset is None]
+    own = [volume for volume in scene.volumes if volume.preset is None and not volume.of_flow]
     automatic = scene.automatic and not any(key in volume.model_fields_set for volume in own for key in OPT_OUT_KEYS)
     names = [
-        volume.preset or (classify_values(info) if automatic else None)
+        volume.preset or (classify_values(info) if automatic and not volume.of_flow else None)
         for volume, info in zip(scene.volumes, infos, strict=True)
     ]
     if automatic:
@@ -103,6 +104,8 @@ def _problem_of(scene: Scene) -> SceneError | None:
 
 def automatic_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
     """Return meshes, lines or points in light, and lines without colours by their direction."""
+    if section.of_flow:
+        return section
     found: dict[str, Any] = dict(GEOMETRY_KEYS)
     if colours := own_colours(section, info):
         found["scalars"] = colours

@@ -13,6 +13,8 @@ from clusterviz.scene.automatic import automatic_scene, own_colours
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import MARGIN, fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
+from clusterviz.scene.flow_content import with_flows
+from clusterviz.scene.flows import FlowInfo
 from clusterviz.scene.geometry import (
     GeometryInfo,
     GeometrySection,
@@ -47,14 +49,17 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     Parameters
     ----------
     scene : values that are set are kept
-    infos : information on each of `scene.volumes`, then on each of `scene.geometry` and `scene.grids`
+    infos : information on each of `scene.volumes`, then on each of `scene.geometry`, `scene.grids` and `scene.flows`; volumes
+        and geometry are those with what flows become
 
     Returns
     -------
     scene : volumes and grids have cmap, clim, opacity and unit distance, geometry clim and a radius; the camera has
         position, focal_point and view_up
     """
-    each, known, gridded = divided_infos((infos,) if isinstance(infos, VolumeInfo) else infos)
+    infos = (infos,) if isinstance(infos, VolumeInfo) else infos
+    each, known, gridded = divided_infos(infos)
+    scene = with_flows(scene, [info for info in infos if isinstance(info, FlowInfo)])
     if scene.automatic or any(volume.preset for volume in scene.volumes):
         scene = automatic_scene(scene, each, known)
     volumes = tuple(complete_volume(volume, info) for volume, info in zip(scene.volumes, each, strict=True))
@@ -108,7 +113,7 @@ def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometryS
         low, high = info.scalars
         found["clim"] = (low, high) if low < high else range_around(low)
     size = (math.dist(*info.box) if len(info.box) else 0.0) or float(np.abs(info.box).max(initial=0.0)) or 1.0
-    share = RADIUS_OF_DIAGONAL.get(type(section), 0.0)
+    share = next((one for kind, one in RADIUS_OF_DIAGONAL.items() if isinstance(section, kind)), 0.0)
     has_radius = info.has_radii or isinstance(getattr(section, "radius", None), float)
     if share and not has_radius and not is_arrows(section):
         found["radius"] = share * size

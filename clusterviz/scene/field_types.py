@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable
 from inspect import Parameter, Signature
 from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import (
     AfterValidator,
@@ -162,6 +162,8 @@ class Section(_Model):
     """Base class of scene sections: frozen, unknown keys are refused, former names of keys are read."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    of_flow: ClassVar[bool] = False
+    """Whether the section is what a flow becomes; such sections are not written to files."""
 
     @model_validator(mode="before")
     @classmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -264,6 +265,18 @@ class FlowSection(Section):
         for key in KEYS_OF_VOLUME:
             if (found := getattr(lic, key)) != (default := Lic.model_fields[key].default):
                 raise InvalidValueError("not for show: surface-lic", str(default), key=f"lic.{key}", found=found)
+
+
+@dataclass(frozen=True)
+class FlowInfo:
+    """Facts on a flow of a scene.
+
+    Attributes
+    ----------
+    fastest : 99th percentile of the speeds of a sample; 0 if there is none
+    """
+
+    fastest: float
 
 
 def _refuse_others(section: Section, chosen: str, keys: dict[str, Any], choice: str, before: str = "") -> None:

@@ -203,7 +203,7 @@ GEOMETRY_SECTIONS: dict[str, type[GeometrySection]] = {
 def as_sections(sections: Iterable[GeometrySection]) -> dict[str, tuple[GeometrySection, ...]]:
     """Return entries by the key of a scene that lists them."""
     each = tuple(sections)
-    return {name: tuple(one for one in each if type(one) is section) for name, section in GEOMETRY_SECTIONS.items()}
+    return {name: tuple(one for one in each if isinstance(one, section)) for name, section in GEOMETRY_SECTIONS.items()}
 
 
 @dataclass(frozen=True, eq=False)

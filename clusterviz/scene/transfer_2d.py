@@ -39,6 +39,14 @@ class Transfer2d(Section):
     )
 
 
+class MadeTable(Transfer2d):
+    """Table that is made of other keys, not read from a file."""
+
+    def table(self) -> TransferTable:
+        """Return the table."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, eq=False)
 class TransferTable:
     """Table of a two-dimensional transfer function with its ranges.
@@ -76,6 +84,8 @@ def load_table(settings: Transfer2d, *, where: str = "transfer_2d") -> TransferT
     """
     if settings.values is None or settings.magnitudes is None:
         raise ValueError("a table needs a completed volume; call complete_scene first")
+    if isinstance(settings, MadeTable):
+        return settings.table()
     opacities, colours = read_table(settings.path, where=where)
     return TransferTable(opacities, colours, settings.values, settings.magnitudes)
 

@@ -6,9 +6,9 @@ Keys are validated singly and per section. None means that `scene.complete` choo
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, field_serializer, model_validator
 
 from clusterviz.scene.annotations import Annotations
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING
@@ -524,6 +524,10 @@ class Scene(Section):
         check_pixel_format(self.volumes, self.quality.pixel)
         check_layers(self.volumes, self.grids, self.quality, self.image.layers)
         return self
+
+    @field_serializer("volumes", "lines", "points", mode="wrap")
+    def _leave_out_those_of_flows(self, entries: tuple[Section, ...], dump: Any) -> Any:
+        return dump(tuple(each for each in entries if not each.of_flow))
 
     def _repr_png_(self) -> bytes | None:
         """Return the picture of `clusterviz.render` as a PNG file for notebooks."""

@@ -1,4 +1,4 @@
-// Two-sided Phong shading as in VTK. A headlight is a directional light along the view.
+// Light of surfaces and lines. A headlight is a directional light along the view.
 // The rows of `lighting` are those of plan/shading.py.
 
 // Of the ray and in the world: in a loop, a driver may fetch a block's member again each time.
@@ -22,12 +22,8 @@ vec3 toward_light(int row, Place place, vec3 beyond, inout vec3 strength);
 // Share of the ambient light that a sample reflects.
 float ambient_at(Place place, vec3 beyond);
 
-// Shares of a light that a surface reflects to the eye: diffuse and specular.
-vec2 reflected(vec3 normal, vec3 light) {
-    float facing = dot(normal, light);
-    float mirrored = max(2.0 * facing * dot(normal, toward_eye) - dot(light, toward_eye), 0.0);
-    return vec2(abs(facing), facing != 0.0 ? power(mirrored, material.w) : 0.0);
-}
+// Shares of a light that a surface with a normal, or a line with a direction, reflects to the eye: diffuse and specular.
+vec2 reflected(vec3 normal, vec3 light);
 
 // Premultiplied colour under the lights. `capped`: the normal of a cut face is blended in, with a weight that falls with the depth behind the face and with the gradient.
 vec4 lit(vec4 colour, vec3 gradient, Place place, vec3 beyond, bool capped) {
