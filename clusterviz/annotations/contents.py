@@ -13,6 +13,7 @@ from clusterviz.scene.background import background_rgb
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.complete import transfer_function
+from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.geometry import GeometrySection, LinesSection
 from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
@@ -48,15 +49,16 @@ class Content:
 
 
 def contents_of(scene: Scene) -> list[Content]:
-    """Return the contents of a completed scene: volumes, meshes, lines, points and grids, in this order."""
+    """Return the contents of a completed scene: volumes, meshes, lines, points, grids and flows, in this order."""
     return [
-        *map(_volume, scene.volumes),
-        *map(_geometry, scene.geometry),
+        *(_volume(volume) for volume in scene.volumes if not volume.of_flow),
+        *(_geometry(section) for section in scene.geometry if not section.of_flow),
         *(_of_transfer(name_of(grid), transfer_function(grid)) for grid in scene.grids),
+        *map(_flow, scene.flows),
     ]
 
 
-def name_of(section: Volume | GeometrySection | GridSection) -> str:
+def name_of(section: Volume | GeometrySection | GridSection | FlowSection) -> str:
     """Return the name of the array that a section shows, or of its file."""
     array = section.scalars if isinstance(section, GeometrySection) else section.array
     if array is not None and not (isinstance(section, GeometrySection) and section.clim is None):
@@ -90,6 +92,18 @@ def _geometry(section: GeometrySection) -> Content:
     low, high = section.clim
     domain = (low, high) if low < high else (low - 0.5, high + 0.5)
     return _of_transfer(name, TransferFunction(*colours, *opacities, 1.0, domain))
+
+
+def _flow(flow: FlowSection) -> Content:
+    name = flow.array or name_of(flow)
+    if flow.color_by == "direction":
+        return Content(name, np.array(DIRECTIONS))
+    if flow.color_by == "color" or flow.clim is None:
+        return Content(name, np.array([background_rgb(flow.color) or (0.5, 0.5, 0.5)]))
+    colours, visible = colour_points(flow.cmap, flow.clim), (np.zeros(1), np.ones(1))
+    low, high = flow.clim
+    domain = (low, high) if low < high else (low - 0.5, high + 0.5)
+    return _of_transfer(name, TransferFunction(*colours, *visible, 1.0, domain))
 
 
 def _of_transfer(name: str, transfer: TransferFunction) -> Content:

@@ -12,7 +12,8 @@ def with_annotations(scene: Scene) -> Scene:
 
     A legend joins them if some of several contents have no scalars, which a scalar bar would name.
     """
-    given, several = scene.annotations, len(scene.volumes) + len(scene.grids) + len(scene.geometry) > 1
+    given, entries = scene.annotations, (*scene.volumes, *scene.grids, *scene.geometry, *scene.flows)
+    several = sum(not each.of_flow for each in entries) > 1
     has_plain = any(section.scalars is None for section in scene.geometry)
     names = [*NAMES, "legend"] if several and has_plain else NAMES
     found = {name: True for name in names if name not in given.model_fields_set}

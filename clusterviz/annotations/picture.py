@@ -18,6 +18,7 @@ from clusterviz.annotations.scalar_bar import Style
 from clusterviz.scene.annotations import Annotations, AxesGrid, ScalarBar, section_of
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, content_corners
+from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.values import Scene
 
 LEAST_SIDE = 128
@@ -101,7 +102,7 @@ def _luminance(colour: Colour) -> float:
 def _fixed(scene: Scene, size: tuple[int, int], style: Style) -> tuple[Overlay, tuple[Rect, ...]]:
     """Return the overlay of what does not depend on the camera, and the rectangles in use; it is kept for later."""
     shown = Scene(annotations=scene.annotations).model_copy(
-        update={name: getattr(scene, name) for name in ("volumes", "meshes", "lines", "points", "grids")}
+        update={name: getattr(scene, name) for name in ("volumes", *LISTED_SECTIONS)}
     )
     return _kept_fixed(shown, size, style)
 

@@ -33,6 +33,7 @@ from clusterviz.data import open_scene, open_volume, read_geometry, read_grid
 from clusterviz.data.levels import MixedSource
 from clusterviz.data.source import Source, levels_of
 from clusterviz.errors import ClustervizError
+from clusterviz.flow.content import geometry_with_flows, open_flows
 from clusterviz.frame import Options, Run, prepare, render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
@@ -91,17 +92,20 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     sources = [open_volume(volume) for volume in scene.volumes]
     geometries = [read_geometry(section.path) for section in scene.geometry]
     grids = [read_grid(section.path, section.time) for section in scene.grids]
+    flows = open_flows(scene, [None] * len(scene.flows), LoopbackChannel())
+    given: list[Any] = [*sources, *geometries, *grids, *(flow.vectors for flow in flows)]
+    sources += [volume for flow in flows for volume in flow.sources()]
     counts = [math.prod(source.grid.shape_zyx) for source in sources]
     if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MAX_BYTES:
         limit = f"the {MAX_BYTES >> 30} GiB it may hold in memory"
         return ReferenceComparison(size, skipped=f"{sum(counts)} samples are more than {limit}")
     one_rank = scene.cluster.model_copy(update={"mode": "sort-last", "groups": None})
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size}), "cluster": one_rank})
-    given: list[Any] = [*sources, *geometries, *grids]
     rendered = render_frame(small, LoopbackChannel(), given)
     voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
     if any(volume.detail != "full" for volume in scene.volumes):
         voxels = _of_levels(rendered.scene, sources, given, voxels)
+    geometries = geometry_with_flows(rendered.scene, geometries, flows, LoopbackChannel())
     pairs = zip(rendered.scene.geometry, geometries, strict=True)
     geometry: list[Any] = [(section, part_of(section, each)) for section, each in pairs]
     cells = [place_cells(*pair) for pair in zip(rendered.scene.grids, grids, strict=True)]
@@ -254,7 +258,7 @@ def command(
         # Frame coherence is refused with a shared screen.
         configurations = [each for each in configurations if each.mode == "sort-last"]
     splits = opened.quality.borders == "split"
-    each = (("volumes", opened.volumes), ("grids", opened.grids))
+    each = (("volumes", opened.volumes), ("grids", opened.grids), ("flows", opened.flows))
     content = [f"{name}.{number}" for name, entries in each for number in range(len(entries))]
     content += opened.geometry_keys
     chosen = configurations if every else covering_subset(configurations)
@@ -285,7 +289,7 @@ def _has_fixed_sample_count(scene: Scene) -> bool:
     quality = scene.quality
     changing = quality.frame_coherence or quality.early_termination > 0 or quality.max_error is not None
     # Rays end at opaque surfaces, but not those of ranks behind them.
-    changing |= any(one.may_be_opaque for one in scene.geometry)
+    changing |= any(one.may_be_opaque for one in scene.geometry) or any(one.show != "lic" for one in scene.flows)
     return not changing and all(BLEND_MODES[volume.blending].absorbs for volume in scene.volumes)
 
 

@@ -25,7 +25,9 @@ from clusterviz.data.levels import MixedSource, halved
 from clusterviz.data.source import Grid, Index, Source, levels_of
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time
 from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.data.vectors import VectorSource
 from clusterviz.errors import DataError, InputError
+from clusterviz.flow.content import geometry_with_flows, open_flows
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
@@ -37,6 +39,8 @@ from clusterviz.plan.refinement import VolumeLevels, field_error, with_detail
 from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import Info, VolumeInfo, complete_scene
+from clusterviz.scene.flow_content import with_flows, without_flows
+from clusterviz.scene.flows import FlowInfo
 from clusterviz.scene.geometry import GeometrySection
 from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Scene, Volume
@@ -131,6 +135,7 @@ class OpenedContent:
     volumes : in the order of the scene
     geometry : meshes, lines and points, in the order of the scene
     grids : unstructured grids, in the order of the scene
+    flows : facts on flows, whose volumes, lines and points are among the others
     ranks : that draw
     bytes_per_second : of samples that a rank reads, where a picture may take some time only
     """
@@ -138,6 +143,7 @@ class OpenedContent:
     volumes: tuple[OpenedVolume, ...]
     geometry: tuple[KnownGeometry, ...] = ()
     grids: tuple[KnownCells, ...] = ()
+    flows: tuple[FlowInfo, ...] = ()
     ranks: int = 1
     bytes_per_second: float = 0.0
 
@@ -145,7 +151,7 @@ class OpenedContent:
     def infos(self) -> tuple[Info, ...]:
         """Information on each volume, each entry of geometry and each grid, which completes a scene."""
         volumes: tuple[Info, ...] = tuple(info for volume in self.volumes for info in volume.infos)
-        return (*volumes, *(one.info for one in self.geometry), *(one.info for one in self.grids))
+        return (*volumes, *(one.info for one in self.geometry), *(one.info for one in self.grids), *self.flows)
 
     @property
     def range_type(self) -> np.dtype[Any]:
@@ -258,9 +264,9 @@ Opened = OpenedVolume | OpenedContent
 
 MOST_BRICKS = 1 << 17
 """Bricks a rank, at most: each takes some time in Python, even a small one."""
-Given = Source | Sequence[Source | Geometry | UnstructuredGrid | None] | None
-"""Data that replaces the files of a scene: one source, or one for each volume, mesh, entry of lines and of points, and
-unstructured grid, in this order; None: the file is read."""
+Given = Source | Sequence[Source | Geometry | UnstructuredGrid | VectorSource | None] | None
+"""Data that replaces the files of a scene: one source, or one for each volume, mesh, entry of lines and of points,
+unstructured grid and flow, in this order; None: the file is read."""
 
 
 def complete(opened: Opened | None, scene: Scene) -> Scene:
@@ -281,11 +287,16 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     opened : its content; None if the scene has none
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
+    scene = without_flows(scene)
     if not scene.has_content:
         with run.local("plan", "plan"):
             return complete(None, scene), None, {}
     with run.local("open", "load"):
-        given, geometries, unstructured = _divided(scene, source)
+        given, geometries, unstructured, vectors = _divided(scene, source)
+        flows = open_flows(scene, vectors, run.channel)
+        scene = with_flows(scene, [each.info for each in flows])
+        given = [*given, *(volume for flow in flows for volume in flow.sources())]
+        geometries = geometry_with_flows(scene, geometries, flows, run.channel)
         sources = _sources(scene, given)
         layouts = [_layout(scene, *pair) for pair in zip(scene.volumes, sources, strict=True)]
         _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
@@ -307,8 +318,9 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
             for volume, each, layout, summary in zip(scene.volumes, sources, layouts, summaries, strict=True)
         )
         has_levels = any(volume.detail != "full" for volume in scene.volumes)
-        if len(opened) > 1 or geometry or grids or has_levels:
-            several = OpenedContent(opened, geometry, grids, run.channel.size, speed)
+        if len(opened) > 1 or geometry or grids or flows or has_levels:
+            infos = tuple(flow.info for flow in flows)
+            several = OpenedContent(opened, geometry, grids, infos, run.channel.size, speed)
             return complete(several, scene), several, {}
         scene = complete(opened[0], scene)
         if scene.cluster.largest_brick in (None, scene.cluster.brick):
@@ -465,17 +477,18 @@ def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
         )
 
 
-def _divided(scene: Scene, given: Given) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return what is given for each volume, entry of geometry and grid; None: the file is read."""
+def _divided(scene: Scene, given: Given) -> tuple[list[Any], list[Any], list[Any], list[Any]]:
+    """Return what is given for each volume, entry of geometry, grid and flow; None: the file is read."""
     volumes, grids = len(scene.volumes), len(scene.volumes) + len(scene.geometry)
-    count = grids + len(scene.grids)
+    flows = grids + len(scene.grids)
+    count = flows + len(scene.flows)
     each: list[Any] = [None] * count
     if given is not None:
         each = list(given) if isinstance(given, Sequence) else [given]
         each += [None] * (count - volumes if len(each) == volumes else 0)
     if len(each) != count:
         raise InputError("not one for each volume", where="sources", found=len(each), allowed=count)
-    return each[:volumes], each[volumes:grids], each[grids:]
+    return each[:volumes], each[volumes:grids], each[grids:flows], each[flows:]
 
 
 def _sources(scene: Scene, given: Sequence[Source | None]) -> list[Source]:

@@ -338,9 +338,11 @@ def march_mixture(
     # World lengths from the box's low corner.
     box = Grid((1, 1, 1), origin=(float(low[0]), float(low[1]), float(low[2])))
     rgba, transmittance = np.zeros((len(rays.direction), 4)), np.ones(len(rays.direction))
-    before = [[each.voxels for each in volumes[max(0, n - 3) : n]] for n in range(len(volumes))]
-    each_volume = zip(volumes, firsts, before, strict=False)
-    passages = [VolumeRays(rays, *one[:1], scene, *one[1:]) for one in each_volume if one[0].has_extent]
+    passages = [
+        VolumeRays(rays, placed, scene, first, [each.voxels for each in volumes[max(0, number - 3) : number]])
+        for number, (placed, first) in enumerate(zip(volumes, firsts, strict=False))
+        if placed.has_extent
+    ]
     mixed, crossed = list[UniformSlabs](), list[Fragments]()
     for slab in slabs_in(to_index_space(rays, box), high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)

@@ -187,7 +187,11 @@ class VolumeVariant:
             classified = ("segment.glsl", "pieces.glsl", "classified_pieces.glsl", "absorbing.glsl")
         absorbing = ("ramp.glsl", "ramp_slab.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
         met = (*cell_files(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
-        light = ("lights.glsl", *light_files(self.near, bool(self.occlusion), self.of_lines)) if self.lights else ("unlit.glsl",)
+        light = (
+            ("lights.glsl", *light_files(self.near, bool(self.occlusion), self.of_lines))
+            if self.lights
+            else ("unlit.glsl",)
+        )
         if self.of_lines:
             parts = {f"{name}_{axis}": f"{name}_{number - 3 + n}" for n, axis in enumerate("xyz") for name in COMPONENT}
             macros |= parts

@@ -49,8 +49,8 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     Parameters
     ----------
     scene : values that are set are kept
-    infos : information on each of `scene.volumes`, then on each of `scene.geometry`, `scene.grids` and `scene.flows`; volumes
-        and geometry are those with what flows become
+    infos : information on each of `scene.volumes`, then on each of `scene.geometry`, `scene.grids` and `scene.flows`;
+        volumes and geometry are those with what flows become
 
     Returns
     -------

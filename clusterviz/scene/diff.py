@@ -40,6 +40,19 @@ GRID_CHANGING = (
     "visibility",
 )
 """Keys of unstructured grids that may differ between frames."""
+FLOW_CHANGING = (
+    "cmap",
+    "clim",
+    "opacity",
+    "speed_opacity",
+    "opacity_unit_distance",
+    "color",
+    "ambient",
+    "diffuse",
+    "specular",
+    "specular_power",
+)
+"""Keys of flows that may differ between frames."""
 
 
 def differences(before: Any, after: Any, key: str = "") -> list[str]:
@@ -77,6 +90,7 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
         allowed = f"another view or quality, or keys of a volume but {', '.join(OPENED)}"
         allowed += f", or {', '.join(GEOMETRY_CHANGING)} of geometry" if scene.geometry else ""
         allowed += f", or {', '.join(GRID_CHANGING)} of grids" if scene.grids else ""
+        allowed += f", or {', '.join(FLOW_CHANGING)} of flows" if scene.flows else ""
         raise SceneError("frames differ in more than they can", found=found[0], allowed=allowed)
 
 
@@ -90,6 +104,7 @@ def _shared_entries(scene: Scene) -> dict[str, list[tuple[Section, list[str]]]]:
             for name, entries in geometry.items()
         },
         "grids": [(grid, _other_keys(grid, GRID_CHANGING)) for grid in scene.grids],
+        "flows": [(flow, _other_keys(flow, FLOW_CHANGING)) for flow in scene.flows],
     }
 
 

@@ -12,7 +12,7 @@ Visualization 1996.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -108,10 +108,22 @@ def with_flows(scene: Scene, infos: Sequence[FlowInfo]) -> Scene:
         elif flow.show in LINES:
             found["lines"].append(FlowLines(**_geometry_keys(flow, key), **_line_keys(flow)))
         elif flow.show == "glyphs":
-            keys = {"style": "arrows", "direction": VELOCITY} | ({"radius": flow.radius} if flow.radius else {})
-            scalars = {"scalars": VELOCITY} if flow.color_by == "speed" else {}
-            found["points"].append(FlowPoints(**_geometry_keys(flow, key), **keys, **scalars))
+            found["points"].append(FlowPoints(**_geometry_keys(flow, key), **_arrow_keys(flow)))
     return scene.model_copy(update={name: tuple(entries) for name, entries in found.items()})
+
+
+def without_flows(scene: Scene, hidden: Collection[int] | None = None) -> Scene:
+    """Return a scene without what its flows, or some of them, have become."""
+    hidden = range(len(scene.flows)) if hidden is None else hidden
+    shown = [number for number in range(len(scene.flows)) if number not in hidden]
+    key_of = {f"flows[{number}]": f"flows[{n}]" for n, number in enumerate(shown)}
+    found = {}
+    for name in ("volumes", "lines", "points"):
+        entries = (each for each in getattr(scene, name) if not each.of_flow or each.path in key_of)
+        found[name] = tuple(
+            each.model_copy(update={"path": key_of[each.path]}) if each.of_flow else each for each in entries
+        )
+    return scene.model_copy(update=found)
 
 
 def completed_flow(flow: FlowSection, info: FlowInfo) -> FlowSection:
@@ -132,22 +144,27 @@ def volumes_of(flow: FlowSection, info: FlowInfo, key: str) -> list[Volume]:
     """Return the volumes of a completed flow that is shown by line integral convolution."""
     # A power of two, which changes no bit of the vectors.
     largest = float(2.0 ** np.ceil(np.log2(info.fastest))) if info.fastest > 0 else 1.0
-    hidden = {"blending": "isosurface"}
-    components: list[Volume] = [
-        VectorVolume(path=key, clim=(0.0, largest), opacity=0.0, cmap="gray").model_copy(update=hidden) for _ in range(3)
-    ]
+    component = VectorVolume(path=key, clim=(0.0, largest), opacity=0.0, cmap="gray")
+    component = component.model_copy(update={"blending": "isosurface"})
     fastest = max(flow.clim[1] if flow.clim else 0.0, *(speed for speed, _ in flow.speed_opacity or ((0.0, 0.0),)))
     table = SpeedTable(path=key, values=VALUES, magnitudes=(0.0, fastest or largest), flow=flow)
-    material = {name: getattr(flow, name) for name in ("shade", "ambient", "diffuse", "specular", "specular_power")}
-    unit = {"opacity_unit_distance": flow.opacity_unit_distance}
-    lic = LicVolume(path=key, array="lic", clim=VALUES, cmap="gray", largest=largest, **material, **unit)
-    return [*components, lic.model_copy(update={"transfer_2d": table})]
+    names = ("opacity_unit_distance", "shade", "ambient", "diffuse", "specular", "specular_power")
+    lic = LicVolume(path=key, array="lic", clim=VALUES, cmap="gray", largest=largest)
+    of_flow = {name: getattr(flow, name) for name in names}
+    return [component, component, component, lic.model_copy(update={**of_flow, "transfer_2d": table})]
 
 
 def _geometry_keys(flow: FlowSection, key: str) -> dict[str, Any]:
     names = ("cmap", "clim", "opacity", "color", "shade", "ambient", "diffuse", "specular", "specular_power")
     found = {name: getattr(flow, name) for name in names}
     return {"path": key, **found}
+
+
+def _arrow_keys(flow: FlowSection) -> dict[str, Any]:
+    found: dict[str, Any] = {"style": "arrows", "direction": VELOCITY}
+    found |= {"radius": flow.radius} if flow.radius else {}
+    needs_speed = flow.color_by == "speed" or not isinstance(flow.opacity, float)
+    return found | ({"scalars": VELOCITY} if needs_speed else {})
 
 
 def _line_keys(flow: FlowSection) -> dict[str, Any]:

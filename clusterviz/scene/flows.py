@@ -100,9 +100,14 @@ class Lic(Section):
     )
     seed: Seed = Field(default=1, description="Number that chooses the noise.")
     phase: Fraction = Field(
-        default=0.0, description="Phase of the kernel, by which the pattern moves along the flow; 1 is 0 again."
+        default=0.0,
+        description="Phase of the noise: each voxel or spot brightens and fades at a time of its own; 1 is 0 again.",
     )
-    by_speed: Flag = Field(default=False, description="The kernel is as much longer as the flow is faster.")
+    by_speed: Flag = Field(
+        default=False,
+        description="Steps are as long as the vectors, and `step` long where these are longest; else all are that "
+        "long.",
+    )
     contrast: Flag = Field(default=True, description="Stretch the values over 0 to 1.")
 
 

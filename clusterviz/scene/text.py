@@ -14,6 +14,7 @@ import yaml
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.field_types import Section
 from clusterviz.scene.files import change_paths
+from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.geometry import GeometrySection, LinesSection, PointsSection
 from clusterviz.scene.values import Scene, Volume
 from clusterviz.scene.yaml_text import SceneDumper, write_yaml
@@ -33,7 +34,8 @@ def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
     lines = [f"# {note}" for note in notes]
     for name in Scene.model_fields:
         value = getattr(scene, name)
-        items = [_key_lines(item, "    ") for item in value] if isinstance(value, tuple) else []
+        own = [item for item in value if not item.of_flow] if isinstance(value, tuple) else []
+        items = [_key_lines(item, "    ") for item in own]
         if items:
             lines.append(f"{name}:")
             for item in items:
@@ -50,9 +52,10 @@ def scene_summary(scene: Scene) -> str:
     camera = scene.camera
     seen = f"parallel_scale {camera.parallel_scale:g}" if camera.parallel_scale else f"view_angle {camera.view_angle:g}"
     parts = [
-        *map(_volume_summary, scene.volumes),
-        *map(_geometry_summary, scene.geometry_keys, scene.geometry),
+        *(_volume_summary(volume) for volume in scene.volumes if not volume.of_flow),
+        *(_geometry_summary(*pair) for pair in zip(scene.geometry_keys, scene.geometry, strict=True)),
         *(f"grids[{n}] {_transfer_summary(one.clim, one.cmap, one.opacity)}" for n, one in enumerate(scene.grids)),
+        *(f"flows[{n}] {_flow_summary(one)}" for n, one in enumerate(scene.flows)),
         f"camera {_format_point(camera.position)} to {_format_point(camera.focal_point)}, {seen}",
     ]
     return "; ".join(parts)
@@ -115,6 +118,10 @@ def _geometry_summary(key: str, section: GeometrySection) -> str:
     colour = section.scalars or section.color
     radius = f", radius {_format_value(section.radius)}" if isinstance(section, (LinesSection, PointsSection)) else ""
     return f"{key} {_format_value(colour)}, opacity {_format_value(section.opacity)}{radius}"
+
+
+def _flow_summary(flow: FlowSection) -> str:
+    return f"{flow.show}, {_transfer_summary(flow.clim, flow.cmap, flow.opacity)}"
 
 
 def _format_value(value: Any) -> str:

@@ -13,6 +13,7 @@ from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import project_points
 from clusterviz.scene.colormaps import follows_clim
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, divided_infos, transfer_function
+from clusterviz.scene.flow_content import VectorVolume
 from clusterviz.scene.geometry import GeometryInfo, GeometrySection
 from clusterviz.scene.grids import GridInfo, GridSection
 from clusterviz.scene.values import Scene, Volume
@@ -46,6 +47,8 @@ def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> 
             found[key] = f"{key} ({PurePath(section.path).name}): {reason}"
     for number, (volume, info) in enumerate(zip(scene.volumes, each, strict=True)):
         reason = _unseen_volume(volume, info)
+        if reason and isinstance(volume, VectorVolume):
+            continue
         if reason:
             name = "" if volume.path == "array" else f" ({PurePath(volume.path).name})"
             found[f"volumes[{number}]"] = f"volumes[{number}]{name}: {reason}"

@@ -84,11 +84,14 @@ class Content:
             "volumes": [
                 {**_volume(info), **_entry(f"volumes.{n}", section)}
                 for n, (info, section) in enumerate(zip(volumes, completed.volumes, strict=True))
+                if not section.of_flow
             ],
             "geometry": [
                 {**_entry(key.replace("[", ".").rstrip("]"), section), "bounds": _bounds(np.asarray(info.box))}
                 for key, section, info in named
+                if not section.of_flow
             ],
+            "flows": [_entry(f"flows.{n}", flow) for n, flow in enumerate(completed.flows)],
             "grids": [
                 {**_entry(f"grids.{n}", section), "bounds": _bounds(np.asarray(info.box))}
                 for n, (info, section) in enumerate(zip(grids, completed.grids, strict=True))

@@ -7,6 +7,7 @@ the whole picture do.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from itertools import count
 from typing import Any
@@ -77,7 +78,8 @@ def names_of_objects(scene: Scene, hidden: Sequence[str] = ()) -> list[tuple[str
         keys = (key for n in count() if (key := f"{name}.{n}") not in hidden)
         for number, entry in enumerate(getattr(scene, name)):
             objects = 1 + len(getattr(entry, "isosurfaces", ()))
-            found += [(next(keys), number if name == "volumes" else None)] * objects
+            key = re.sub(r"\[(\d+)\]", r".\1", entry.path) if entry.of_flow else next(keys)
+            found += [(key, number if name == "volumes" else None)] * objects
     return found
 
 

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.files import check_scene
+from clusterviz.scene.flow_content import without_flows
 from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import apply_changes
 from clusterviz.scene.values import Camera, Scene
@@ -575,6 +576,7 @@ def visible(scene: Scene, hidden: Collection[str]) -> Scene:
     """Return a scene without hidden entries, such as "volumes.1"."""
     if not hidden:
         return scene
+    scene = without_flows(scene, {n for n in range(len(scene.flows)) if f"flows.{n}" in hidden})
     kept = {
         name: tuple(one for n, one in enumerate(getattr(scene, name)) if f"{name}.{n}" not in hidden) for name in LISTS
     }

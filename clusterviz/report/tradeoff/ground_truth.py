@@ -16,13 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.data import open_volume, read_geometry, read_grid
 from clusterviz.errors import ClustervizError
+from clusterviz.flow.content import geometry_with_flows, open_flows
 from clusterviz.image import compare
 from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import place_cells
 from clusterviz.report.tradeoff.knobs import exact_settings
+from clusterviz.scene.flow_content import with_flows
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Scene
 
@@ -158,12 +161,17 @@ def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[D
     ----------
     most_seconds : that it may take for a picture of a few pixels, which large meshes take whole
     """
-    sources = [open_volume(volume) for volume in scene.volumes]
+    sources = [open_volume(volume) for volume in scene.volumes if not volume.of_flow]
     if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MAX_REFERENCE_BYTES:
         return None, f"the reference holds no more than {MAX_REFERENCE_BYTES >> 30} GiB of voxels in memory"
+    flows = open_flows(scene, [None] * len(scene.flows), LoopbackChannel())
+    sources += [volume for flow in flows for volume in flow.sources()]
     grids = [one.grid for one in sources]
     voxels = [one.read((0, 0, 0), grid.shape_zyx) for one, grid in zip(sources, grids, strict=True)]
-    parts = [part_of(section, read_geometry(section.path)) for section in scene.geometry]
+    expanded = with_flows(scene, [flow.info for flow in flows])
+    own = [read_geometry(section.path) for section in scene.geometry if not section.of_flow]
+    geometries = geometry_with_flows(expanded, own, flows, LoopbackChannel())
+    parts = [part_of(*each) for each in zip(expanded.geometry, geometries, strict=True)]
     if any(section.visibility != "exact" for section in scene.grids):
         return None, "visibility of the reference's grids is exact"
     grids_read = [read_grid(section.path, section.time) for section in scene.grids]

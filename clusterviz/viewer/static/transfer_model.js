@@ -10,9 +10,9 @@ const MOST_STOPS = 64;
 /** Control points that a named colour map becomes when its colours are edited. */
 const EDITED_COLOURS = 8;
 
-/** Entry of `state.volumes`, `state.geometry` or `state.grids` for the section at a path such as "volumes.0". */
+/** Entry of `state.volumes`, `state.geometry`, `state.grids` or `state.flows` for the section at a path such as "volumes.0". */
 export function contentEntry(state, path) {
-  const each = [...(state.volumes ?? []), ...(state.geometry ?? []), ...(state.grids ?? [])];
+  const each = [...(state.volumes ?? []), ...(state.geometry ?? []), ...(state.grids ?? []), ...(state.flows ?? [])];
   return each.find((entry) => entry.key === path) ?? {};
 }
 

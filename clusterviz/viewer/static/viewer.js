@@ -441,10 +441,10 @@ export class Viewer {
     if (message.position && message.pick === this.centringPick) this.moveTo(centred(this.camera, message.position));
   }
 
-  /** Name of a volume, geometry or grid. @param {string} key such as volumes.0 */
+  /** Name of a volume, geometry, grid or flow. @param {string} key such as volumes.0 */
   nameOf(key) {
-    const {volumes = [], geometry = [], grids = []} = this.state;
-    return [...volumes, ...geometry, ...grids].find((each) => each.key === key)?.name ?? key;
+    const {volumes = [], geometry = [], grids = [], flows = []} = this.state;
+    return [...volumes, ...geometry, ...grids, ...flows].find((each) => each.key === key)?.name ?? key;
   }
 
   /** Switch parts of the overlay. @param {Record<string, boolean>} changes axes, boxes, clip, pick */

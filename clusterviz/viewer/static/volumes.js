@@ -5,7 +5,7 @@ import {createElement} from "./elements.js";
 import {TransferEditor} from "./transfer.js";
 import {contentEntry} from "./transfer_model.js";
 
-const CONTENT_KINDS = {volumes: "volume", meshes: "mesh", lines: "lines", points: "points", grids: "grid"};
+const CONTENT_KINDS = {volumes: "volume", meshes: "mesh", lines: "lines", points: "points", grids: "grid", flows: "flow"};
 const LONGEST_NAME = 34;
 const MIXED_MODES = ["composite", "isosurface"];
 const THRESHOLD_MODES = ["local-maximum", "first-hit"];
@@ -83,16 +83,17 @@ export class ContentsPanel {
   rebuild(state, kind) {
     this.parts = [];
     const form = new Form(this.viewer);
-    const make = {volume: volumeEditor, grid: gridEditor, scalars: scalarsEditor, solid: solidEditor}[kind];
+    const make = {volume: volumeEditor, grid: gridEditor, flow: flowEditor, scalars: scalarsEditor, solid: solidEditor}[kind];
     this.editor.replaceChildren(...(make ? make(this, form, this.selected, state) : []));
     this.parts.push(form);
   }
 }
 
-/** Which editor a content needs: "volume", "grid", or of geometry "scalars" or "solid". */
+/** Which editor a content needs: "volume", "grid", "flow", or of geometry "scalars" or "solid". */
 function editorKind(state, path) {
   if (path.startsWith("volumes")) return "volume";
   if (path.startsWith("grids")) return "grid";
+  if (path.startsWith("flows")) return "flow";
   return contentEntry(state, path).colour_points ? "scalars" : "solid";
 }
 
@@ -118,6 +119,10 @@ function gridEditor(panel, form, path, state) {
   const transfer = new TransferEditor(panel.viewer, path);
   panel.parts.push(transfer);
   return [transfer.element, unitDistance(form, path, state), material(form, path)];
+}
+
+function flowEditor(panel, form, path) {
+  return [form.colour(`${path}.color`, "Colour"), material(form, path)];
 }
 
 function scalarsEditor(panel, form, path, state) {

@@ -1,0 +1,143 @@
+"""What flows of a scene become when they are opened: volumes of line integral convolution, lines, and arrows.
+
+`scene.flow_content` says how they are shown. The volumes are computed box by box when bricks are read; lines are traced
+once, by all ranks together, which then all hold them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm import Channel, agree
+from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.geometry import Geometry
+from clusterviz.data.source import Index, Source
+from clusterviz.data.summary import HISTOGRAM_BINS, VolumeSummary
+from clusterviz.data.vectors import VectorArray, VectorSource, open_vectors
+from clusterviz.errors import DataError
+from clusterviz.scene.flows import FlowInfo, FlowSection, Lic
+from clusterviz.scene.values import Scene
+
+SAMPLE = 64
+"""Samples a side of the lattice whose speeds are taken as those of all vectors."""
+FASTEST = 99.0
+"""Percentile of these speeds that has the last colour."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenedFlow:
+    """Vectors of a flow, and facts on them that all ranks know."""
+
+    section: FlowSection
+    vectors: VectorSource
+    info: FlowInfo
+
+    def sources(self) -> list[Source]:
+        """Return the volumes that the flow becomes: three components and the convolution, or none."""
+        if self.section.show != "lic":
+            return []
+        components: list[Source] = [ComponentSource(self.vectors, axis) for axis in range(3)]
+        return [*components, import_module("clusterviz.flow.lic").LicSource(self.vectors, self.section.lic or Lic())]
+
+    def geometry(self, channel: Channel) -> Geometry | None:
+        """Return the lines or arrows that the flow becomes, on every rank, or None; collective."""
+        return None
+
+
+class ComponentSource:
+    """One component of vectors as a volume.
+
+    Parameters
+    ----------
+    vectors : of which it is one
+    axis : 0 for x, 1 for y, 2 for z
+    """
+
+    dtype = np.dtype(np.float32)
+
+    def __init__(self, vectors: VectorSource, axis: int) -> None:
+        self.name, self.grid, self._vectors, self._axis = f"{vectors.name} {'xyz'[axis]}", vectors.grid, vectors, axis
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[np.float32]:
+        """Read a box; see `Source`."""
+        return np.ascontiguousarray(self._vectors.read(begin_zyx, end_zyx)[..., self._axis], np.float32)
+
+    def summary(self, layout: BrickLayout) -> VolumeSummary:
+        """Return a summary with which nothing is skipped, since it is not drawn: no sample has to be read for it."""
+        wide = np.full(layout.counts_zyx, np.inf)
+        histogram = np.zeros(HISTOGRAM_BINS, np.int64)
+        histogram[0] = 1
+        return VolumeSummary(-wide, wide, histogram, (0.0, 1.0), tuple((q, q / 100) for q in (0.0, 1.0, 99.0, 100.0)))
+
+
+def open_flow(section: FlowSection, given: Any, key: str, channel: Channel) -> OpenedFlow:
+    """Open a flow; collective.
+
+    Parameters
+    ----------
+    given : vectors in memory, (z, y, x, 3) or a `VectorSource`; None: the section's file
+    key : of the section, for errors
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, or holds no vectors.
+    """
+    with agree(channel, 0, "open"):
+        vectors = _vectors(section, given, key)
+        mine = _speeds(vectors, channel.rank, channel.size)
+    speeds = np.concatenate(channel.allgather(mine))
+    fastest = float(np.percentile(speeds, FASTEST)) if speeds.size else 0.0
+    return OpenedFlow(section, vectors, FlowInfo(fastest))
+
+
+def open_flows(scene: Scene, given: Sequence[Any], channel: Channel) -> list[OpenedFlow]:
+    """Open the flows of a scene, of which some may be given; collective. Raises as `open_flow`."""
+    pairs = zip(scene.flows, given, strict=True)
+    return [open_flow(flow, each, f"flows[{number}]", channel) for number, (flow, each) in enumerate(pairs)]
+
+
+def geometry_with_flows(
+    scene: Scene, own: Sequence[Geometry | None], flows: Sequence[OpenedFlow], channel: Channel
+) -> list[Any]:
+    """Return the geometry of each of `scene.geometry`, those of flows among them; collective.
+
+    Parameters
+    ----------
+    scene : with what its flows become
+    own : of the other entries; None: it is in a file
+    """
+    made = {f"flows[{number}]": flow.geometry(channel) for number, flow in enumerate(flows)}
+    rest = iter(own)
+    return [made[section.path] if section.of_flow else next(rest) for section in scene.geometry]
+
+
+def _vectors(section: FlowSection, given: Any, key: str) -> VectorSource:
+    if given is not None:
+        vectors: VectorSource = given if hasattr(given, "read") else VectorArray(np.asarray(given), name=key)
+        return vectors if section.time is None else vectors.at_time(section.time)
+    vectors = open_vectors(section.path, section.array, section.time, section.order, section.scale)
+    if section.show in ("pathlines", "streaklines") and len(vectors.times) < 2:
+        found, allowed = "vectors at one time", "vectors at several times, or show: streamlines"
+        raise DataError(
+            f"nothing changes with time in {section.path}", where=f"{key}.show", found=found, allowed=allowed
+        )
+    return vectors
+
+
+def _speeds(vectors: VectorSource, rank: int, ranks: int) -> NDArray[np.float64]:
+    """Return this rank's share of the speeds of a lattice of at most `SAMPLE`³ vectors; those that are finite."""
+    z, y, x = vectors.grid.shape_zyx
+    step_z, step_y, step_x = (max(1, -(-side // SAMPLE)) for side in (z, y, x))
+    found = [np.empty(0)]
+    for layer in range(0, z, step_z)[rank::ranks]:
+        read = vectors.read((layer, 0, 0), (layer + 1, y, x))[0, ::step_y, ::step_x].reshape(-1, 3).astype(np.float64)
+        found.append(np.linalg.norm(read, axis=1))
+    speeds = np.concatenate(found)
+    return speeds[np.isfinite(speeds)]
