@@ -23,6 +23,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 # Mesa's software driver compiles for longer than it draws: without optimisation, tests take four fifths of the time.
 os.environ.setdefault("GALLIVM_PERF", "nopt")
+os.environ.setdefault("LP_NATIVE_VECTOR_WIDTH", "128")  # loads are code for each lane: half the lanes, half of it
 os.environ.setdefault("CLUSTERVIZ_OPTIMIZE", "0")  # so does LLVM; the code finds the same bits, as a test shows
 
 MARKERS = ("mpi", "gl", "fresh", "browser")

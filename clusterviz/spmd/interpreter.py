@@ -325,14 +325,12 @@ class Interpreter:
             return (yield from self._either(node, mask))
         assert isinstance(node, Element), "there is no other expression"
         base, index, size = yield from self._elements(node, mask)
-        if len(index) == 1:
-            return base[index[0] :: size]
-        return [
-            np.stack([np.broadcast_to(one, self.lanes) for one in base[begin : begin + size]])[
-                index, np.arange(self.lanes)
-            ]
-            for begin in range(0, len(base), size)
-        ]
+        # Arrays have up to a thousand elements, of which the lanes read a few.
+        first, *others = np.unique(index).tolist()
+        found = base[first::size]
+        for number in others:
+            found = [np.where(index == number, a, b) for a, b in zip(base[number::size], found, strict=True)]
+        return found
 
     def _values(self, nodes: tuple[Expression, ...], mask: Mask) -> Generator[Statement, None, list[Value]]:
         found = list[Value]()
@@ -405,7 +403,7 @@ class Interpreter:
         else:
             assert isinstance(target, Element), "the checker has seen to that"
             parts, index, size = yield from self._elements(target, mask)
-            for n in range(size) if len(index) > 1 else index.tolist():
+            for n in np.unique(index).tolist():
                 for begin, part in zip(range(0, len(parts), size), value, strict=True):
                     parts[begin + n] = np.where(index == n, part, parts[begin + n])
             yield from self._store(target.base, [part for n in range(size) for part in parts[n::size]], mask)
