@@ -79,7 +79,7 @@ def optimized_object(text: str) -> bytes:
     """Return an object file for this CPU from LLVM IR as text."""
     import llvmlite.binding as llvm
 
-    target = machine()
+    target = machine(3 if optimizes() else 0)
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = target.triple, str(target.target_data)
     builder = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options(speed_level=3))
@@ -102,8 +102,8 @@ def optimizes() -> bool:
 
 
 @cache
-def machine() -> Any:
-    """Return the LLVM target machine of this CPU."""
+def machine(effort: int = 3) -> Any:
+    """Return the LLVM target machine of this CPU, for code of an effort from 0, soon compiled, to 3, fast."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -111,7 +111,7 @@ def machine() -> Any:
     target = llvm.Target.from_default_triple()
     name, features = cpu()
     # Code and the C library's functions may lie anywhere in the address space.
-    return target.create_target_machine(name, features, opt=3, reloc="static", codemodel="large")
+    return target.create_target_machine(name, features, opt=effort, reloc="static", codemodel="large")
 
 
 def cpu() -> tuple[str, str]:
