@@ -7,6 +7,11 @@ Khronos Group, EGL_EXT_platform_device and EGL_EXT_device_enumeration.
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
+from ctypes.util import find_library
+from functools import cache
 from typing import Any
 
 import moderngl
@@ -15,6 +20,7 @@ from clusterviz.errors import ClustervizError, DeviceError
 from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.gl.shader import ShaderSource
 
+_DRAW, _READ = 0x3059, 0x305A  # surfaces of EGL
 HINT = "install Mesa's EGL driver (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri) or a driver with EGL"
 
 
@@ -42,6 +48,29 @@ def open_context(local_rank: int = 0, device: int | None = None) -> moderngl.Con
     if "GL_ARB_gpu_shader_fp64" not in context.extensions:
         raise DeviceError(f"{context.info['GL_RENDERER']} has no double precision in shaders (GL_ARB_gpu_shader_fp64)")
     return context
+
+
+@contextmanager
+def current_context_kept() -> Iterator[None]:
+    """Context after which this thread's current OpenGL context is the same as before, if there was one."""
+    egl = _egl()
+    before, display = egl.eglGetCurrentContext(), egl.eglGetCurrentDisplay()
+    surfaces = [egl.eglGetCurrentSurface(which) for which in (_DRAW, _READ)]
+    try:
+        yield
+    finally:
+        if before:
+            egl.eglMakeCurrent(display, *surfaces, before)
+
+
+@cache
+def _egl() -> ctypes.CDLL:
+    """Return EGL's library, with the types of the functions for current contexts."""
+    egl, pointer = ctypes.CDLL(find_library("EGL") or "libEGL.so.1"), ctypes.c_void_p
+    egl.eglGetCurrentContext.restype = egl.eglGetCurrentDisplay.restype = egl.eglGetCurrentSurface.restype = pointer
+    egl.eglGetCurrentSurface.argtypes = [ctypes.c_int]
+    egl.eglMakeCurrent.argtypes = [pointer] * 4
+    return egl
 
 
 def compile_compute(context: moderngl.Context, source: ShaderSource) -> moderngl.ComputeShader:

@@ -358,7 +358,7 @@ def cluster(comm: Any = None, devices: Sequence[DeviceSetting] | None = None) ->
     ----------
     comm : mpi4py communicator or clusterviz channel; None: all ranks of mpirun, or this process alone
     devices : devices of each rank: "cpu" or the index of an EGL device, each; None: the one that the renderer would
-        choose
+        choose, or, without mpirun, all GPUs
 
     Notes
     -----
@@ -379,7 +379,7 @@ def cluster(comm: Any = None, devices: Sequence[DeviceSetting] | None = None) ->
             if channel.size > 1:
                 limit_threads(placement)
             with agree(channel, None, "devices"):
-                pool = DevicePool(devices_of(devices, placement.local_rank))
+                pool = DevicePool(devices_of(devices, placement.local_rank, channel.size))
             if several and channel.size > 1 and channel.for_thread() is None:
                 found = "MPI was started for one thread"
                 raise mark_agreed(InputError("several devices a rank", where="devices", found=found, allowed="one"))

@@ -5,6 +5,7 @@ A thread without a device takes the one on which the renderer would draw: a GPU 
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -19,13 +20,13 @@ from numpy.typing import NDArray
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.errors import DeviceError, InputError
 from clusterviz.gl.compute import run_compute
-from clusterviz.gl.context import compile_compute, open_context
-from clusterviz.gl.devices import choose_device, egl_devices, prefers_cpu
+from clusterviz.gl.context import compile_compute, current_context_kept, open_context
+from clusterviz.gl.devices import ENVIRONMENT, choose_device, egl_devices, prefers_cpu
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.machine_code import addresses, compiled
 from clusterviz.spmd.parser import parse
 from clusterviz.spmd.threads import run_threads
-from clusterviz.spmd.width import cpu_name, host_width
+from clusterviz.spmd.width import host_width
 
 GridXyz = tuple[int, int, int]
 ONE_GROUP = np.zeros(7, np.uint32)  # the system block: a thread is a work group
@@ -44,7 +45,7 @@ class Device:
     Attributes
     ----------
     egl : index of an EGL device; None: the CPU
-    threads : of the CPU
+    threads : of a CPU device
     """
 
     egl: int | None = None
@@ -53,7 +54,7 @@ class Device:
     @property
     def name(self) -> str:
         """Name for people."""
-        return f"{cpu_name()}" if self.egl is None else f"EGL device {self.egl}"
+        return "CPU" if self.egl is None else f"EGL device {self.egl}"
 
 
 @dataclass(frozen=True)
@@ -106,13 +107,14 @@ def devices() -> tuple[Device, ...]:
     return tuple(found)
 
 
-def devices_of(settings: Sequence[DeviceSetting] | None, local_rank: int = 0) -> tuple[Device, ...]:
+def devices_of(settings: Sequence[DeviceSetting] | None, local_rank: int = 0, ranks: int = 1) -> tuple[Device, ...]:
     """Return the devices of a setting; several CPU devices share the threads.
 
     Parameters
     ----------
-    settings : "cpu" or the index of an EGL device, each; None: the one on which the renderer would draw
-    local_rank : index of this rank on its node
+    settings : "cpu" or the index of an EGL device, each; None: the one on which the renderer would draw, or, of a
+        single rank, all GPUs
+    local_rank, ranks : index of this rank on its node, and number of all ranks
 
     Raises
     ------
@@ -122,7 +124,9 @@ def devices_of(settings: Sequence[DeviceSetting] | None, local_rank: int = 0) ->
     if settings is None:
         if prefers_cpu():
             return (Device(None, kernel_threads()),)
-        return (Device(choose_device(egl_devices(), local_rank)),)
+        chosen, gpus = choose_device(found := egl_devices(), local_rank), [each for each in found if not each.software]
+        asked_for = os.environ.get(ENVIRONMENT, "").strip()
+        return tuple(map(Device, [chosen] if asked_for or ranks > 1 else [each.index for each in gpus]))
     asked = list(settings)
     if not asked or isinstance(settings, str):
         raise InputError("no list of devices", where="devices", found=settings, allowed='["cpu", 0, …]')
@@ -220,12 +224,20 @@ def launch(make: MakeProgram, grid: GridXyz, arguments: Arguments) -> None:
     Parameters
     ----------
     grid : points along x, y, z, at least 1 each
+
+    Raises
+    ------
+    InputError
+        The kernel does not compile, or its arrays are too large.
+    DeviceError
+        There is no OpenGL.
     """
     device = current_device()
     if device.egl is None:
         _launch_on_cpu(make, grid, arguments, device.threads)
     else:
-        _launch_on_gl(make, grid, arguments, device.egl)
+        with current_context_kept():
+            _launch_on_gl(make, grid, arguments, device.egl)
 
 
 def _launch_on_cpu(make: MakeProgram, grid: GridXyz, arguments: Arguments, threads: int) -> None:
@@ -262,8 +274,7 @@ def _launch_on_gl(make: MakeProgram, grid: GridXyz, arguments: Arguments, egl: i
     with context:
         program = make(group, False)
         if program.source not in programs:
-            parse(program.source)  # for the same messages as on CPUs; Mesa's have no names of files
-            programs[program.source] = compile_compute(context, program.source)
+            programs[program.source] = _compiled_by_driver(context, program)
         most = int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
         made = []
         try:
@@ -271,7 +282,6 @@ def _launch_on_gl(make: MakeProgram, grid: GridXyz, arguments: Arguments, egl: i
                 if data.nbytes > most:
                     raise InputError(
                         "an array is larger than this device's buffers",
-                        where=f"kernel {program.name}",
                         found=f"{data.nbytes} bytes",
                         allowed=f"{most}; smaller blocks",
                     )
@@ -288,6 +298,14 @@ def _launch_on_gl(make: MakeProgram, grid: GridXyz, arguments: Arguments, egl: i
         finally:
             for buffer in made:
                 buffer.release()
+
+
+def _compiled_by_driver(context: Any, program: Program) -> Any:
+    parse(program.source)  # for the same messages as on CPUs; Mesa's have no names of files
+    try:
+        return compile_compute(context, program.source)
+    except DeviceError as error:
+        raise InputError(str(error)) from None
 
 
 def _context(egl: int) -> tuple[Any, dict[ShaderSource, Any]]:

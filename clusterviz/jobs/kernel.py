@@ -34,16 +34,20 @@ from dataclasses import dataclass
 from functools import cache, partial
 from operator import index
 from pathlib import Path
+from struct import pack
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import DeviceError, InputError
+from clusterviz.errors import InputError
 from clusterviz.gl.shader import ShaderSource, assemble, shader_file
 from clusterviz.jobs.device import MOST_WORDS, Arguments, GridXyz, Program, launch
 
-ELEMENTS = {"float32": "float", "int32": "int", "uint32": "uint", "float64": "double"}
+ELEMENTS = {
+    np.dtype(name): glsl
+    for name, glsl in {"float32": "float", "int32": "int", "uint32": "uint", "float64": "double"}.items()
+}
 VECTORS = {2: "vec2", 4: "vec4"}
 STATE_WORDS = 6  # of LaunchStateBlock in launch.glsl
 MOST_ARRAYS = 23  # the compiler has 24 bindings
@@ -121,8 +125,6 @@ class Kernel:
         make = partial(_program, self, tuple(given))
         try:
             launch(make, grid, Arguments(uniforms, buffers, written))
-        except DeviceError as error:  # the driver's compiler
-            raise KernelError(str(error), where=f"kernel {self.name}") from None
         except KernelError:
             raise
         except InputError as error:
@@ -158,9 +160,9 @@ class Kernel:
         return Parameter(name, scalar if len(numbers) == 1 else f"{vector}{len(numbers)}")
 
     def _array(self, name: str, array: NDArray[Any]) -> Parameter:
-        glsl = ELEMENTS.get(str(array.dtype))
+        glsl = ELEMENTS.get(array.dtype)
         if glsl is None:
-            raise self.error(f"{name} has elements of a wrong type", array.dtype, ", ".join(ELEMENTS))
+            raise self.error(f"{name} has elements of a wrong type", array.dtype, ", ".join(map(str, ELEMENTS)))
         axes, is_vector = array.ndim, name in self.vectors
         if is_vector:
             axes, glsl = axes - 1, VECTORS.get(array.shape[-1] if array.ndim else 0, "")
@@ -300,13 +302,11 @@ def _uniform_block(parameters: Sequence[Parameter], values: Sequence[Any], grid:
         if each.is_array:
             value = (*_size_zyx(value, each.glsl.startswith("vec"))[::-1], 0)
         members.append((_uniform(each)[0], value))
-    block, end = bytearray(), 0
+    block = bytearray()
     for kind, value in members:
-        numbers = np.atleast_1d(np.asarray(value, np.int32 if kind.startswith("i") else np.float32))
-        alignment = 4 * (1, 2, 4, 4)[numbers.size - 1]
-        end = -(-end // alignment) * alignment
-        block += bytes(end - len(block)) + numbers.tobytes()
-        end = len(block)
+        numbers = value if isinstance(value, tuple | list) else (value,)
+        block += bytes(-len(block) % (4, 8, 16, 16)[len(numbers) - 1])
+        block += pack(f"{len(numbers)}{'i' if kind.startswith('i') else 'f'}", *numbers)
     block += bytes(-len(block) % 16)
     return np.frombuffer(block, np.uint8)
 

@@ -10,6 +10,10 @@ import pytest
 from jobs.kernels import smooth
 
 from clusterviz import jobs
+from clusterviz.gl import devices
+from clusterviz.gl.context import open_context
+from clusterviz.gl.devices import EglDevice
+from clusterviz.jobs import device
 from clusterviz.jobs.device import devices_of, on_device
 
 DEVICES = ["cpu", pytest.param(0, marks=pytest.mark.gl)]
@@ -72,6 +76,15 @@ def test_a_write_outside_of_an_array_is_an_error(device: Any) -> None:
         smooth[5](src, dst, 0.5)
 
 
+@pytest.mark.gl
+def test_another_context_of_the_thread_stays_current() -> None:
+    other = open_context()
+    before = other.buffer(b"1234")
+    with on_device(devices_of([0])[0]):
+        smooth[1](np.zeros(1, np.float32), np.zeros(1, np.float32), 0.5)
+    assert before.read() == b"1234"
+
+
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize(
     ("text", "said"),
@@ -119,3 +132,14 @@ def test_wrong_declarations_are_refused() -> None:
     ):
         with pytest.raises(jobs.KernelError, match=said):
             jobs.kernel(file, **options)(nothing)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("asked", "ranks", "chosen"), [(None, 1, [0, 2]), (None, 2, [2]), (["cpu", 1, "cpu"], 1, [None, 1, None])]
+)
+def test_a_single_rank_has_all_gpus(asked: Any, ranks: int, chosen: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CLUSTERVIZ_EGL_DEVICE", raising=False)
+    listed = tuple(EglDevice(n, software=n == 1) for n in range(3))
+    for module in (device, devices):
+        monkeypatch.setattr(module, "egl_devices", lambda: listed)
+    assert [each.egl for each in devices_of(asked, 1 if ranks > 1 else 0, ranks)] == chosen
