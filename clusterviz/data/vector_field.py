@@ -33,17 +33,17 @@ GYRE_PERIOD, GYRE_SPEED, GYRE_SWING = 10.0, 0.1, 0.25
 
 def constant(x: Values, y: Values, z: Values, time: float) -> tuple[Values, Values, Values]:
     """Unit vectors along x."""
-    return np.ones_like(x), np.zeros_like(x), np.zeros_like(x)
+    return 1 + 0 * x, 0 * x, 0 * x
 
 
 def shear(x: Values, y: Values, z: Values, time: float) -> tuple[Values, Values, Values]:
     """Speed along x that rises with y, and is 0 in the middle."""
-    return y, np.zeros_like(x), np.zeros_like(x)
+    return y, 0 * x, 0 * x
 
 
 def rotation(x: Values, y: Values, z: Values, time: float) -> tuple[Values, Values, Values]:
     """Solid rotation about z with angular speed 1; lines are circles."""
-    return -y, x, np.zeros_like(x)
+    return -y, x, 0 * x
 
 
 def saddle(x: Values, y: Values, z: Values, time: float) -> tuple[Values, Values, Values]:
@@ -64,13 +64,11 @@ def hill_vortex(x: Values, y: Values, z: Values, time: float) -> tuple[Values, V
     Lines inside are closed, and keep ψ = (x² + y²)(0.64 − x² − y² − z²).
     """
     axial, r = x * x + y * y, np.sqrt(x * x + y * y + z * z)
-    outside = 1.5 * HILL_RADIUS**3 / np.maximum(r, HILL_RADIUS) ** 5
-    along = np.where(
-        r < HILL_RADIUS,
-        1.5 / HILL_RADIUS**2 * (HILL_RADIUS**2 - 2 * axial - z * z),
-        HILL_RADIUS**3 / np.maximum(r, HILL_RADIUS) ** 3 - 1 - outside * axial,
-    )
-    radial = z * np.where(r < HILL_RADIUS, 1.5 / HILL_RADIUS**2, outside)
+    inside, beyond = 1.0 * (r < HILL_RADIUS), np.maximum(r, HILL_RADIUS)
+    outside = 1.5 * HILL_RADIUS**3 / beyond**5
+    along = inside * (1.5 / HILL_RADIUS**2 * (HILL_RADIUS**2 - 2 * axial - z * z))
+    along = along + (1 - inside) * (HILL_RADIUS**3 / beyond**3 - 1 - outside * axial)
+    radial = z * (inside * (1.5 / HILL_RADIUS**2) + (1 - inside) * outside)
     return radial * x, radial * y, along
 
 
@@ -82,7 +80,7 @@ def double_gyre(x: Values, y: Values, z: Values, time: float) -> tuple[Values, V
     speed = np.pi * GYRE_SPEED
     u = -speed * np.sin(np.pi * f) * np.cos(np.pi * y)
     v = speed * np.cos(np.pi * f) * np.sin(np.pi * y) * slope
-    return u, 2 * v, np.zeros_like(x)
+    return u, 2 * v, 0 * x
 
 
 VECTOR_FIELDS: dict[str, Formula] = {

@@ -1,0 +1,537 @@
+"""Streamlines, pathlines and streaklines of vectors, over all ranks.
+
+A streamline follows the vectors of one time step; its parameter is its length, so a step is as long in slow flow as in
+fast flow. A pathline is where a particle goes while the vectors change: they are linear in time between two steps. A
+streakline joins particles that were released at one seed, one after another.
+
+There are two ways over ranks. Over seeds, each rank holds all vectors and traces every n-th line. Over data, each rank
+holds a block of the cells and the samples around it that a step can need, and a particle that leaves the block is
+handed over. A step depends on the state of its particle alone, so both ways give the same bits. `choose` estimates
+which is faster, and takes the second one where the vectors do not fit into memory.
+
+References
+----------
+J. R. Dormand, P. J. Prince: A family of embedded Runge-Kutta formulae, Journal of Computational and Applied Mathematics
+6, 1980. (RK45.)
+D. Pugmire et al.: Scalable computation of streamlines on very large datasets, SC 2009. (Over seeds and over blocks.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import cache
+from math import ceil, inf, prod
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm.agree import abort_on_failure, agree
+from clusterviz.comm.all_to_all import all_to_all
+from clusterviz.comm.channel import Channel
+from clusterviz.comm.loopback import LoopbackChannel
+from clusterviz.data import vector_field
+from clusterviz.data.geometry import Lines
+from clusterviz.data.vectors import VectorSource
+from clusterviz.errors import ClustervizError, InputError
+from clusterviz.flow import state, trace_kernel
+from clusterviz.flow.cells import Cells
+from clusterviz.flow.domain import Positions, cells_domain, formula_domain, grid_domain
+from clusterviz.flow.seeds import make_seeds
+from clusterviz.flow.state import (
+    CELL,
+    CLOSED,
+    DIRECTION,
+    END_OF_INTERVAL,
+    ENDS,
+    FULL,
+    HANDED_OVER,
+    NEW,
+    NOT_LOADED,
+    NUMBER,
+    POSITION,
+    RUNNING,
+    SPEED,
+    STATE,
+    STATUS,
+    STEP,
+    STEPS,
+    TIME,
+)
+from clusterviz.kernels.compiled import CompiledKernel
+from clusterviz.report.machine import memory
+from clusterviz.scene.flows import Seeds, Trace
+
+LineKind = Literal["streamlines", "pathlines", "streaklines"]
+METHODS = {"euler": 0, "rk4": 1, "rk45": 2}
+CLOSE = 0.02
+"""Voxels from a place of a streamline, within which it is closed when it comes back."""
+LONGEST_STEP = 2.0
+"""Of `Trace.step`, that RK45 may grow to."""
+ROOM = 256
+"""Points of a particle that the kernel writes at a time."""
+BATCH = 256
+"""Particles of a task."""
+MOST_RELEASES = 1 << 20
+MEMORY_SHARE = 0.25
+"""Of a rank's share of the free memory, that vectors may take on each rank."""
+BYTES_PER_SECOND, STEPS_PER_SECOND, SECONDS_PER_ROUND = 5e8, 1e6, 2e-3
+"""Costs by which the way over ranks is chosen: reading, steps, and a round of handing over."""
+_TAG = 7400
+
+
+@cache
+def kernel() -> CompiledKernel:
+    """Return the kernel that advances particles."""
+    sources = [Path(str(module.__file__)) for module in (trace_kernel, state, vector_field)]
+    mesh = "float64[::1]; int64[::1]; int64[::1]; int64[::1]; int64[::1]"
+    rest = "int64[::1]; float64[::1]; float64[:,::1]; float64[:,:,::1]; int64[::1]"
+    arguments = f"float32[::1]; float32[::1]; {mesh}; {rest}"
+    return CompiledKernel(trace_kernel.__name__, "trace_particles", arguments, sources, 1)
+
+
+@dataclass(frozen=True)
+class Traced:
+    """Lines of a flow.
+
+    Attributes
+    ----------
+    lines : with arrays `speed` and `time` of points, and `seed` and `end` of lines: numbers of the seed and of what
+        ended the line, by `clusterviz.flow.state`. Seeds whose line has one point have none here.
+    ends : number of lines, or of halves of them, that ended in each way
+    seeds, seeds_outside : number of seeds, and of those outside the data
+    steps : attempted, of all ranks
+    bytes_handed_over : between ranks
+    rounds : in which particles were handed over
+    over : "data" or "seeds"
+    """
+
+    lines: Lines
+    ends: Mapping[str, int]
+    seeds: int
+    seeds_outside: int
+    steps: int
+    bytes_handed_over: int
+    rounds: int
+    over: str
+
+    @property
+    def summary(self) -> str:
+        """What became of the seeds, in one sentence."""
+        parts = [f"{count} {name}" for name, count in self.ends.items()]
+        outside = [f"{self.seeds_outside} of {self.seeds} seeds lie outside the data"] if self.seeds_outside else []
+        return "; ".join([f"{len(self.lines.offsets) - 1} lines", *parts, *outside])
+
+
+def trace(
+    vectors: VectorSource | Cells,
+    seeds: Seeds | NDArray[Any] | Sequence[Sequence[float]],
+    settings: Trace | None = None,
+    kind: LineKind = "streamlines",
+    *,
+    channel: Channel | None = None,
+    first_step: int | None = None,
+    over: Literal["auto", "data", "seeds"] = "auto",
+    exact: bool = False,
+    close: float = CLOSE,
+    memory_limit: int | None = None,
+    threads: int | None = None,
+) -> Traced:
+    """Trace lines of vectors; collective, with the result on every rank.
+
+    Parameters
+    ----------
+    vectors : on a regular grid, or in tetrahedra
+    seeds : a rule, or positions (n, 3) in the world
+    settings : of the integration; default: `Trace()`
+    kind : of lines
+    channel : to all ranks; None: this process alone
+    first_step : time step of streamlines, and the first one of other lines; None: that of the source
+    over : whether ranks share the data or the seeds
+    exact : take the vectors of a formula at each position, not between samples
+    close : voxels; see `CLOSE`; 0: loops are not looked for
+    memory_limit : bytes that vectors may take on each rank
+    threads : of each rank; None: as many as it has cores
+
+    Raises
+    ------
+    DataError
+        The vectors cannot be read, or have no such time steps.
+    InputError
+        Impossible settings: no duration of a steady flow, or the data ends before it.
+    """
+    channel = channel or LoopbackChannel()
+    with abort_on_failure(channel, stage="tracing lines"):
+        with agree(channel, 0, "preparing to trace lines"):
+            settings = settings or Trace()
+            span = _span(vectors, settings, kind, first_step)
+            kernel().prepare()
+        way = over if over != "auto" else choose(vectors, seeds, span, channel, memory_limit)
+        workers = threads or channel.placement().cores
+        with ThreadPoolExecutor(workers) as pool:
+            run = _Run(vectors, settings, kind, channel, span, way, exact, close, pool)
+            return run.trace(seeds)
+
+
+@dataclass(frozen=True)
+class Span:
+    """Time of a run.
+
+    Attributes
+    ----------
+    begin, end : of the particles
+    intervals : step at the begin and at the end of each interval of vectors, and their times; one, with the same step
+        twice, for vectors that do not change
+    """
+
+    begin: float
+    end: float
+    intervals: tuple[tuple[int, int, float, float], ...]
+
+
+def _span(vectors: VectorSource | Cells, settings: Trace, kind: LineKind, first_step: int | None) -> Span:
+    times: tuple[float, ...] = getattr(vectors, "times", ())
+    where = getattr(vectors, "name", "tetrahedra")
+    first = getattr(vectors, "step", 0) if first_step is None else first_step
+    if not isinstance(vectors, Cells):
+        vectors.at_time(first)
+    if kind == "streamlines" or len(times) < 2:
+        begin = times[first] if times else 0.0
+        end = inf if settings.duration is None or kind == "streamlines" else begin + settings.duration
+        if kind == "streaklines" and end == inf:
+            raise InputError("a steady flow has no end of time", where=where, allowed="trace.duration: a time")
+        return Span(begin, end, ((first, first, begin, end),))
+    begin, last = float(times[first]), float(times[-1])
+    end = last if settings.duration is None else begin + settings.duration
+    if first == len(times) - 1 or end > last * (1 + 1e-12) + 1e-12:
+        found, allowed = f"a duration of {end - begin:g} from {begin:g} on", f"at most {last - begin:g}"
+        raise InputError("the time steps end before", where=where, found=found, allowed=allowed)
+    used = [n for n in range(first, len(times) - 1) if times[n] < end]
+    return Span(begin, end, tuple((n, n + 1, times[n], times[n + 1]) for n in used))
+
+
+def choose(
+    vectors: VectorSource | Cells, seeds: Any, span: Span, channel: Channel, memory_limit: int | None = None
+) -> Literal["data", "seeds"]:
+    """Return the way over ranks whose estimated time is less; over data where the vectors do not fit; collective."""
+    if isinstance(vectors, Cells) or channel.size == 1:
+        return "seeds"
+    steps = 1 if len(span.intervals) == 1 else 2
+    whole = 16 * steps * prod(vectors.grid.shape_zyx)
+    limit = memory_limit or int(MEMORY_SHARE * memory().available_bytes / channel.placement().local_size)
+    if channel.maximum(whole > limit):
+        return "data"
+    lines = (seeds.count or 200) if isinstance(seeds, Seeds) else len(seeds)
+    work = 2 * lines * sum(vectors.grid.shape_zyx) / STEPS_PER_SECOND / channel.size
+    reading = whole * len(span.intervals) / BYTES_PER_SECOND
+    rounds = 2 * channel.size * len(span.intervals) * SECONDS_PER_ROUND
+    return "data" if reading / channel.size + 2 * work + rounds < reading + work else "seeds"
+
+
+def split_cells(cells: Sequence[int], parts: int) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Return boxes of cells, begin and end (x, y, z), of nearly equal size, one for each part; some may be empty."""
+
+    def halves(begin: tuple[int, ...], end: tuple[int, ...], count: int) -> list[Any]:
+        if count == 1:
+            return [(begin, end)]
+        sides = [b - a for a, b in zip(begin, end, strict=True)]
+        axis = sides.index(max(sides))
+        cut = begin[axis] + round(sides[axis] * (count // 2) / count)
+        low, high = list(end), list(begin)
+        low[axis] = high[axis] = cut
+        return halves(begin, tuple(low), count // 2) + halves(tuple(high), end, count - count // 2)
+
+    return halves((0,) * 3, tuple(cells), parts)
+
+
+@dataclass
+class _Pieces:
+    """Points of parts of lines, as the kernel wrote them.
+
+    Attributes
+    ----------
+    headers : int64 (m, 3) each: 2 · number, one more for a line backwards; steps before the part; its points
+    points : float64 (k, 5) each: the kernel's position, time, speed
+    """
+
+    headers: list[NDArray[np.int64]] = field(default_factory=list)
+    points: list[NDArray[np.float64]] = field(default_factory=list)
+
+    def add(self, rows: NDArray[np.float64], before: NDArray[np.float64], found: Any, counts: Any) -> None:
+        some = counts > 0
+        keys = 2 * rows[:, NUMBER] + (rows[:, DIRECTION] < 0)
+        self.headers.append(np.stack([keys, before, counts], axis=1)[some].astype(np.int64))
+        self.points.append(found[np.arange(found.shape[1]) < counts[:, None]])
+
+
+class _Run:
+    """One tracing of lines on this rank."""
+
+    def __init__(
+        self,
+        vectors: VectorSource | Cells,
+        settings: Trace,
+        kind: LineKind,
+        channel: Channel,
+        span: Span,
+        over: str,
+        exact: bool,
+        close: float,
+        pool: ThreadPoolExecutor,
+    ) -> None:
+        self.vectors, self.settings, self.kind, self.channel = vectors, settings, kind, channel
+        self.span, self.over, self.pool = span, over, pool
+        self.stores = kind != "streaklines"
+        self.boxes: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
+        longest = LONGEST_STEP * settings.step
+        if isinstance(vectors, Cells):
+            self.domain = cells_domain(vectors)
+        elif exact:
+            self.domain = formula_domain(vectors)
+        elif over == "data":
+            cells = np.maximum(np.array(vectors.grid.shape_zyx[::-1]) - 1, 1)
+            self.boxes = split_cells(cells.tolist(), channel.size)
+            halo = ceil(trace_kernel.STAGE_LIMIT * longest) + 1
+            self.domain = grid_domain(vectors, self.boxes[channel.rank], halo)
+            self.cells = cells
+        else:
+            self.domain = grid_domain(vectors)
+        self.pieces = _Pieces()
+        self.steps = self.bytes_sent = self.rounds = 0
+        self.numbers = np.zeros(21, np.int64)
+        self.numbers[:3] = METHODS[settings.integrator], kind == "streamlines", self.stores
+        for at, values in ((3, "begin"), (6, "samples"), (10, "first_cell"), (13, "end_cell"), (16, "shape")):
+            self.numbers[at : at + 3] = getattr(self.domain, values)
+        self.numbers[19:] = self.domain.kind, self.domain.on_cells
+        unit, far = self.domain.unit, inf if settings.max_length is None else settings.max_length
+        self.floats = np.zeros(23)
+        self.floats[:6], self.floats[17:] = self.domain.metric, self.domain.bins
+        self.floats[8:14] = (
+            *(settings.step * unit, longest * unit, settings.tolerance, far, settings.min_speed, close * unit),
+        )
+        self.floats[16] = settings.max_steps
+
+    def trace(self, seeds: Any) -> Traced:
+        interval = self.span.intervals[0]
+        self._load(interval)
+        with agree(self.channel, 0, "seeds of lines"):
+            positions = self._positions(seeds)
+        inside = self.domain.contains(self.domain.from_world(positions))
+        waiting = self._new_states(positions, np.flatnonzero(inside))
+        ended: list[NDArray[np.float64]] = []
+        active = np.empty((0, STATE))
+        for number, interval in enumerate(self.span.intervals):
+            if number:
+                self._load(interval)
+            stop = min(interval[3], self.span.end)
+            begins = (waiting[:, TIME] < stop) | (interval == self.span.intervals[-1])
+            active = np.concatenate([active, waiting[begins]])
+            waiting = waiting[~begins]
+            active, done = self._advance_all(active)
+            ended.append(done)
+            active[:, STATUS] = np.where(active[:, STATUS] == END_OF_INTERVAL, RUNNING, active[:, STATUS])
+        active[:, STATUS] = END_OF_INTERVAL
+        ended.append(active)
+        return self._gathered(np.concatenate(ended), len(positions), int((~inside).sum()))
+
+    def _positions(self, seeds: Any) -> Positions:
+        if not isinstance(seeds, Seeds):
+            found = np.atleast_2d(np.asarray(seeds, np.float64))
+            if found.ndim != 2 or found.shape[1] != 3 or not np.isfinite(found).all():
+                raise InputError("impossible seeds", where="trace", found=found.shape, allowed="finite numbers (n, 3)")
+            return found
+        low, high = self._bounds()
+        return make_seeds(seeds, low, high, self._speed_at)
+
+    def _bounds(self) -> tuple[Positions, Positions]:
+        points = self.vectors.places.reshape(-1, 3) if isinstance(self.vectors, Cells) else self.vectors.grid.corners
+        low: Positions = points.min(axis=0)
+        high: Positions = points.max(axis=0)
+        return low, high
+
+    def _speed_at(self, places: Positions) -> NDArray[np.float64]:
+        """Return the speeds at places in the world, NaN outside; collective."""
+        positions = self.domain.from_world(places)
+        found = np.full(len(places), -1.0)
+        mine = np.flatnonzero(self.domain.contains(positions))
+        if self.boxes:
+            mine = mine[self._owners(positions[mine]) == self.channel.rank]
+        if self.boxes or self.channel.rank == 0:
+            rows = self._rows(positions[mine], mine, 1.0)
+            floats, numbers = self.floats.copy(), self.numbers.copy()
+            floats[16], numbers[2] = 0, 0  # no steps, nothing stored
+            self._kernel(numbers, floats, rows, np.empty((len(rows), 0, 5)), np.zeros(len(rows), np.int64))
+            found[mine] = rows[:, SPEED]
+        speeds = np.max(all_to_all(self.channel, [found] * self.channel.size, _TAG), axis=0)
+        return np.where(speeds < 0, np.nan, speeds)
+
+    def _rows(self, positions: Positions, numbers: NDArray[Any], direction: float) -> NDArray[np.float64]:
+        rows = np.zeros((len(positions), STATE))
+        rows[:, NUMBER], rows[:, DIRECTION], rows[:, POSITION : POSITION + 3] = numbers, direction, positions
+        rows[:, STEP], rows[:, STATUS], rows[:, TIME], rows[:, CELL] = self.floats[8], NEW, self.span.begin, -1
+        return rows
+
+    def _new_states(self, positions: Positions, inside: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return this rank's particles."""
+        places = self.domain.from_world(positions[inside])
+        if self.kind == "streamlines":
+            way = self.settings.direction or "both"
+            ways = {"both": (1.0, -1.0), "forward": (1.0,), "backward": (-1.0,)}[way]
+            rows = np.concatenate([self._rows(places, inside, each) for each in ways])
+        elif self.kind == "pathlines":
+            rows = self._rows(places, inside, 1.0)
+        else:
+            release = self.settings.release or 1.0
+            count = self.releases
+            if count > MOST_RELEASES:
+                found = f"{count} from each seed"
+                raise InputError("too many particles", where="trace.release", found=found, allowed=MOST_RELEASES)
+            rows = np.repeat(self._rows(places, inside * count, 1.0), count, axis=0)
+            number = np.tile(np.arange(count), len(places))
+            rows[:, NUMBER] += number
+            rows[:, TIME] = self.span.begin + release * number
+        rank = self.channel.rank
+        here = rows[:, NUMBER] % self.channel.size == rank
+        if self.boxes:
+            here = self._owners(rows[:, POSITION : POSITION + 3]) == rank
+        mine: NDArray[np.float64] = rows[here]
+        return mine
+
+    @property
+    def releases(self) -> int:
+        """Particles of a streakline."""
+        return int((self.span.end - self.span.begin) / (self.settings.release or 1.0) * (1 + 1e-12)) + 1
+
+    def _owners(self, positions: Positions) -> NDArray[np.int64]:
+        """Return the rank of each position's cell."""
+        cells = np.clip(np.floor(positions), 0, self.cells - 1)
+        found = np.zeros(len(cells), np.int64)
+        for rank, (begin, end) in enumerate(self.boxes):
+            found[((cells >= begin) & (cells < end)).all(axis=1)] = rank
+        return found
+
+    def _load(self, interval: tuple[int, int, float, float]) -> None:
+        """Read the vectors at both ends of an interval of time; the last ones may be known."""
+        before, after, begin, end = interval
+        with agree(self.channel, 0, "reading vectors"):
+            known = getattr(self, "_loaded", (-1, None))
+            self.first = known[1] if known[0] == before else self.domain.load(before)
+            self.second = self.domain.load(after) if after != before else self.first
+            self._loaded = after, self.second
+        self.numbers[9] = after != before
+        self.floats[6:8] = begin, 1 / (end - begin) if after != before else 0.0
+        self.floats[14:16] = self.span.begin, min(end, self.span.end)
+
+    def _kernel(self, numbers: Any, floats: Any, rows: Any, points: Any, counts: Any) -> int:
+        mesh = self.domain.mesh
+        return int(kernel()(self.first, self.second, *mesh, numbers, floats, rows, points, counts))
+
+    def _advance_all(self, active: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Advance particles of all ranks until each has ended or waits for the next interval; return both kinds."""
+        waiting, ended = [np.empty((0, STATE))], [np.empty((0, STATE))]
+        while True:
+            active = self._advance(active)
+            status = active[:, STATUS]
+            leaves, waits = status == HANDED_OVER, status == END_OF_INTERVAL
+            waiting.append(active[waits])
+            ended.append(active[~leaves & ~waits])
+            if not self.boxes or not self.channel.maximum(int(leaves.any())):
+                return np.concatenate(waiting), np.concatenate(ended)
+            leaving = active[leaves]
+            leaving[:, STATUS] = RUNNING
+            owners = self._owners(leaving[:, POSITION : POSITION + 3])
+            sent = [np.ascontiguousarray(leaving[owners == rank]).reshape(-1) for rank in range(self.channel.size)]
+            self.bytes_sent += leaving.nbytes
+            self.rounds += 1
+            active = np.concatenate(all_to_all(self.channel, sent, _TAG)).reshape(-1, STATE)
+
+    def _advance(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Advance particles until none has filled its room; keep what they wrote."""
+        parts = [rows[at : at + BATCH] for at in range(0, len(rows), BATCH)]
+        for pieces, steps in self.pool.map(self._advance_batch, parts):
+            self.pieces.headers += pieces.headers
+            self.pieces.points += pieces.points
+            self.steps += steps
+        lost = rows[rows[:, STATUS] == NOT_LOADED]
+        if len(lost):
+            place = self.domain.to_world(lost[:1, POSITION : POSITION + 3])[0]
+            raise ClustervizError(f"a line left the vectors that its rank holds, near {place.tolist()}")
+        return rows
+
+    def _advance_batch(self, rows: NDArray[np.float64]) -> tuple[_Pieces, int]:
+        pieces, steps = _Pieces(), 0
+        room = np.empty((len(rows), min(ROOM, self.settings.max_steps + 1) if self.stores else 0, 5))
+        some = np.arange(len(rows))
+        while len(some):
+            own, counts = rows[some], np.zeros(len(some), np.int64)
+            before = np.where(own[:, STATUS] == NEW, -1, own[:, STEPS])
+            steps += self._kernel(self.numbers, self.floats, own, room[: len(some)], counts)
+            pieces.add(own, before, room[: len(some)], counts)
+            rows[some] = own
+            full = own[:, STATUS] == FULL
+            some = some[full]
+            rows[some, STATUS] = RUNNING
+        return pieces, steps
+
+    def _gathered(self, ended: NDArray[np.float64], seeds: int, outside: int) -> Traced:
+        """Return the lines of all ranks."""
+        channel = self.channel
+        heads = np.concatenate([np.empty((0, 3), np.int64), *self.pieces.headers]).reshape(-1)
+        points = np.concatenate([np.empty((0, 5)), *self.pieces.points]).reshape(-1)
+        headers = np.concatenate(all_to_all(channel, [heads] * channel.size, _TAG)).reshape(-1, 3)
+        whole = np.concatenate(all_to_all(channel, [points] * channel.size, _TAG)).reshape(-1, 5)
+        rows = np.concatenate(all_to_all(channel, [np.ascontiguousarray(ended).reshape(-1)] * channel.size, _TAG))
+        states = rows.reshape(-1, STATE)
+        states = states[np.lexsort((states[:, DIRECTION], states[:, NUMBER]))]
+        counted = channel.allgather_numbers([self.steps, self.bytes_sent]).sum(axis=0).tolist()
+        numbers, counts = np.unique(states[:, STATUS], return_counts=True)
+        ends = {ENDS[int(n)]: int(count) for n, count in zip(numbers, counts, strict=True)}
+        lines = self._streaklines(states) if self.kind == "streaklines" else self._lines(headers, whole, states)
+        return Traced(lines, ends, seeds, outside, counted[0], counted[1], self.rounds, self.over)
+
+    def _lines(self, headers: NDArray[np.int64], points: Any, states: NDArray[np.float64]) -> Lines:
+        """Join parts of lines in their order, and the two halves of each line."""
+        begins = np.cumsum(headers[:, 2]) - headers[:, 2]
+        halves: dict[int, list[NDArray[np.int64]]] = {}
+        for row in np.lexsort((headers[:, 1], headers[:, 0])).tolist():
+            key, _, count = headers[row].tolist()
+            halves.setdefault(key, []).append(np.arange(begins[row], begins[row] + count))
+        status = {int(2 * row[NUMBER] + (row[DIRECTION] < 0)): int(row[STATUS]) for row in states}
+        along, numbers, ends = list[NDArray[np.int64]](), list[int](), list[int]()
+        for number in sorted({key // 2 for key in halves}):
+            forward = np.concatenate(halves.get(2 * number, [np.empty(0, np.int64)]))
+            backward = np.concatenate(halves.get(2 * number + 1, [np.empty(0, np.int64)]))
+            if status.get(2 * number) == CLOSED:
+                backward = backward[:0]
+            whole = np.concatenate([backward[:0:-1], forward]) if len(forward) else backward[::-1]
+            if len(whole) > 1:
+                along.append(whole)
+                numbers.append(number)
+                ends.append(status.get(2 * number, status.get(2 * number + 1, 0)))
+        order = np.concatenate([np.empty(0, np.int64), *along])
+        offsets = np.cumsum([0, *map(len, along)])
+        return self._as_lines(points[order], offsets, numbers, ends)
+
+    def _streaklines(self, states: NDArray[np.float64]) -> Lines:
+        """Join the particles of each seed that are still there, from the last released on; gaps end a line."""
+        count = self.releases
+        rows = states[states[:, STATUS] == END_OF_INTERVAL]
+        rows = rows[np.lexsort((-rows[:, NUMBER], rows[:, NUMBER] // count))]
+        seed, release = np.divmod(rows[:, NUMBER].astype(np.int64), count)
+        cut = np.flatnonzero((np.diff(seed) != 0) | (np.diff(release) != -1)) + 1
+        parts = [part for part in np.split(np.arange(len(rows)), cut) if len(part) > 1]
+        order = np.concatenate([np.empty(0, np.int64), *parts])
+        released = self.span.begin + release * (self.settings.release or 1.0)
+        points = np.column_stack([rows[:, POSITION : POSITION + 3], released, rows[:, SPEED]])
+        first = [int(seed[part[0]]) for part in parts]
+        return self._as_lines(points[order], np.cumsum([0, *map(len, parts)]), first, [END_OF_INTERVAL] * len(parts))
+
+    def _as_lines(self, points: Any, offsets: NDArray[np.int64], numbers: list[int], ends: list[int]) -> Lines:
+        name = f"{getattr(self.vectors, 'name', 'tetrahedra')}: {self.kind}"
+        places = self.domain.to_world(np.ascontiguousarray(points[:, :3]))
+        of_points = {"speed": points[:, 4].copy(), "time": points[:, 3].copy()}
+        of_lines = {"seed": np.array(numbers, np.int64), "end": np.array(ends, np.int64)}
+        return Lines(name, places, offsets.astype(np.int64), of_points, of_lines)
