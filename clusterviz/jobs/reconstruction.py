@@ -146,6 +146,14 @@ class ConeBeam(Section):
         across, down = (np.arange(n, dtype=np.float64) - (n - 1) / 2 for n in (columns, rows))
         return self.offset[0] + width * across, self.offset[1] - height * down
 
+    def rays(self, view: int) -> tuple[Floats, Floats]:
+        """Return the position of the source (3,), and unit vectors to all pixels (rows, columns, 3)."""
+        cosine, sine = math.cos(math.radians(self.angles[view])), math.sin(math.radians(self.angles[view]))
+        outwards, (u, v) = np.array([cosine, sine, 0.0]), self.pixel_positions
+        ways = u[:, None] * np.array([-sine, cosine, 0]) - self.source_to_detector * outwards
+        ways = ways + v[:, None, None] * np.array([0.0, 0, 1])
+        return self.source_to_axis * outwards, ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+
     @property
     def arc(self) -> float | None:
         """Angle between the first and last view of an open circle, radians; None for the full circle."""

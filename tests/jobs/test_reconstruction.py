@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import tifffile
 import yaml
-from jobs.phantom import GEOMETRY, Floats, phantom_grid, phantom_scan, reconstructed
+from jobs.phantom import GEOMETRY, phantom_grid, phantom_scan, reconstructed
+from numpy.typing import NDArray
 
 from clusterviz import jobs
 from clusterviz.data import open_source
@@ -27,6 +28,8 @@ from clusterviz.jobs.reconstruction import (
     reconstruct,
 )
 from clusterviz.reference.sample import trilinear
+
+Floats = NDArray[np.float64]
 
 
 def reference(views: Floats, geometry: ConeBeam, grid: Grid) -> Floats:
