@@ -441,7 +441,7 @@ class DistributedArray:
             if given.dtype.kind in "iu" and not hasattr(values, "dtype"):
                 return np.asarray(values, self.dtype)
             if np.can_cast(given.dtype, self.dtype, "same_kind"):
-                return given.astype(self.dtype)
+                return given.astype(self.dtype, copy=False)
         except OverflowError:
             pass
         raise InputError("not of the array's type", where=self.name, found=given.dtype, allowed=self.dtype)
