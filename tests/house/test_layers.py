@@ -26,6 +26,7 @@ LEVELS = (
     ("render", "composite", "reference"),
     ("frame.run",),
     ("frame.work", "frame.opening"),
+    ("jobs.path_tracing",),
     ("frame.brick_reader",),
     ("frame.residency",),
     ("frame.drawing",),

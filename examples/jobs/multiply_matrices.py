@@ -1,0 +1,89 @@
+"""Product of two matrices in single precision, in blocks over all ranks (SGEMM).
+
+    mpirun -n 4 python examples/jobs/multiply_matrices.py --size 2048 --block 512 [--schedule local]
+
+The matrices are distributed arrays. A job computes one block of the product, from a row of blocks of the first matrix
+and a column of blocks of the second. It declares these reads, so that it runs where most of them lie.
+
+References
+----------
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 6.2.4.
+"""
+
+from __future__ import annotations
+
+import argparse
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from clusterviz import jobs
+
+ROWS = 8  # of an invocation, as in multiply.glsl
+
+
+@jobs.kernel("multiply.glsl", writes=("c",))
+def add_product(a: Any, b: Any, c: Any) -> None:
+    """Add the product of the matrices a and b to c; the grid has a point for a column and ROWS rows of c."""
+
+
+def multiply(cluster: jobs.Cluster, a: Any, b: Any, c: Any, schedule: str = "local") -> jobs.Run:
+    """Write the product of a and b to c, distributed arrays (1, rows, columns); collective.
+
+    Parameters
+    ----------
+    a, b, c : blocks of a have as many columns as those of b rows, and blocks of c the rows of a's and the columns of b's
+
+    Returns
+    -------
+    run : how many blocks each rank has computed, and how many bytes it has read from others
+    """
+
+    def operands(index: tuple[int, int, int]) -> list[tuple[Any, Any]]:
+        _, row, column = index
+        steps = range(a.blocks[2])
+        return [(a, a.box((0, row, k))) for k in steps] + [(b, b.box((0, k, column))) for k in steps]
+
+    @jobs.job(reads=operands)
+    def compute_block(index: tuple[int, int, int]) -> None:
+        boxes = [box for _, box in operands(index)]
+        (_, top, left), (_, bottom, right) = c.box(index)
+        rows, columns = bottom - top, right - left
+        product = np.zeros((rows, columns), np.float32)
+        for of_a, of_b in zip(boxes[: len(boxes) // 2], boxes[len(boxes) // 2 :], strict=True):
+            add_product[-(-rows // ROWS), columns](a[of_a][0], b[of_b][0], product)
+        c[c.box(index)] = product[None]
+
+    run = cluster.run(compute_block, grid=c.blocks, schedule=schedule)
+    c.sync()
+    return run
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--size", type=int, default=1024, help="rows and columns of the matrices")
+    parser.add_argument("--block", type=int, default=256, help="rows and columns of a block")
+    parser.add_argument("--schedule", default="local", choices=jobs.scheduler.SCHEDULES)
+    given = parser.parse_args()
+    with jobs.cluster() as cluster:
+        shape, sides = (1, given.size, given.size), (1, given.block, given.block)
+        a, b, c = (cluster.array(shape, np.float32, sides, name=name) for name in "abc")
+        for seed, matrix in enumerate((a, b)):
+            for (_, row, column), block in matrix.own_blocks():
+                block[...] = np.random.default_rng((seed, row, column)).uniform(-1, 1, block.shape)
+            matrix.sync()
+        started = perf_counter()
+        run = multiply(cluster, a, b, c, given.schedule)
+        seconds = perf_counter() - started
+        if cluster.rank == 0:
+            error = np.abs(c[0, : given.block] - a[0, : given.block].astype(np.float64) @ b[0]).max()
+            fetched = run.bytes_fetched.sum() / 2**20
+            print(
+                f"{given.size}² on {cluster.size} ranks: {2e-9 * given.size**3 / seconds:.1f} GFLOP/s, {seconds:.2f} s"
+            )
+            print(f"{fetched:.1f} MiB read from other ranks, largest error {error:.1e}")
+
+
+if __name__ == "__main__":
+    main()
