@@ -140,13 +140,13 @@ def test_extremes(case: str) -> None:
     assert np.asarray(lit).any() == (wanted.max() > 1e-6)
 
 
-SETTINGS = PathTracing(8, 0.8, 0.3, samples_of_pass=5)
+SETTINGS = PathTracing(4, 0.8, 0.3, samples_of_pass=3)
 LIGHT = [{"position": (9.0, -30.0, 50.0)}]
 
 
 def bits(channel: Channel | None = None, **settings: Any) -> bytes:
     """The last picture and its standard error."""
-    found = traced(replace(SETTINGS, **settings), None, channel, lights=LIGHT)
+    found = traced(replace(SETTINGS, **settings), None, channel, lights=LIGHT, size=(12, 10))
     return (
         b"".join(np.asarray(each).tobytes() for each in (found[-1].image, found[-1].standard_error)) if found else b""
     )
@@ -154,8 +154,8 @@ def bits(channel: Channel | None = None, **settings: Any) -> bytes:
 
 def test_pictures_do_not_depend_on_how_voxels_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
     wanted = bits()
-    monkeypatch.setattr(path_tracing, "REGION_CELLS", 6)
-    monkeypatch.setattr(path_tracing, "PIXELS_OF_JOB", 70)
+    monkeypatch.setattr(path_tracing, "REGION_CELLS", 8)
+    monkeypatch.setattr(path_tracing, "PIXELS_OF_JOB", 40)
     assert bits(voxels="blocks") == wanted
     assert run_loopback(3, lambda channel: bits(channel, voxels="blocks"))[0] == wanted
     assert bits(seed=2) != wanted
@@ -164,7 +164,7 @@ def test_pictures_do_not_depend_on_how_voxels_are_held(monkeypatch: pytest.Monke
 @pytest.mark.mpi(ranks=[3], timeout=60)
 def test_pictures_do_not_depend_on_ranks() -> None:
     wanted = bits()
-    path_tracing.PIXELS_OF_JOB = 70
+    path_tracing.PIXELS_OF_JOB = 40
     for voxels in ("replica", "blocks"):
         channel = open_channel()
         assert bits(channel, voxels=voxels) == (wanted if channel.rank == 0 else b"")
@@ -176,7 +176,7 @@ def test_opengl_traces_the_same_paths() -> None:
     found = []
     for device in jobs.devices()[:2]:
         with jobs.on_device(device):
-            found.append(np.asarray(traced(replace(SETTINGS, samples=4), lights=LIGHT, size=(12, 10))[-1].image))
+            found.append(np.asarray(traced(SETTINGS, lights=LIGHT, size=(12, 10))[-1].image))
     assert np.mean(np.abs(found[0] - found[1]) > 1e-4) < 0.05
 
 
