@@ -33,7 +33,7 @@ def multiply(cluster: jobs.Cluster, a: Any, b: Any, c: Any, schedule: str = "loc
 
     Parameters
     ----------
-    a, b, c : blocks of a have as many columns as those of b rows, and blocks of c the rows of a's and the columns of b's
+    a, b, c : blocks of a have as many columns as those of b rows; blocks of c have the rows of a's, the columns of b's
 
     Returns
     -------

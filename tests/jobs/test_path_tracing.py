@@ -1,4 +1,4 @@
-"""Path tracing: what it must become (furnace, emission and absorption, one scattering), and bits that nothing changes."""
+"""Path tracing: furnace, emission and absorption, one scattering; the same bits on any ranks and any voxel division."""
 
 from __future__ import annotations
 
@@ -95,8 +95,14 @@ def test_light_from_one_direction_scattered_once(anisotropy: float, side: int) -
     (*_, picture) = traced(
         settings,
         np.zeros((cells + 1,) * 3, np.float32),
-        **{"cmap": [[0.0, *albedo]], "opacity": opacity, "opacity_unit_distance": 1.0, "size": (8, 8)},
-        **{"position": eye, "focal_point": (4.0, 4.0, 0.0), "view_up": (0.0, 1.0, 0.0), "parallel_scale": 3.0},
+        cmap=[[0.0, *albedo]],
+        opacity=opacity,
+        opacity_unit_distance=1.0,
+        size=(8, 8),
+        position=eye,
+        focal_point=(4.0, 4.0, 0.0),
+        view_up=(0.0, 1.0, 0.0),
+        parallel_scale=3.0,
         lights=[light],
     )
     g, depth = anisotropy, -np.log1p(-opacity) * cells
