@@ -157,6 +157,8 @@ class Compositing:
     def finish(self, run: Run, drawn: DrawnFrame) -> tuple[Image | None, RankFrame]:
         """Composite a frame, and call `Options.write` with its picture on rank 0; collective."""
         image, counts = self.picture(run, drawn.work, drawn.partials, drawn.counts)
+        if image is not None and drawn.painted is not None:
+            image += drawn.painted
         if names := drawn.work.scene.image.layers:
             where, normals = (self._layer(run, drawn.work, [each[n] for each in drawn.layers]) for n in (0, 1))
             if image is not None:

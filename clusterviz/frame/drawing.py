@@ -29,6 +29,7 @@ from clusterviz.report.statistics import RankFrame
 
 if TYPE_CHECKING:
     from clusterviz.plan.plan import Plan
+    from clusterviz.render.crossing import FoundLayers
     from clusterviz.render.render_result import RenderResult
     from clusterviz.render.renderer_cache import RendererCache
     from clusterviz.render.stored_brick import Stored
@@ -163,7 +164,7 @@ class Drawing:
 
     def find_layers(
         self, run: Run, work: RankWork, partials: Sequence[PartialImage]
-    ) -> list[tuple[PartialImage, PartialImage]]:
+    ) -> list[FoundLayers]:
         """Find where the opacity of pixels passes one half, in the pieces drawn last; collective.
 
         Parameters

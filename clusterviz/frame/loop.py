@@ -25,6 +25,7 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.opening import Bricks, Given, Opened, open_time_steps, open_volumes
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Options, Progress, Run
+from clusterviz.frame.surface_lic import open_painter
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
 from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.plan import changed_settings
@@ -125,6 +126,7 @@ class FrameLoop:
         self._compositing = Compositing(several)
         with run.clock.stage("total", "open"):
             self.scene, opened, bricks = open_volumes(run, scene, source)
+            self._painter = open_painter(run, self.scene)
         self._infos = opened.infos if opened else ()
         self._opened, self._is_given = opened, source is not None
         self._reader = BrickReader(opened, bricks)
@@ -210,11 +212,12 @@ class FrameLoop:
         check_consistency(run, work)
         partials, counts = self._drawing.draw(run, work, tiles)
         layers = self._drawing.find_layers(run, work, partials)
+        painted = self._painter.paint(run, work, layers) if self._painter else None
         counts = hooks.counted(counts) if hooks else counts
         if not self._several:
             self._drawing.release()
         found = self._infos, self._changes(run, work), layers, self._drawing.fragments
-        return DrawnFrame(run.frame, work, partials, counts, *found)
+        return DrawnFrame(run.frame, work, partials, counts, *found, painted)
 
     def _open_time_steps(self, run: Run, scene: Scene) -> None:
         """Open the time steps of a frame, and drop the bricks that may differ from those of the last frame."""

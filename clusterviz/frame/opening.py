@@ -394,7 +394,7 @@ def _is_same(source: Source, other: Source, box: Box) -> bool:
 def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
     """Return the bricks of a volume, with the margins that its blend mode needs."""
     known = not scene.automatic and volume.preset is None
-    quality, has_layers = scene.quality, bool(scene.image.layers)
+    quality, has_layers = scene.quality, scene.needs_layers
     around = occlusion_reach(volume, source.grid)
     how = classification_of(quality), quality.borders, has_layers, around
     margin = margin_of(volume, *how) if known else LARGEST_MARGIN + around

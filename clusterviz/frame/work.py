@@ -23,6 +23,7 @@ from clusterviz.frame.run import Image, Run
 from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
+from clusterviz.render.crossing import FoundLayers
 from clusterviz.report.decisions import Accuracy, Change, Sharing
 from clusterviz.report.statistics import FrameStatistics, RankFrame
 from clusterviz.report.trace import Span
@@ -81,6 +82,7 @@ class DrawnFrame:
     changes : settings that are not used as given
     layers : what this rank found for other layers, see `Drawing.find_layers`
     fragments : of each partial image, as `RenderResult.fragments`
+    painted : what surface LIC adds to the picture, float32 (h, w, 4); None without it, and on ranks other than 0
     """
 
     number: int
@@ -89,8 +91,9 @@ class DrawnFrame:
     counts: RankFrame
     infos: tuple[Info, ...] = ()
     changes: tuple[Change, ...] = ()
-    layers: Sequence[tuple[PartialImage, PartialImage]] = ()
+    layers: Sequence[FoundLayers] = ()
     fragments: Sequence[NDArray[np.int32]] = ()
+    painted: Image | None = None
 
 
 @dataclass(frozen=True)

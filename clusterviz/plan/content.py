@@ -248,7 +248,7 @@ def make_content(
     for number, (volume, known) in enumerate(zip(scene.volumes, volumes, strict=True)):
         reach = reach_of(volume, scene.quality.classification)
         around = occlusion_reach(volume, known.grid)
-        margin = margin_of(volume, has_layers=bool(scene.image.layers), around=around) - reach_of(volume)
+        margin = margin_of(volume, has_layers=scene.needs_layers, around=around) - reach_of(volume)
         cut = make_cut(domain, layout, known.grid, margin, reach)
         levels, dtype = choose_levels(volume, known.source, f"volumes[{number}]"), known.dtype
         if levels is not None:

@@ -42,4 +42,4 @@ def make_layers(scene: Scene, grids: Sequence[Grid], blend_modes: Sequence[Blend
         found.append(LayeredContent(normals, (first, *(first + surface.number for surface in mode.surfaces))))
         first += 1 + len(volume.isosurfaces)
     found += [LayeredContent(np.eye(3), (first + number,)) for number in range(len(scene.geometry))]
-    return tuple(found) if scene.image.layers else ()
+    return tuple(found) if scene.needs_layers else ()

@@ -174,7 +174,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     """
     volume, classification, borders = scene.volumes[0], scene.quality.classification, scene.quality.borders
     around = occlusion_reach(volume, grid)
-    if layout.margin < (needed := margin_of(volume, classification, borders, bool(scene.image.layers), around)):
+    if layout.margin < (needed := margin_of(volume, classification, borders, scene.needs_layers, around)):
         raise InputError(
             "bricks lack the margin that the blend mode needs",
             where="brick layout",

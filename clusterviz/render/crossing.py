@@ -20,7 +20,7 @@ from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.plan.plan import Plan
 
 Planes = NDArray[np.float32]
-PLANES = 5
+PLANES = 8
 NO_OBJECT = -1.0
 SURFACE_OBJECTS = 1024
 """As in march.glsl."""
@@ -33,8 +33,8 @@ class Crossing:
     Attributes
     ----------
     front : float32 (rows, columns), opacity in front of the piece
-    found : float32 (5, rows, columns), written: view depth, object as the shader names it or `NO_OBJECT`, and the
-        gradient in index space, turned to the eye
+    found : float32 (8, rows, columns), written: view depth, object as the shader names it or `NO_OBJECT`, the
+        gradient in index space, turned to the eye, and the light that a surface there adds to the pixel
     """
 
     front: Planes
@@ -74,28 +74,33 @@ class Crossing:
         return False
 
 
-def as_partials(plan: Plan, rect: Rect, found: Planes) -> tuple[PartialImage, PartialImage]:
-    """Return what a piece has found as pixels: (depth, object, 0, 1) and (x, y, z, 1); zeros where it found nothing.
+FoundLayers = tuple[PartialImage, PartialImage, PartialImage]
+"""What a piece has found as pixels, see `as_partials`."""
+
+
+def as_partials(plan: Plan, rect: Rect, found: Planes) -> FoundLayers:
+    """Return what a piece has found: (depth, object, 0, 1), (x, y, z, 1), (r, g, b, 1); zeros where it found nothing.
 
     Parameters
     ----------
     rect : the piece's footprint
-    found : float32 (5, rows, columns), see `Crossing.found`
+    found : float32 (8, rows, columns), see `Crossing.found`
 
     Returns
     -------
     partials : the first with view depths in world units and numbers of objects, the second with unit normals in the
-        world, or zeros where there is no gradient
+        world, or zeros where there is no gradient, the third with the light of surfaces
     """
     named, there = found[1].astype(np.int64), found[1] > NO_OBJECT
-    where, normals = np.zeros((2, *there.shape, 4), np.float32)
+    where, normals, light = np.zeros((3, *there.shape, 4), np.float32)
     for number, volume in enumerate(plan.layers):
         mine = there & (named % SURFACE_OBJECTS == number)
         where[mine, 0] = found[0, mine]
         where[mine, 1] = np.array(volume.objects)[named[mine] // SURFACE_OBJECTS]
-        normals[mine, :3] = _unit(found[2:, mine].T @ volume.normal_from_gradient.T)
-    where[there, 3] = normals[there, 3] = 1.0
-    return PartialImage(rect, where), PartialImage(rect, normals)
+        normals[mine, :3] = _unit(found[2:5, mine].T @ volume.normal_from_gradient.T)
+    light[there, :3] = found[5:, there].T
+    where[there, 3] = normals[there, 3] = light[there, 3] = 1.0
+    return PartialImage(rect, where), PartialImage(rect, normals), PartialImage(rect, light)
 
 
 def named_layers(

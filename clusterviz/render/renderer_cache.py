@@ -149,7 +149,7 @@ class RendererCache:
 
         Returns
         -------
-        found : float32 (5, rows, columns) of each piece, see `Crossing.found`
+        found : float32 (8, rows, columns) of each piece, see `Crossing.found`
         """
         crossings = [Crossing.behind(front) for front in fronts]
         if self._caster is not None:

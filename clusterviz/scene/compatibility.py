@@ -5,7 +5,7 @@ Each check raises an `InvalidValueError` that names the key, the value found and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import compress
 from typing import Any
 
@@ -156,23 +156,48 @@ def check_pixel_format(volumes: Sequence[Any], pixel: str) -> None:
             raise InvalidValueError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)
 
 
-def check_layers(volumes: Sequence[Any], grids: Sequence[Any], quality: Any, layers: Sequence[str]) -> None:
+def check_layers(volumes: Sequence[Any], grids: Sequence[Any], quality: Any, wanted: Mapping[str, Any]) -> None:
     """Refuse layers with projections, which have no depth, with unstructured grids, and with slabs cut at bricks.
 
     Parameters
     ----------
     volumes, grids, quality : sections of a scene
+    wanted : values that need layers, by their keys
     """
-    if layers and grids:
-        text = "not with unstructured grids"
-        raise InvalidValueError(text, "[], or no grids", key="image.layers", found=list(layers))
-    problems = {f"blending: {one.blending}": BLEND_MODES[one.blending].surfaces == "refused" for one in volumes}
-    problems["borders: split"] = quality.borders == "split"
-    for name, is_one in problems.items():
-        if layers and is_one:
-            allowed = f"[], or blending: {_names(mode.surfaces != 'refused' for mode in BLEND_MODES.values())}"
-            allowed = "[], or borders: overlap" if name == "borders: split" else allowed
-            raise InvalidValueError(f"not with {name}", allowed, key="image.layers", found=list(layers))
+    problems = {"unstructured grids": "no grids"} if grids else {}
+    for one in volumes:
+        if BLEND_MODES[one.blending].surfaces == "refused":
+            names = _names(mode.surfaces != "refused" for mode in BLEND_MODES.values())
+            problems[f"blending: {one.blending}"] = f"blending: {names}"
+    problems |= {"borders: split": "borders: overlap"} if quality.borders == "split" else {}
+    for key, found in wanted.items():
+        for name, remedy in problems.items():
+            without = "[]" if key == "image.layers" else "another one"
+            raise InvalidValueError(f"not with {name}", f"{without}, or {remedy}", key=key, found=found)
+
+
+def check_surface_lic(flows: Sequence[Any], surfaces: Sequence[str]) -> None:
+    """Refuse surface LIC on what has no surface, and two on one surface.
+
+    Parameters
+    ----------
+    flows : sections of a scene
+    surfaces : keys of its meshes, and of its volumes with isosurfaces
+    """
+    taken: dict[str, int] = {}
+    allowed = ", ".join(surfaces) or "a scene with meshes, or with volumes that have isosurfaces"
+    for number, flow in enumerate(flows):
+        if flow.show != "surface-lic":
+            continue
+        key = f"flows[{number}].surfaces"
+        if not surfaces:
+            raise InvalidValueError("there is no surface", allowed, key=key)
+        for name in flow.surfaces if flow.surfaces is not None else surfaces:
+            if name not in surfaces:
+                raise InvalidValueError("not a surface", allowed, key=key, found=name)
+            if name in taken:
+                raise InvalidValueError(f"has a pattern by flows[{taken[name]}]", "another one", key=key, found=name)
+            taken[name] = number
 
 
 def check_brick_sizes(brick: int, largest: int | None) -> None:

@@ -35,6 +35,7 @@ from clusterviz.scene.compatibility import (
     check_layers,
     check_pixel_format,
     check_several_volumes,
+    check_surface_lic,
     check_surfaces,
 )
 from clusterviz.scene.field_types import (
@@ -522,7 +523,10 @@ class Scene(Section):
         check_flows(self.volumes, self.flows)
         check_frame_coherence(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
-        check_layers(self.volumes, self.grids, self.quality, self.image.layers)
+        wanted = {"image.layers": list(self.image.layers)} if self.image.layers else {}
+        painting = {f"flows[{n}].show": flow.show for n, flow in enumerate(self.flows) if flow.show == "surface-lic"}
+        check_layers(self.volumes, self.grids, self.quality, wanted | painting)
+        check_surface_lic(self.flows, self.surface_keys)
         return self
 
     @field_serializer("volumes", "lines", "points", mode="wrap")
@@ -539,6 +543,17 @@ class Scene(Section):
     def has_content(self) -> bool:
         """Whether there is anything to draw."""
         return bool(self.volumes or self.geometry or self.grids or self.flows)
+
+    @property
+    def needs_layers(self) -> bool:
+        """Whether depths and normals are to be found, as layers or for surface LIC."""
+        return bool(self.image.layers) or any(flow.show == "surface-lic" for flow in self.flows)
+
+    @property
+    def surface_keys(self) -> tuple[str, ...]:
+        """Keys of what surface LIC may be on: volumes with isosurfaces, and meshes."""
+        volumes = (f"volumes[{number}]" for number, volume in enumerate(self.volumes) if volume.isosurfaces)
+        return (*volumes, *(f"meshes[{number}]" for number in range(len(self.meshes))))
 
     @property
     def geometry(self) -> tuple[GeometrySection, ...]:

@@ -40,6 +40,7 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
         if (LAYERS) note(k, middle + vec2(begin, place), sum.a, object);
         if (is_suspended || !goes_on) break;
         if (!was_taken(k, middle + place)) sum += (1.0 - sum.a) * light;
+        if (LAYERS) note_light(light);
         if (number == NO_FRAGMENT) {
             if (LAYERS) note(k, vec2(middle + place), sum.a, surface_object[n]);
             ++n;

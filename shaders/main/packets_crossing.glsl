@@ -7,6 +7,7 @@ struct Passed {
     double position;
     float middle;
     uint fragment;
+    vec3 light;
     uvec4 left;
 };
 Passed kept_passed[MOST_PACKETS];
@@ -19,7 +20,7 @@ void reset_start() {
 }
 
 void keep_start(int packet) {
-    kept_passed[packet] = Passed(has_passed, reached, slab_passed, object_passed, position_passed, middle_passed, fragment_passed, fragments_left());
+    kept_passed[packet] = Passed(has_passed, reached, slab_passed, object_passed, position_passed, middle_passed, fragment_passed, light_passed, fragments_left());
 }
 
 void take_start(int packet) {
@@ -31,5 +32,6 @@ void take_start(int packet) {
     position_passed = passed.position;
     middle_passed = passed.middle;
     fragment_passed = passed.fragment;
+    light_passed = passed.light;
     go_back(passed.left);
 }

@@ -101,6 +101,7 @@ bool is_suspended = false; // grids: a run has stopped, with all that the dispat
 // on the lattice; and whether the ray ends, as it has to be drawn again, or has found what it looks for.
 int up_to_start(int k, int slabs, float kept, float batch);
 void note(int k, vec2 part, float opacity, int object);
+void note_light(vec4 light); // of the surface that is noted next, premultiplied
 bool is_late();
 
 const vec2 WHOLE_SLAB = vec2(-0.5, 0.5);

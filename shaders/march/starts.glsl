@@ -52,6 +52,8 @@ void note(int k, vec2 part, float opacity, int object) {
     if (is_checked && k == started && opacity > before_start) outcome = 0.0; // it would have been drawn again
 }
 
+void note_light(vec4 light) {}
+
 bool is_late() {
     return hit == started && !is_checked && hit != NO_SLAB;
 }

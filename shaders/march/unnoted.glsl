@@ -5,4 +5,6 @@ int up_to_start(int k, int slabs, float kept, float batch) {
 
 void note(int k, vec2 part, float opacity, int object) {}
 
+void note_light(vec4 light) {}
+
 void note_fragment(double position, float opacity, uint number, int object) {}

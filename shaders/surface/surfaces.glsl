@@ -47,8 +47,10 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
             take_volume(sum, ray, origin, to, place, slab, rest, along);
             if (!is_at_kept(ray, origin, along, 0.5)) continue;
             vec4 look = surface[2 * number + 1];
-            sum += (1.0 - sum.a) * lit(vec4(look.a * look.rgb, look.a), gradient_in(course, walk, t), place, place.beyond + along * slab, false);
+            vec4 light = lit(vec4(look.a * look.rgb, look.a), gradient_in(course, walk, t), place, place.beyond + along * slab, false);
+            sum += (1.0 - sum.a) * light;
             float number_of_slab = floor(along + 0.5);
+            note_light(light);
             note(origin + int(number_of_slab), vec2(along - number_of_slab), sum.a, SURFACE_OBJECTS * (1 + number));
             run_iterations += SAMPLE_ITERATIONS;
         }

@@ -7,7 +7,10 @@ void in_order(inout vec4 sum, vec4 depth, int k, float middle, float length, int
         if (LAYERS) note(k, middle + vec2(begin, surface_place[n]), sum.a, object);
         sum += (1.0 - sum.a) * surface_light[n];
         begin = surface_place[n];
-        if (LAYERS) note(k, vec2(middle + begin), sum.a, surface_object[n]);
+        if (LAYERS) {
+            note_light(surface_light[n]);
+            note(k, vec2(middle + begin), sum.a, surface_object[n]);
+        }
     }
     sum += (1.0 - sum.a) * absorbed(depth.a * (0.5 * length - begin) / length) * vec4(colour, 1.0);
     note(k, middle + vec2(begin, 0.5 * length), sum.a, object);

@@ -1,0 +1,158 @@
+"""Surface LIC of a frame: what it adds to the picture, from the layers that the ranks have found.
+
+    layers of each rank -> vectors there -> exchange in bands of rows -> LIC -> change of the picture, on rank 0
+
+The light of a surface is multiplied by the pattern; what is in front of it keeps its colours, and so does a surface
+beyond the vectors. A surface with which the opacity of a pixel does not pass one half keeps them, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.composite import TileCollector
+from clusterviz.data.source import Grid
+from clusterviz.data.vectors import VectorSource, open_vectors
+from clusterviz.flow.lic import line_weights
+from clusterviz.flow.surface_lic import (
+    Convolution,
+    SurfacePixels,
+    VectorSamples,
+    change,
+    convolved,
+    exchange,
+    points_of,
+    screen_directions,
+    stretched,
+)
+from clusterviz.frame.run import Image, Run
+from clusterviz.frame.work import FoundLayers, RankWork
+from clusterviz.image.partial import PartialImage, Rect
+from clusterviz.plan.view import View, make_view
+from clusterviz.scene.background import background_rgb
+from clusterviz.scene.colormaps import colour_points
+from clusterviz.scene.flows import FlowSection, Lic
+from clusterviz.scene.transfer import interpolate
+from clusterviz.scene.values import Scene
+
+WORLD = Grid((1, 1, 1))
+STRENGTH = 0.7
+"""Default share of a surface's light that the pattern takes where it is darkest."""
+
+
+class SurfacePainter:
+    """Painter of the surface LIC of a loop's frames; it keeps the vectors that it has read near the surfaces.
+
+    Parameters
+    ----------
+    run : of the opening
+    scene : completed, with flows that are shown as surface-lic
+    """
+
+    def __init__(self, run: Run, scene: Scene) -> None:
+        self._opened: dict[str, tuple[VectorSource, VectorSamples]] = {}
+        with run.local("open", "load"):
+            self._open(scene)
+
+    def paint(self, run: Run, work: RankWork, layers: Sequence[FoundLayers]) -> Image | None:
+        """Return what is added to the picture, float32 (h, w, 4), on rank 0; None elsewhere; collective.
+
+        Parameters
+        ----------
+        layers : that this rank has found; see `Drawing.find_layers`
+        """
+        size = work.scene.image.size
+        with run.local("open", "load"):
+            self._open(work.scene)
+        view = make_view(work.scene.camera, size, WORLD)
+        total: Image | None = None
+        for flow in painted_flows(work.scene):
+            with run.local("render", "render"):
+                source, samples = self._opened[_key(flow)]
+                pixels = _found(view, layers, objects_of(work.scene, flow), samples)
+            lic = flow.lic or Lic()
+            weights = line_weights(lic.kernel, lic.length, lic.step)
+            convolution = Convolution(weights, lic.step, lic.integrator, lic.blur, lic.seed, lic.phase)
+            with run.collective("composite", "exchange"):
+                begin, end, pixels = exchange(run.channel, pixels, size, convolution.halo)
+            with run.local("render", "render"):
+                values = convolved(view, source.grid, pixels, (begin, end), convolution)
+            with run.collective("composite", "exchange"):
+                values = stretched(run.channel, values) if lic.contrast else values
+                strength = STRENGTH if flow.opacity is None else float(flow.opacity)
+                added = change(pixels, values, begin, strength, _tints(flow, pixels.speed))
+                band = PartialImage(Rect(0, begin, size[0], end), np.pad(added, ((0, 0), (0, 0), (0, 1))))
+                found, _ = TileCollector(run.channel, size, codec="raw").collect([band] if end > begin else [])
+            if found is not None:
+                total = found.copy() if total is None else total + found
+        return total
+
+    def _open(self, scene: Scene) -> None:
+        """Open vectors that are not yet opened, and forget those of other frames."""
+        before = self._opened
+        self._opened = {}
+        for flow in painted_flows(scene):
+            key = _key(flow)
+            if key not in before:
+                source = open_vectors(flow.path, flow.array, flow.time, flow.order, flow.scale)
+                before[key] = source, VectorSamples(source)
+            self._opened[key] = before[key]
+
+
+def open_painter(run: Run, scene: Scene) -> SurfacePainter | None:
+    """Return the painter of a scene; None if it has no surface LIC; collective."""
+    return SurfacePainter(run, scene) if painted_flows(scene) else None
+
+
+def painted_flows(scene: Scene) -> list[FlowSection]:
+    """Return the flows that are shown on surfaces."""
+    return [flow for flow in scene.flows if flow.show == "surface-lic"]
+
+
+def objects_of(scene: Scene, flow: FlowSection) -> list[int]:
+    """Return the numbers, as in the layer `object`, of the isosurfaces and meshes that a flow is shown on."""
+    found, first = list[int](), 0
+    for number, volume in enumerate(scene.volumes):
+        surfaces = range(first + 1, first + 1 + len(volume.isosurfaces))
+        found += surfaces if _shows(flow, f"volumes[{number}]") else ()
+        first += 1 + len(volume.isosurfaces)
+    return found + [first + n for n in range(len(scene.meshes)) if _shows(flow, f"meshes[{n}]")]
+
+
+def _shows(flow: FlowSection, key: str) -> bool:
+    return flow.surfaces is None or key in flow.surfaces
+
+
+def _key(flow: FlowSection) -> str:
+    """Return what decides which vectors are opened."""
+    return flow.model_dump_json(include={"path", "array", "time", "order", "scale"})
+
+
+def _found(
+    view: View, layers: Sequence[FoundLayers], objects: Sequence[int], samples: VectorSamples
+) -> SurfacePixels:
+    """Return the pixels of some objects that this rank has found, with their vectors."""
+    width, parts = view.size[0], list[NDArray[np.int32]]()
+    for where, normals, light in layers:
+        there = (where.rgba[..., 3] > 0) & np.isin(where.rgba[..., 1], objects)
+        rows, columns = np.nonzero(there)
+        at = where.rect.y_begin + rows, where.rect.x_begin + columns
+        depth, normal = where.rgba[there, 0], normals.rgba[there, :3]
+        vectors = samples.at(points_of(view, at[1], at[0], depth))
+        direction = screen_directions(view, at[1], at[0], depth, normal, vectors)
+        speed = np.sqrt((vectors * vectors).sum(axis=1)).astype(np.float32)
+        numbers = (at[0] * width + at[1]).astype(np.int32)
+        found = SurfacePixels(numbers, depth, normal, direction, speed, light.rgba[there, :3])
+        parts.append(found.words(direction.any(axis=1)))
+    return SurfacePixels.from_words(np.concatenate([np.zeros(0, np.int32), *parts]))
+
+
+def _tints(flow: FlowSection, speed: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the colours by which those of the surfaces are multiplied, float32 (n, 3)."""
+    if flow.color_by == "color":
+        return np.broadcast_to(np.array(background_rgb(flow.color) or (1, 1, 1), np.float32), (len(speed), 3))
+    assert flow.clim is not None, "the scene is completed"
+    return interpolate(speed, *colour_points(flow.cmap, flow.clim)).astype(np.float32)
