@@ -87,6 +87,14 @@ class Convolution:
         return math.ceil((len(self.weights) // 2) * self.step) + MARGIN
 
 
+def line_weights(kernel: str, length: float, step: float) -> NDArray[np.float32]:
+    """Return the weights of the samples along a line, from the upstream end, float32 (2n + 1,); as `scene.Lic`."""
+    steps = math.floor(length / 2 / step + 1e-6)
+    place = np.arange(-steps, steps + 1) / (steps + 1)
+    window = {"box": np.ones_like(place), "hann": 0.5 + 0.5 * np.cos(np.pi * place), "ramp": 0.5 - 0.5 * place}
+    return window[kernel].astype(np.float32)
+
+
 @dataclass(frozen=True, eq=False)
 class SurfacePixels:
     """Visible points of surfaces with a vector, one a pixel.
@@ -208,13 +216,15 @@ def points_of(view: View, columns: NDArray[np.int64], rows: NDArray[np.int64], d
     across, above = _on_screen(view, columns, rows)
     scale = 1.0 if view.parallel else depth.astype(np.float64)
     parts = (across * scale, view.right), (above * scale, view.up), (depth.astype(np.float64), view.forward)
-    return np.array(view.eye) + sum(lengths[:, None] * np.array(axis) for lengths, axis in parts)
+    found: Floats = np.array(view.eye) + sum(lengths[:, None] * np.array(axis) for lengths, axis in parts)
+    return found
 
 
 def _on_screen(view: View, columns: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
     """Return distances of pixels to the right of the picture's centre and above it, as `View.pixel`."""
     width, height = view.size
-    return (columns + 0.5 - width / 2) * view.pixel, (height / 2 - rows - 0.5) * view.pixel
+    across, above = columns.astype(np.float64) + 0.5 - width / 2, height / 2 - 0.5 - rows.astype(np.float64)
+    return across * view.pixel, above * view.pixel
 
 
 def screen_directions(

@@ -162,9 +162,7 @@ class Drawing:
                 began = run.clock.add_span("readback", began, each.seconds_readback)
             return [each.partial for each in drawn], counts
 
-    def find_layers(
-        self, run: Run, work: RankWork, partials: Sequence[PartialImage]
-    ) -> list[FoundLayers]:
+    def find_layers(self, run: Run, work: RankWork, partials: Sequence[PartialImage]) -> list[FoundLayers]:
         """Find where the opacity of pixels passes one half, in the pieces drawn last; collective.
 
         Parameters

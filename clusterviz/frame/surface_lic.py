@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from clusterviz.composite import TileCollector
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorSource, open_vectors
-from clusterviz.flow.lic import line_weights
 from clusterviz.flow.surface_lic import (
     Convolution,
     SurfacePixels,
@@ -24,14 +23,17 @@ from clusterviz.flow.surface_lic import (
     change,
     convolved,
     exchange,
+    line_weights,
     points_of,
     screen_directions,
     stretched,
 )
 from clusterviz.frame.run import Image, Run
-from clusterviz.frame.work import FoundLayers, RankWork
+from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage, Rect
+from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.plan.view import View, make_view
+from clusterviz.render.crossing import FoundLayers
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.flows import FlowSection, Lic
@@ -54,7 +56,10 @@ class SurfacePainter:
 
     def __init__(self, run: Run, scene: Scene) -> None:
         self._opened: dict[str, tuple[VectorSource, VectorSamples]] = {}
+        with run.collective("open", "load"):
+            local_rank = run.channel.placement().local_rank
         with run.local("open", "load"):
+            self._device = devices_of(None if run.options.device is None else [run.options.device], local_rank)[0]
             self._open(scene)
 
     def paint(self, run: Run, work: RankWork, layers: Sequence[FoundLayers]) -> Image | None:
@@ -78,16 +83,16 @@ class SurfacePainter:
             convolution = Convolution(weights, lic.step, lic.integrator, lic.blur, lic.seed, lic.phase)
             with run.collective("composite", "exchange"):
                 begin, end, pixels = exchange(run.channel, pixels, size, convolution.halo)
-            with run.local("render", "render"):
+            with run.local("render", "render"), on_device(self._device):
                 values = convolved(view, source.grid, pixels, (begin, end), convolution)
             with run.collective("composite", "exchange"):
                 values = stretched(run.channel, values) if lic.contrast else values
-                strength = STRENGTH if flow.opacity is None else float(flow.opacity)
+                strength = flow.opacity if isinstance(flow.opacity, float) else STRENGTH
                 added = change(pixels, values, begin, strength, _tints(flow, pixels.speed))
                 band = PartialImage(Rect(0, begin, size[0], end), np.pad(added, ((0, 0), (0, 0), (0, 1))))
                 found, _ = TileCollector(run.channel, size, codec="raw").collect([band] if end > begin else [])
             if found is not None:
-                total = found.copy() if total is None else total + found
+                total = np.array(found, np.float32) if total is None else total + np.asarray(found, np.float32)
         return total
 
     def _open(self, scene: Scene) -> None:
@@ -131,22 +136,21 @@ def _key(flow: FlowSection) -> str:
     return flow.model_dump_json(include={"path", "array", "time", "order", "scale"})
 
 
-def _found(
-    view: View, layers: Sequence[FoundLayers], objects: Sequence[int], samples: VectorSamples
-) -> SurfacePixels:
+def _found(view: View, layers: Sequence[FoundLayers], objects: Sequence[int], samples: VectorSamples) -> SurfacePixels:
     """Return the pixels of some objects that this rank has found, with their vectors."""
     width, parts = view.size[0], list[NDArray[np.int32]]()
-    for where, normals, light in layers:
-        there = (where.rgba[..., 3] > 0) & np.isin(where.rgba[..., 1], objects)
+    for each in layers:
+        where, normals, light = (np.asarray(one.rgba, np.float32) for one in each)
+        there: NDArray[np.bool_] = np.asarray((where[..., 3] > 0) & np.isin(where[..., 1], objects))
         rows, columns = np.nonzero(there)
-        at = where.rect.y_begin + rows, where.rect.x_begin + columns
-        depth, normal = where.rgba[there, 0], normals.rgba[there, :3]
-        vectors = samples.at(points_of(view, at[1], at[0], depth))
-        direction = screen_directions(view, at[1], at[0], depth, normal, vectors)
+        rows, columns = rows + each[0].rect.y_begin, columns + each[0].rect.x_begin
+        depth, normal = where[there, 0], normals[there, :3]
+        vectors = samples.at(points_of(view, columns, rows, depth))
+        direction = screen_directions(view, columns, rows, depth, normal, vectors)
         speed = np.sqrt((vectors * vectors).sum(axis=1)).astype(np.float32)
-        numbers = (at[0] * width + at[1]).astype(np.int32)
-        found = SurfacePixels(numbers, depth, normal, direction, speed, light.rgba[there, :3])
-        parts.append(found.words(direction.any(axis=1)))
+        numbers = (rows * width + columns).astype(np.int32)
+        found = SurfacePixels(numbers, depth, normal, direction, speed, light[there, :3])
+        parts.append(found.words(np.asarray(direction.any(axis=1))))
     return SurfacePixels.from_words(np.concatenate([np.zeros(0, np.int32), *parts]))
 
 

@@ -54,7 +54,7 @@ class SurfacePicture:
         self.camera, self.normals = camera, normals.astype(np.float64)
         self.shape = depth.shape
         height, width = depth.shape
-        self.there = np.isfinite(depth)
+        self.there: NDArray[np.bool_] = np.asarray(np.isfinite(depth))
         self.depth = np.where(self.there, depth, 1.0).astype(np.float64)
         self.side = 2 * half_height(camera, self.depth) / height
         position, focal_point, view_up = camera_vectors(camera)
@@ -80,7 +80,7 @@ class SurfacePicture:
             ends = [project_points(self.camera, (self.points + s * step).reshape(-1, 3), size)[0] for s in (1, -1)]
             moved = (ends[0] - ends[1]).reshape(*self.shape, 2) / (2 * MOVED)
             length = np.linalg.norm(moved, axis=-1)
-            is_valid = self.there & np.isfinite(length) & (length > 1e-4)
+            is_valid = np.asarray(self.there & np.isfinite(length) & (length > 1e-4))
             return np.where(is_valid[..., None], moved / length[..., None], 0.0)
 
     def links(self, directions: Floats) -> NDArray[np.bool_]:
@@ -192,6 +192,6 @@ def _mixed_bits(bits: Pixels) -> Pixels:
     """Return a hash of the lower 32 bits (the finalizer of MurmurHash3)."""
     bits = bits & 0xFFFFFFFF
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
-        bits = (bits ^ (bits >> shift)).astype(np.uint64) * np.uint64(factor) & np.uint64(0xFFFFFFFF)
-        bits = bits.astype(np.int64)
+        product = (bits ^ (bits >> shift)).astype(np.uint64) * np.uint64(factor)
+        bits = (product & np.uint64(0xFFFFFFFF)).astype(np.int64)
     return np.asarray(bits ^ (bits >> 16))
