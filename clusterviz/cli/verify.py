@@ -89,6 +89,8 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
         return ReferenceComparison(size, skipped="it has no gradients of coarser levels")
     if any(section.visibility != "exact" for section in scene.grids):
         return ReferenceComparison(size, skipped="visibility of its grids is exact")
+    if any(flow.show == "surface-lic" for flow in scene.flows):
+        return ReferenceComparison(size, skipped="it shows no flow on surfaces")
     sources = [open_volume(volume) for volume in scene.volumes]
     geometries = [read_geometry(section.path) for section in scene.geometry]
     grids = [read_grid(section.path, section.time) for section in scene.grids]

@@ -87,14 +87,6 @@ class Convolution:
         return math.ceil((len(self.weights) // 2) * self.step) + MARGIN
 
 
-def line_weights(kernel: str, length: float, step: float) -> NDArray[np.float32]:
-    """Return the weights of the samples along a line, from the upstream end, float32 (2n + 1,); as `scene.Lic`."""
-    steps = math.floor(length / 2 / step + 1e-6)
-    place = np.arange(-steps, steps + 1) / (steps + 1)
-    window = {"box": np.ones_like(place), "hann": 0.5 + 0.5 * np.cos(np.pi * place), "ramp": 0.5 - 0.5 * place}
-    return window[kernel].astype(np.float32)
-
-
 @dataclass(frozen=True, eq=False)
 class SurfacePixels:
     """Visible points of surfaces with a vector, one a pixel.
@@ -151,7 +143,7 @@ class VectorSamples:
     """
 
     def __init__(self, source: VectorSource) -> None:
-        self._source, self._blocks = source, dict[Index, NDArray[np.float32 | np.float64]]()
+        self.source, self._blocks = source, dict[Index, NDArray[np.float32 | np.float64]]()
         self._index_from_world = np.linalg.inv(source.grid.world_from_index[:3, :3])
 
     def at(self, points: Floats) -> Floats:
@@ -165,9 +157,9 @@ class VectorSamples:
         -------
         vectors : float64 (n, 3), NaN outside of the grid, and beside samples that are NaN
         """
-        shape = np.array(self._source.grid.shape_zyx[::-1])
+        shape = np.array(self.source.grid.shape_zyx[::-1])
         # Sums in a fixed order, as those of a matrix product depend on how many points there are.
-        offsets, rows = points - np.array(self._source.grid.origin), self._index_from_world
+        offsets, rows = points - np.array(self.source.grid.origin), self._index_from_world
         index = np.stack([sum(row[axis] * offsets[:, axis] for axis in range(3)) for row in rows], axis=1)
         with np.errstate(invalid="ignore"):
             inside = ((index >= -OUTSIDE) & (index <= shape - 1 + OUTSIDE)).all(axis=1)
@@ -190,10 +182,10 @@ class VectorSamples:
 
     def _read(self, block: Index) -> NDArray[np.float32 | np.float64]:
         """Read a block with the first samples of the next ones."""
-        ends = zip(block, self._source.grid.shape_zyx, strict=True)
+        ends = zip(block, self.source.grid.shape_zyx, strict=True)
         z_end, y_end, x_end = (min(BLOCK * (n + 1) + 1, side) for n, side in ends)
         z, y, x = (BLOCK * n for n in block)
-        return self._source.read((z, y, x), (z_end, y_end, x_end))
+        return self.source.read((z, y, x), (z_end, y_end, x_end))
 
 
 OUTSIDE = 1e-3

@@ -126,7 +126,7 @@ class FrameLoop:
         self._compositing = Compositing(several)
         with run.clock.stage("total", "open"):
             self.scene, opened, bricks = open_volumes(run, scene, source)
-            self._painter = open_painter(run, self.scene)
+            self._painter = open_painter(run, self.scene, opened)
         self._infos = opened.infos if opened else ()
         self._opened, self._is_given = opened, source is not None
         self._reader = BrickReader(opened, bricks)

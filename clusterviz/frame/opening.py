@@ -27,7 +27,7 @@ from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, su
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.data.vectors import VectorSource
 from clusterviz.errors import DataError, InputError
-from clusterviz.flow.content import geometry_with_flows, open_flows
+from clusterviz.flow.content import OpenedFlow, geometry_with_flows, open_flows
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
@@ -40,7 +40,6 @@ from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import Info, VolumeInfo, complete_scene
 from clusterviz.scene.flow_content import with_flows, without_flows
-from clusterviz.scene.flows import FlowInfo
 from clusterviz.scene.geometry import GeometrySection
 from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Scene, Volume
@@ -135,7 +134,7 @@ class OpenedContent:
     volumes : in the order of the scene
     geometry : meshes, lines and points, in the order of the scene
     grids : unstructured grids, in the order of the scene
-    flows : facts on flows, whose volumes, lines and points are among the others
+    flows : in the order of the scene; their volumes, lines and points are among the others
     ranks : that draw
     bytes_per_second : of samples that a rank reads, where a picture may take some time only
     """
@@ -143,7 +142,7 @@ class OpenedContent:
     volumes: tuple[OpenedVolume, ...]
     geometry: tuple[KnownGeometry, ...] = ()
     grids: tuple[KnownCells, ...] = ()
-    flows: tuple[FlowInfo, ...] = ()
+    flows: tuple[OpenedFlow, ...] = ()
     ranks: int = 1
     bytes_per_second: float = 0.0
 
@@ -151,7 +150,7 @@ class OpenedContent:
     def infos(self) -> tuple[Info, ...]:
         """Information on each volume, each entry of geometry and each grid, which completes a scene."""
         volumes: tuple[Info, ...] = tuple(info for volume in self.volumes for info in volume.infos)
-        return (*volumes, *(one.info for one in self.geometry), *(one.info for one in self.grids), *self.flows)
+        return (*volumes, *(one.info for each in (self.geometry, self.grids, self.flows) for one in each))
 
     @property
     def range_type(self) -> np.dtype[Any]:
@@ -319,8 +318,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         )
         has_levels = any(volume.detail != "full" for volume in scene.volumes)
         if len(opened) > 1 or geometry or grids or flows or has_levels:
-            infos = tuple(flow.info for flow in flows)
-            several = OpenedContent(opened, geometry, grids, infos, run.channel.size, speed)
+            several = OpenedContent(opened, geometry, grids, tuple(flows), run.channel.size, speed)
             return complete(several, scene), several, {}
         scene = complete(opened[0], scene)
         if scene.cluster.largest_brick in (None, scene.cluster.brick):

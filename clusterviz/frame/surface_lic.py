@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from clusterviz.composite import TileCollector
 from clusterviz.data.source import Grid
-from clusterviz.data.vectors import VectorSource, open_vectors
+from clusterviz.flow.content import OpenedFlow
+from clusterviz.flow.lic import line_weights
 from clusterviz.flow.surface_lic import (
     Convolution,
     SurfacePixels,
@@ -23,11 +24,11 @@ from clusterviz.flow.surface_lic import (
     change,
     convolved,
     exchange,
-    line_weights,
     points_of,
     screen_directions,
     stretched,
 )
+from clusterviz.frame.opening import Opened, OpenedContent
 from clusterviz.frame.run import Image, Run
 from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage, Rect
@@ -51,16 +52,15 @@ class SurfacePainter:
     Parameters
     ----------
     run : of the opening
-    scene : completed, with flows that are shown as surface-lic
+    flows : of the scene
     """
 
-    def __init__(self, run: Run, scene: Scene) -> None:
-        self._opened: dict[str, tuple[VectorSource, VectorSamples]] = {}
+    def __init__(self, run: Run, flows: Sequence[OpenedFlow]) -> None:
+        self._samples = [VectorSamples(flow.vectors) for flow in flows]
         with run.collective("open", "load"):
             local_rank = run.channel.placement().local_rank
         with run.local("open", "load"):
             self._device = devices_of(None if run.options.device is None else [run.options.device], local_rank)[0]
-            self._open(scene)
 
     def paint(self, run: Run, work: RankWork, layers: Sequence[FoundLayers]) -> Image | None:
         """Return what is added to the picture, float32 (h, w, 4), on rank 0; None elsewhere; collective.
@@ -70,13 +70,12 @@ class SurfacePainter:
         layers : that this rank has found; see `Drawing.find_layers`
         """
         size = work.scene.image.size
-        with run.local("open", "load"):
-            self._open(work.scene)
         view = make_view(work.scene.camera, size, WORLD)
         total: Image | None = None
-        for flow in painted_flows(work.scene):
+        for flow, samples in zip(work.scene.flows, self._samples, strict=True):
+            if flow.show != "surface-lic":
+                continue
             with run.local("render", "render"):
-                source, samples = self._opened[_key(flow)]
                 pixels = _found(view, layers, objects_of(work.scene, flow), samples)
             lic = flow.lic or Lic()
             weights = line_weights(lic.kernel, lic.length, lic.step)
@@ -84,7 +83,7 @@ class SurfacePainter:
             with run.collective("composite", "exchange"):
                 begin, end, pixels = exchange(run.channel, pixels, size, convolution.halo)
             with run.local("render", "render"), on_device(self._device):
-                values = convolved(view, source.grid, pixels, (begin, end), convolution)
+                values = convolved(view, samples.source.grid, pixels, (begin, end), convolution)
             with run.collective("composite", "exchange"):
                 values = stretched(run.channel, values) if lic.contrast else values
                 strength = flow.opacity if isinstance(flow.opacity, float) else STRENGTH
@@ -95,26 +94,12 @@ class SurfacePainter:
                 total = np.array(found, np.float32) if total is None else total + np.asarray(found, np.float32)
         return total
 
-    def _open(self, scene: Scene) -> None:
-        """Open vectors that are not yet opened, and forget those of other frames."""
-        before = self._opened
-        self._opened = {}
-        for flow in painted_flows(scene):
-            key = _key(flow)
-            if key not in before:
-                source = open_vectors(flow.path, flow.array, flow.time, flow.order, flow.scale)
-                before[key] = source, VectorSamples(source)
-            self._opened[key] = before[key]
 
-
-def open_painter(run: Run, scene: Scene) -> SurfacePainter | None:
+def open_painter(run: Run, scene: Scene, opened: Opened | None) -> SurfacePainter | None:
     """Return the painter of a scene; None if it has no surface LIC; collective."""
-    return SurfacePainter(run, scene) if painted_flows(scene) else None
-
-
-def painted_flows(scene: Scene) -> list[FlowSection]:
-    """Return the flows that are shown on surfaces."""
-    return [flow for flow in scene.flows if flow.show == "surface-lic"]
+    if not isinstance(opened, OpenedContent) or all(flow.show != "surface-lic" for flow in scene.flows):
+        return None
+    return SurfacePainter(run, opened.flows)
 
 
 def objects_of(scene: Scene, flow: FlowSection) -> list[int]:
@@ -129,11 +114,6 @@ def objects_of(scene: Scene, flow: FlowSection) -> list[int]:
 
 def _shows(flow: FlowSection, key: str) -> bool:
     return flow.surfaces is None or key in flow.surfaces
-
-
-def _key(flow: FlowSection) -> str:
-    """Return what decides which vectors are opened."""
-    return flow.model_dump_json(include={"path", "array", "time", "order", "scale"})
 
 
 def _found(view: View, layers: Sequence[FoundLayers], objects: Sequence[int], samples: VectorSamples) -> SurfacePixels:

@@ -85,7 +85,7 @@ class SurfacePicture:
 
     def links(self, directions: Floats) -> NDArray[np.bool_]:
         """Return whether pixels have a link to their neighbours, (3, 3, h, w), by rows and columns from −1 on."""
-        valid = directions.any(axis=-1)
+        valid: NDArray[np.bool_] = np.asarray(directions.any(axis=-1))
         found = np.zeros((3, 3, *self.shape), bool)
         found[1, 1] = valid
         height, width = self.shape

@@ -161,6 +161,8 @@ def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[D
     ----------
     most_seconds : that it may take for a picture of a few pixels, which large meshes take whole
     """
+    if any(flow.show == "surface-lic" for flow in scene.flows):
+        return None, "the reference shows no flow on surfaces"
     sources = [open_volume(volume) for volume in scene.volumes if not volume.of_flow]
     if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MAX_REFERENCE_BYTES:
         return None, f"the reference holds no more than {MAX_REFERENCE_BYTES >> 30} GiB of voxels in memory"
