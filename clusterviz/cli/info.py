@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from clusterviz.errors import DataError
+
 if TYPE_CHECKING:
     from clusterviz.data.geometry import Attributes, Geometry, Lines, Mesh, Points
     from clusterviz.data.source import Source
@@ -57,8 +59,11 @@ def command(
             arrays = {**grid.point_arrays, **grid.cell_arrays}
             found = {"name": file, "format": grid_format.name, "grid": describe_grid(grid)}
         else:
-            source = open_source(file, subset=Subset(array, time, channel, first=True))
-            found = describe(source, brick)
+            try:
+                source = open_source(file, subset=Subset(array, time, channel, first=True))
+            except DataError as error:
+                source = _speeds_of(file, array, time, error)
+            found = describe(source, brick) | _vectors_of(file, array)
     if plot:
         from clusterviz.cli.histogram import Histogram, histograms_of, write_plot
 
@@ -74,6 +79,27 @@ def command(
     rows = _rows if "samples" in found else _grid_rows if "grid" in found else _geometry_rows
     for name, text in rows(found):
         print(f"{name:12} {text}")
+
+
+def _speeds_of(file: str, array: str | None, time: int | None, error: DataError) -> Source:
+    """Return the speeds of a file that has no scalars but vectors; raise the error if it has neither."""
+    from clusterviz.data.vectors import open_vectors
+    from clusterviz.flow.lic import SpeedSource
+
+    try:
+        return SpeedSource(open_vectors(file, array, time))
+    except DataError:
+        raise error from None
+
+
+def _vectors_of(file: str, array: str | None) -> dict[str, Any]:
+    """Return the array of vectors of a file as `flows` shows it; nothing if there is none, or several."""
+    from clusterviz.data.vectors import open_vectors
+
+    try:
+        return {"vectors": open_vectors(file, array).name.removeprefix(file).strip(":") or "the only array"}
+    except DataError:
+        return {}
 
 
 def _arrays_of(geometry: Geometry) -> dict[str, Any]:
@@ -297,6 +323,7 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("name", found["name"]),
         ("format", found["format"]),
         ("samples", f"{x} × {y} × {z} (x, y, z), {found['dtype']}, {_size(found['bytes'])}"),
+        *([("vectors", f"{found['vectors']}, drawn by flows")] if "vectors" in found else []),
         ("spacing", _vector(found["spacing"])),
         ("bounds", f"{_vector(found['bounds'][0])}  to  {_vector(found['bounds'][1])}"),
         ("direction", "; ".join(_vector(row) for row in found["direction"])),

@@ -441,7 +441,31 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = (), preset:
         return scene_of_data(path, overrides, ("grids",), preset=preset)
     found = mesh_format_of(Path(path))
     sections = _sections_of(Path(path), found) if found else ("volumes",)
+    if not found and holds_only_vectors(str(path), overrides):
+        sections = ("flows",)
     return scene_of_data(path, overrides, sections, preset=preset)
+
+
+def holds_only_vectors(path: str, overrides: Sequence[str] = ()) -> bool:
+    """Return whether a file has no volume of scalars, with its defaults, but vectors on a regular grid.
+
+    Parameters
+    ----------
+    overrides : of the scene, such as array=U
+    """
+    from clusterviz.data.vectors import open_vectors
+
+    chosen = dict(each.partition("=")[::2] for each in overrides)
+    array = chosen.get("array")
+    if {"time", "channel"} & chosen.keys():
+        return False
+    with suppress(DataError):
+        open_source(path, subset=Subset(array))
+        return False
+    with suppress(DataError):
+        components = getattr(open_vectors(path, array), "components", ())
+        return all(each is None or each.dtype.kind == "f" for each in components)
+    return False
 
 
 def _scene_of_channels(path: str, overrides: Sequence[str], preset: str | None) -> Scene:
