@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import HISTOGRAM_BINS, VolumeSummary
 from clusterviz.data.vectors import VectorArray, VectorSource, open_vectors
 from clusterviz.errors import DataError
+from clusterviz.flow.lic import LicSource
 from clusterviz.scene.flows import FlowInfo, FlowSection, Lic
 from clusterviz.scene.values import Scene
 
@@ -43,7 +43,7 @@ class OpenedFlow:
         if self.section.show != "lic":
             return []
         components: list[Source] = [ComponentSource(self.vectors, axis) for axis in range(3)]
-        return [*components, import_module("clusterviz.flow.lic").LicSource(self.vectors, self.section.lic or Lic())]
+        return [*components, LicSource(self.vectors, self.section.lic or Lic())]
 
     def geometry(self, channel: Channel) -> Geometry | None:
         """Return the lines or arrows that the flow becomes, on every rank, or None; collective."""
