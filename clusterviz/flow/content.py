@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,10 @@ from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import HISTOGRAM_BINS, VolumeSummary
 from clusterviz.data.vectors import VectorArray, VectorSource, open_vectors
 from clusterviz.errors import DataError
+from clusterviz.flow.glyphs import glyphs
 from clusterviz.flow.lic import LicSource
-from clusterviz.scene.flows import FlowInfo, FlowSection, Lic
+from clusterviz.flow.tracing import LineKind, trace
+from clusterviz.scene.flows import LINES, FlowInfo, FlowSection, Lic, Seeds
 from clusterviz.scene.values import Scene
 
 SAMPLE = 64
@@ -47,7 +49,15 @@ class OpenedFlow:
 
     def geometry(self, channel: Channel) -> Geometry | None:
         """Return the lines or arrows that the flow becomes, on every rank, or None; collective."""
-        return None
+        section = self.section
+        seeds = section.seeds or Seeds()
+        if section.show == "glyphs":
+            return Geometry(points=glyphs(self.vectors, seeds, channel))
+        if section.show not in LINES:
+            return None
+        kind = cast(LineKind, section.show)
+        traced = trace(self.vectors, seeds, section.trace, kind, channel=channel, first_step=section.time)
+        return Geometry(lines=traced.lines)
 
 
 class ComponentSource:
