@@ -108,7 +108,7 @@ def with_flows(scene: Scene, infos: Sequence[FlowInfo]) -> Scene:
         elif flow.show in LINES:
             found["lines"].append(FlowLines(**_geometry_keys(flow, key), **_line_keys(flow)))
         elif flow.show == "glyphs":
-            found["points"].append(FlowPoints(**_geometry_keys(flow, key), **_arrow_keys(flow)))
+            found["points"].append(FlowPoints(**_geometry_keys(flow, key), **_arrow_keys(flow, info)))
     return scene.model_copy(update={name: tuple(entries) for name, entries in found.items()})
 
 
@@ -160,9 +160,10 @@ def _geometry_keys(flow: FlowSection, key: str) -> dict[str, Any]:
     return {"path": key, **found}
 
 
-def _arrow_keys(flow: FlowSection) -> dict[str, Any]:
+def _arrow_keys(flow: FlowSection, info: FlowInfo) -> dict[str, Any]:
     found: dict[str, Any] = {"style": "arrows", "direction": VELOCITY}
     found |= {"radius": flow.radius} if flow.radius else {}
+    found |= {"scale": flow.length / (info.fastest or 1.0)} if flow.length else {}
     needs_speed = flow.color_by == "speed" or not isinstance(flow.opacity, float)
     return found | ({"scalars": VELOCITY} if needs_speed else {})
 

@@ -42,6 +42,7 @@ KEYS_OF_SHOW: dict[str, tuple[Show, ...]] = {
     "seeds": (*LINES, "glyphs"),
     "trace": LINES,
     "radius": (*LINES, "glyphs"),
+    "length": ("glyphs",),
     "surfaces": ("surface-lic",),
 }
 """Keys that not every way to show a flow has, and those that have them."""
@@ -242,6 +243,11 @@ class FlowSection(Section):
         default=None,
         description="Of the tubes, or the arrows' shafts, in world units; default: a 500th of the diagonal of the "
         "lines' box, or 0.03 of an arrow's length.",
+    )
+    length: Positive | None = Field(
+        default=None,
+        description="World length of an arrow at the 99th percentile of the speeds; others are as long as their speeds "
+        "say; default: the longest one is a 20th of the diagonal of the seeds' box.",
     )
     surfaces: tuple[str, ...] | None = Field(
         default=None,

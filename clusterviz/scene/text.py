@@ -53,7 +53,11 @@ def scene_summary(scene: Scene) -> str:
     seen = f"parallel_scale {camera.parallel_scale:g}" if camera.parallel_scale else f"view_angle {camera.view_angle:g}"
     parts = [
         *(_volume_summary(volume) for volume in scene.volumes if not volume.of_flow),
-        *(_geometry_summary(*pair) for pair in zip(scene.geometry_keys, scene.geometry, strict=True)),
+        *(
+            _geometry_summary(key, section)
+            for key, section in zip(scene.geometry_keys, scene.geometry, strict=True)
+            if not section.of_flow
+        ),
         *(f"grids[{n}] {_transfer_summary(one.clim, one.cmap, one.opacity)}" for n, one in enumerate(scene.grids)),
         *(f"flows[{n}] {_flow_summary(one)}" for n, one in enumerate(scene.flows)),
         f"camera {_format_point(camera.position)} to {_format_point(camera.focal_point)}, {seen}",

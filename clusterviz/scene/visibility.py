@@ -14,7 +14,7 @@ from clusterviz.scene.camera import project_points
 from clusterviz.scene.colormaps import follows_clim
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, divided_infos, transfer_function
 from clusterviz.scene.flow_content import VectorVolume
-from clusterviz.scene.geometry import GeometryInfo, GeometrySection
+from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection
 from clusterviz.scene.grids import GridInfo, GridSection
 from clusterviz.scene.values import Scene, Volume
 
@@ -38,7 +38,8 @@ def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> 
     if not scene.has_content:
         return {"volumes": "the scene has no volumes: nothing is drawn"}
     each, known, gridded = divided_infos(infos)
-    entries: list[Entry] = list(zip(scene.geometry_keys, scene.geometry, known, strict=True))
+    keyed = zip(scene.geometry_keys, scene.geometry, known, strict=True)
+    entries: list[Entry] = [(section.path if section.of_flow else key, section, info) for key, section, info in keyed]
     keys = [f"grids[{number}]" for number in range(len(scene.grids))]
     entries += zip(keys, scene.grids, gridded, strict=True)
     found = _entry_warnings(entries, each)
@@ -49,7 +50,9 @@ def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> 
         reason = _unseen_volume(volume, info)
         if reason and isinstance(volume, VectorVolume):
             continue
-        if reason:
+        if reason and volume.of_flow:
+            found[volume.path] = f"{volume.path}: {reason}"
+        elif reason:
             name = "" if volume.path == "array" else f" ({PurePath(volume.path).name})"
             found[f"volumes[{number}]"] = f"volumes[{number}]{name}: {reason}"
     boxes = [box_corners(_box_of(*entry)) for entry in entries]
@@ -89,10 +92,11 @@ def _entry_warnings(entries: Sequence[Entry], volumes: Sequence[VolumeInfo]) -> 
     boxes = [np.stack([info.corners.min(axis=0), info.corners.max(axis=0)]) for info in volumes]
     boxes += [_box_of(*entry) for entry in entries]
     for number, (key, section, info) in enumerate(entries):
-        name = f"{key} ({PurePath(section.path).name})"
+        name = key if section.path == key else f"{key} ({PurePath(section.path).name})"
         if info.left_out:
-            share = f"{info.left_out} of {info.left_out + info.drawn}"
-            found[f"{key}: left out"] = f"{name}: {share} {LEFT_OUT[key.partition('[')[0]]}"
+            share, kind = f"{info.left_out} of {info.left_out + info.drawn}", key.partition("[")[0]
+            kind = kind if kind in LEFT_OUT else "lines" if isinstance(section, LinesSection) else "points"
+            found[f"{key}: left out"] = f"{name}: {share} {LEFT_OUT[kind]}"
         if isinstance(info, GridInfo) and info.overlaps:
             found[f"{key}: overlap"] = (
                 f"{name}: cells overlap others: of these, a ray shows the one that it enters first"
