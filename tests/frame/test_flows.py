@@ -11,7 +11,7 @@ from frame.views import on_ranks, pixels
 from clusterviz.cli.verify import compare_with_reference
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.data.source import Grid
-from clusterviz.data.vectors import VectorArray, open_vectors
+from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import ClustervizError
 from clusterviz.flow.glyphs import vectors_at
 from clusterviz.frame import render_frame
@@ -64,8 +64,8 @@ def test_seeds_without_vectors_are_told() -> None:
     seeds = {"kind": "list", "points": [[0, 0, 0.5], [9, 0, 0]]}
     with pytest.warns(UserWarning, match=r"flows\[0\]: 1 of 2 points are left out"):
         render_frame(scene_of(path=RING, show="glyphs", seeds=seeds, color="red", color_by="color"), LoopbackChannel())
+    far = {"kind": "list", "points": [[9, 0, 0]]}
     with pytest.warns(UserWarning, match=r"flows\[0\]: nothing is drawn"):
-        far = {"kind": "list", "points": [[9, 0, 0]]}
         render_frame(scene_of(path=RING, show="streamlines", seeds=far), LoopbackChannel())
 
 
