@@ -47,7 +47,7 @@ def vectors_at(vectors: VectorSource, places: Floats, channel: Channel) -> Float
 def _interpolated(vectors: VectorSource, places: Floats) -> Floats:
     samples = np.array(vectors.grid.shape_zyx[::-1])
     at = index_from_world(places, vectors.grid)
-    inside: NDArray[np.bool_] = ((at >= 0) & (at <= samples - 1)).all(axis=1)
+    inside: NDArray[np.bool_] = np.all((at >= 0) & (at <= samples - 1), axis=1)
     cells = np.clip(np.floor(np.where(inside[:, None], at, 0)), 0, np.maximum(samples - 2, 0)).astype(np.int64)
     found = np.full((len(places), 3), np.nan)
     for layer in np.unique(cells[inside, 2]).tolist():
