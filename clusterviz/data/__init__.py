@@ -447,14 +447,12 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = (), preset:
 
 
 def holds_only_vectors(path: str, overrides: Sequence[str] = ()) -> bool:
-    """Return whether a file has no volume of scalars, with its defaults, but vectors on a regular grid.
+    """Return whether a file has no volume of scalars, with its defaults, but an array of vectors on a regular grid.
 
     Parameters
     ----------
     overrides : of the scene, such as array=U
     """
-    from clusterviz.data.vectors import open_vectors
-
     chosen = dict(each.partition("=")[::2] for each in overrides)
     array = chosen.get("array")
     if {"time", "channel"} & chosen.keys():
@@ -463,8 +461,9 @@ def holds_only_vectors(path: str, overrides: Sequence[str] = ()) -> bool:
         open_source(path, subset=Subset(array))
         return False
     with suppress(DataError):
-        components = getattr(open_vectors(path, array), "components", ())
-        return all(each is None or each.dtype.kind == "f" for each in components)
+        source = open_source(path, subset=Subset(array, channel=0, first=True, vectors=True))
+        slab = getattr(source, "slab", None)
+        return slab is not None and slab.channels == 3 and source.dtype.kind == "f"
     return False
 
 
