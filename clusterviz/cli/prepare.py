@@ -23,6 +23,7 @@ from clusterviz.comm.placement import granted_cores
 from clusterviz.composite.over import native
 from clusterviz.data.store.wavelet import TRANSFORMS
 from clusterviz.errors import OutputError
+from clusterviz.flow.tracing import kernel as trace_kernel
 from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.kernels.objects import folder, object_path, read_code
 from clusterviz.render.cpu.caster import compiled_variant
@@ -43,7 +44,7 @@ def command(
 ) -> None:
     """Compile the kernels that most scenes need, so that no render waits for them; cached kernels are kept."""
     began, kernels = perf_counter(), (first_variants if common else common_variants)(host_width().lanes)
-    files = _files(kernels, () if common else (*codecs.KERNELS, *TRANSFORMS.values()))
+    files = _files(kernels, () if common else (*codecs.KERNELS, *TRANSFORMS.values(), trace_kernel()))
     missing = {path: job for path, job in files.items() if read_code(path) is None}
     names = [_name(path) for path in missing]
     with show_progress(["compiling kernels"]) as progress:

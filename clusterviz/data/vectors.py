@@ -3,7 +3,7 @@
 A file has vectors as an array with an axis of three components, the last or the first one, or as three arrays of
 scalars, which are named together: `array="u,v,w"`. Two names, "u,v", are a flow without a third component. Without
 a name the only array of vectors is taken, or the arrays of `KNOWN_NAMES`. Every format of volumes may hold vectors.
-On an unstructured grid they are those of points or of cells; see `clusterviz.data.unstructured_vectors`.
+On an unstructured grid they are those of points or of cells; see `clusterviz.flow.cells`.
 
 Components are along the axes x, y and z of the world, whatever the direction of the grid is. `order` names the axes of
 stored components, "zyx" for files of NumPy programs; `scale` converts units, such as that of time.
@@ -31,7 +31,7 @@ from clusterviz.data.series import check_same, files_of_pattern
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
 
-KNOWN_NAMES = ("u,v,w", "U,V,W", "vx,vy,vz", "Vx,Vy,Vz", "ux,uy,uz", "velocity_x,velocity_y,velocity_z")
+KNOWN_NAMES = ("u,v,w", "U,V,W", "vx,vy,vz", "Vx,Vy,Vz", "ux,uy,uz", "velocity_x,velocity_y,velocity_z", "VX,VY,VZ")
 """Names of three arrays that are taken together where none is named."""
 
 
@@ -82,25 +82,28 @@ class VectorSource(Protocol):
 
 def index_from_world_vectors(vectors: NDArray[Any], grid: Grid) -> NDArray[Any]:
     """Return vectors of the world (…, 3) in samples along x, y, z of a grid per unit of time, of the same dtype."""
-    inverse = np.linalg.inv(grid.world_from_index[:3, :3])
-    if (inverse == np.diag(np.diagonal(inverse))).all():
-        scaled: NDArray[Any] = vectors * np.diagonal(inverse).astype(vectors.dtype)
-        return scaled
-    turned: NDArray[Any] = vectors @ inverse.T.astype(vectors.dtype)
-    return turned
+    return _turned(vectors, np.linalg.inv(grid.world_from_index[:3, :3]).astype(vectors.dtype))
 
 
 def index_from_world(points: NDArray[Any], grid: Grid) -> NDArray[np.float64]:
     """Return points of the world (n, 3) as float64 indices of samples along x, y, z."""
-    inverse = np.linalg.inv(grid.world_from_index[:3, :3])
-    found: NDArray[np.float64] = (np.asarray(points, np.float64) - np.asarray(grid.origin)) @ inverse.T
-    return found
+    return _turned(
+        np.asarray(points, np.float64) - np.asarray(grid.origin), np.linalg.inv(grid.world_from_index[:3, :3])
+    )
 
 
 def world_from_index(indices: NDArray[Any], grid: Grid) -> NDArray[np.float64]:
     """Return indices of samples along x, y, z, (n, 3), as points of the world, float64."""
     matrix = grid.world_from_index
-    found: NDArray[np.float64] = np.asarray(indices, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    found = _turned(np.asarray(indices, np.float64), matrix[:3, :3])
+    found += matrix[:3, 3]
+    return found
+
+
+def _turned(vectors: NDArray[Any], matrix: NDArray[Any]) -> NDArray[Any]:
+    """Return a matrix times vectors (…, 3); a diagonal one, of most grids, without waiting for the threads of BLAS."""
+    is_diagonal = (matrix == np.diag(np.diagonal(matrix))).all()
+    found: NDArray[Any] = vectors * np.diagonal(matrix) if is_diagonal else vectors @ matrix.T
     return found
 
 
@@ -217,11 +220,7 @@ def open_vectors(
         As `open_source`, the array holds no vectors, an impossible order, scale or interval, or time steps are missing.
     """
     text = str(path)
-    if sorted(order) != ["x", "y", "z"]:
-        raise DataError("impossible order of components", where=text, found=repr(order), allowed="xyz, zyx, yxz, …")
-    for key, number in (("scale", scale), ("interval", interval)):
-        if not np.isfinite(number) or number == 0 or (key == "interval" and number < 0):
-            raise DataError(f"impossible {key}", where=text, found=number, allowed="a finite number, not 0")
+    check_components(text, order, scale, interval)
     if text.startswith("field:"):
         from clusterviz.data.vector_field import open_vector_field
 
@@ -237,6 +236,15 @@ def open_vectors(
     placed = tuple(parts[order.index(axis)] for axis in "xyz")
     name = f"{text}:{names}" if names else text
     return ComponentVectors(name, first.grid, placed, scale, times, lambda step: reopen(time=step))
+
+
+def check_components(where: str, order: str, scale: float, interval: float = 1.0) -> None:
+    """Refuse an impossible order of components, scale, or time between steps; see `open_vectors`."""
+    if sorted(order) != ["x", "y", "z"]:
+        raise DataError("impossible order of components", where=where, found=repr(order), allowed="xyz, zyx, yxz, …")
+    for key, number in (("scale", scale), ("interval", interval)):
+        if not np.isfinite(number) or number == 0 or (key == "interval" and number < 0):
+            raise DataError(f"impossible {key}", where=where, found=number, allowed="a finite number, not 0")
 
 
 def _parts(path: str, array: str | None, time: int | None) -> tuple[str | None, list[Source | None]]:

@@ -1,4 +1,4 @@
-"""Lines of vector fields, compiled by numba: Euler, RK4 and Dormand-Prince steps through trilinear samples or formulas.
+"""Lines of vector fields, compiled by numba: Runge-Kutta steps through trilinear samples, tetrahedra or formulas.
 
 Positions are indices of samples, float64. The parameter of a streamline is its length in the world, that of a pathline
 is time. What happens to a particle depends on its state and on the vectors alone, not on the block that holds them.
@@ -44,7 +44,13 @@ from clusterviz.flow.state import (
     TRAVELLED,
 )
 
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+_OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "_nrt": False,
+    "forceinline": True,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
 _jit = numba.njit(**_OPTIONS)
 _u64 = numba.uint64  # an index of this type is not compared with 0
 STAGE_LIMIT = 2.0  # of a step's length, which no stage may exceed
@@ -254,99 +260,46 @@ def _rate(field, numbers, floats, state, direction, x, y, z, t):  # type: ignore
 
 
 @_jit
-def _attempt(field, numbers, floats, state, direction, x, y, z, t, k, h):  # type: ignore[no-untyped-def]
-    """Return status, displacement (x, y, z, time), and estimated error in the world, of one step from a place.
+def _attempt(field, numbers, floats, tableau, slopes, state, direction, x, y, z, t, h):  # type: ignore[no-untyped-def]
+    """Compute the slopes of one step from a place, where the first one is known; the last one is at its end.
 
-    The status is RUNNING, or that of the stage that failed; LONGEST for a stage that goes too far.
+    Returns
+    -------
+    status : RUNNING, or that of the stage that failed; LONGEST for a stage that goes too far
+    dx, dy, dz, dt : displacement
+    speed : at the end
+    error : of the displacement, estimated, in the world
     """
-    method = numbers[0]
-    ax, ay, az, at, _ = k
-    if method == 0:
-        return RUNNING, h * ax, h * ay, h * az, h * at, 0.0
-    far = (STAGE_LIMIT * floats[9]) ** 2
-    if method == 1:
-        dx, dy, dz, dt = 0.5 * h * ax, 0.5 * h * ay, 0.5 * h * az, 0.5 * h * at
+    far, last = (STAGE_LIMIT * floats[9]) ** 2, len(tableau) - 1
+    dx, dy, dz, dt, speed = 0.0, 0.0, 0.0, 0.0, 0.0
+    for stage in range(last):
+        dx, dy, dz, dt = _combined(tableau, slopes, stage, stage + 1, h)
         if _dot(floats, dx, dy, dz, dx, dy, dz) > far:
-            return LONGEST, dx, dy, dz, dt, 0.0
-        status, bx, by, bz, bt, _ = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
+            return LONGEST, dx, dy, dz, dt, speed, 0.0
+        status, ax, ay, az, at, speed = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
         if status != RUNNING:
-            return status, dx, dy, dz, dt, 0.0
-        dx, dy, dz, dt = 0.5 * h * bx, 0.5 * h * by, 0.5 * h * bz, 0.5 * h * bt
-        if _dot(floats, dx, dy, dz, dx, dy, dz) > far:
-            return LONGEST, dx, dy, dz, dt, 0.0
-        status, cx, cy, cz, ct, _ = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
-        if status != RUNNING:
-            return status, dx, dy, dz, dt, 0.0
-        dx, dy, dz, dt = h * cx, h * cy, h * cz, h * ct
-        if _dot(floats, dx, dy, dz, dx, dy, dz) > far:
-            return LONGEST, dx, dy, dz, dt, 0.0
-        status, ex, ey, ez, et, _ = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
-        if status != RUNNING:
-            return status, dx, dy, dz, dt, 0.0
-        h = h / 6
-        return (
-            RUNNING,
-            h * (ax + 2 * bx + 2 * cx + ex),
-            h * (ay + 2 * by + 2 * cy + ey),
-            h * (az + 2 * bz + 2 * cz + ez),
-            h * (at + 2 * bt + 2 * ct + et),
-            0.0,
-        )
-    f = h / 5
-    dx, dy, dz, dt = f * ax, f * ay, f * az, f * at
-    if _dot(floats, dx, dy, dz, dx, dy, dz) > far:
-        return LONGEST, dx, dy, dz, dt, 0.0
-    status, bx, by, bz, bt, _ = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
-    if status != RUNNING:
-        return status, dx, dy, dz, dt, 0.0
-    f, g = h * 3 / 40, h * 9 / 40
-    dx, dy, dz, dt = f * ax + g * bx, f * ay + g * by, f * az + g * bz, f * at + g * bt
-    if _dot(floats, dx, dy, dz, dx, dy, dz) > far:
-        return LONGEST, dx, dy, dz, dt, 0.0
-    status, cx, cy, cz, ct, _ = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
-    if status != RUNNING:
-        return status, dx, dy, dz, dt, 0.0
-    f, g, i = h * 44 / 45, -h * 56 / 15, h * 32 / 9
-    dx, dy, dz = f * ax + g * bx + i * cx, f * ay + g * by + i * cy, f * az + g * bz + i * cz
-    dt = f * at + g * bt + i * ct
-    if _dot(floats, dx, dy, dz, dx, dy, dz) > far:
-        return LONGEST, dx, dy, dz, dt, 0.0
-    status, ex, ey, ez, et, _ = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
-    if status != RUNNING:
-        return status, dx, dy, dz, dt, 0.0
-    f, g, i, j = h * 19372 / 6561, -h * 25360 / 2187, h * 64448 / 6561, -h * 212 / 729
-    dx, dy = f * ax + g * bx + i * cx + j * ex, f * ay + g * by + i * cy + j * ey
-    dz, dt = f * az + g * bz + i * cz + j * ez, f * at + g * bt + i * ct + j * et
-    if _dot(floats, dx, dy, dz, dx, dy, dz) > far:
-        return LONGEST, dx, dy, dz, dt, 0.0
-    status, px, py, pz, pt, _ = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
-    if status != RUNNING:
-        return status, dx, dy, dz, dt, 0.0
-    f, g, i, j, m = h * 9017 / 3168, -h * 355 / 33, h * 46732 / 5247, h * 49 / 176, -h * 5103 / 18656
-    dx = f * ax + g * bx + i * cx + j * ex + m * px
-    dy = f * ay + g * by + i * cy + j * ey + m * py
-    dz = f * az + g * bz + i * cz + j * ez + m * pz
-    dt = f * at + g * bt + i * ct + j * et + m * pt
-    if _dot(floats, dx, dy, dz, dx, dy, dz) > far:
-        return LONGEST, dx, dy, dz, dt, 0.0
-    status, qx, qy, qz, qt, _ = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
-    if status != RUNNING:
-        return status, dx, dy, dz, dt, 0.0
-    f, g, i, j, m = h * 35 / 384, h * 500 / 1113, h * 125 / 192, -h * 2187 / 6784, h * 11 / 84
-    dx = f * ax + g * cx + i * ex + j * px + m * qx
-    dy = f * ay + g * cy + i * ey + j * py + m * qy
-    dz = f * az + g * cz + i * ez + j * pz + m * qz
-    dt = f * at + g * ct + i * et + j * pt + m * qt
-    if _dot(floats, dx, dy, dz, dx, dy, dz) > far:
-        return LONGEST, dx, dy, dz, dt, 0.0
-    status, rx, ry, rz, _, _ = _rate(field, numbers, floats, state, direction, x + dx, y + dy, z + dz, t + dt)
-    if status != RUNNING:
-        return status, dx, dy, dz, dt, 0.0
-    f, g, i, j, m, n = h * 71 / 57600, -h * 71 / 16695, h * 71 / 1920, -h * 17253 / 339200, h * 22 / 525, -h / 40
-    ux = f * ax + g * cx + i * ex + j * px + m * qx + n * rx
-    uy = f * ay + g * cy + i * ey + j * py + m * qy + n * ry
-    uz = f * az + g * cz + i * ez + j * pz + m * qz + n * rz
-    return RUNNING, dx, dy, dz, dt, np.sqrt(_dot(floats, ux, uy, uz, ux, uy, uz))
+            return status, dx, dy, dz, dt, speed, 0.0
+        _set(slopes, stage + 1, ax, ay, az, at)
+    if not numbers[0]:
+        return RUNNING, dx, dy, dz, dt, speed, 0.0
+    ex, ey, ez, _ = _combined(tableau, slopes, last, last + 1, h)
+    return RUNNING, dx, dy, dz, dt, speed, np.sqrt(_dot(floats, ex, ey, ez, ex, ey, ez))
+
+
+@_jit
+def _combined(tableau, slopes, row, count, h):  # type: ignore[no-untyped-def]
+    """Return a step's length times the sum of the first slopes, weighted by a row of the tableau."""
+    x, y, z, t = 0.0, 0.0, 0.0, 0.0
+    for n in range(count):
+        f = h * tableau[row, n]
+        if f != 0:
+            x, y, z, t = x + f * slopes[n, 0], y + f * slopes[n, 1], z + f * slopes[n, 2], t + f * slopes[n, 3]
+    return x, y, z, t
+
+
+@_jit
+def _set(slopes, row, x, y, z, t):  # type: ignore[no-untyped-def]
+    slopes[row, 0], slopes[row, 1], slopes[row, 2], slopes[row, 3] = x, y, z, t
 
 
 @_jit
@@ -375,7 +328,7 @@ def _return(floats, state, at, x, y, z, dx, dy, dz, ax, ay, az, bx, by, bz, h, c
 
 
 @_jit
-def _line(field, numbers, floats, state, points):  # type: ignore[no-untyped-def]
+def _line(field, numbers, floats, tableau, slopes, state, points):  # type: ignore[no-untyped-def]
     """Advance a particle until it ends, leaves its block or the interval, or has filled `points`.
 
     Returns
@@ -383,13 +336,14 @@ def _line(field, numbers, floats, state, points):  # type: ignore[no-untyped-def
     count : points that were written
     samples : steps that were attempted
     """
-    method, by_length, stores = numbers[0], numbers[1], numbers[2]
+    adapts, by_length, stores = numbers[0], numbers[1], numbers[2]
     nominal, longest, tolerance, max_length, close = floats[8], floats[9], floats[10], floats[11], floats[13]
     direction, x, y, z, t = state[DIRECTION], state[POSITION], state[POSITION + 1], state[POSITION + 2], state[TIME]
     travelled, step, steps = state[TRAVELLED], state[STEP], state[STEPS]
-    end = floats[15] if direction > 0 else floats[14]
+    end, last = floats[15] if direction > 0 else floats[14], len(tableau) - 1
     count, attempts = 0, 0
     status, ax, ay, az, at, speed = _rate(field, numbers, floats, state, direction, x, y, z, t)
+    _set(slopes, 0, ax, ay, az, at)
     if state[STATUS] == NEW:
         if stores:
             points[0, 0], points[0, 1], points[0, 2], points[0, 3], points[0, 4] = x, y, z, t, speed
@@ -429,22 +383,18 @@ def _line(field, numbers, floats, state, points):  # type: ignore[no-untyped-def
         unit = limit if limit < np.inf else h
         while True:
             attempts += 1
-            result, dx, dy, dz, dt, error = _attempt(
-                field, numbers, floats, state, direction, x, y, z, t, (ax, ay, az, at, speed), h
+            result, dx, dy, dz, dt, there, error = _attempt(
+                field, numbers, floats, tableau, slopes, state, direction, x, y, z, t, h
             )
             if result == RUNNING:
                 length = np.sqrt(_dot(floats, dx, dy, dz, dx, dy, dz))
-                if method == 2 and error > tolerance * length and h > _LEAST_STEP * unit:
+                if error > tolerance * length and h > _LEAST_STEP * unit:
                     h *= max(0.2, 0.9 * (tolerance * length / error) ** 0.25)
                     continue
-                nt = end if not by_length and h == (end - t) * direction else t + dt
-                result, bx, by, bz, bt, there = _rate(
-                    field, numbers, floats, state, direction, x + dx, y + dy, z + dz, nt
-                )
-                if by_length and result == RUNNING and _dot(floats, ax, ay, az, bx, by, bz) < 0:
-                    result = SLOW  # it passed a place where the vectors vanish
-                if result == RUNNING:
+                bx, by, bz, bt = slopes[last, 0], slopes[last, 1], slopes[last, 2], slopes[last, 3]
+                if not (by_length and _dot(floats, ax, ay, az, bx, by, bz) < 0):
                     break
+                result = SLOW  # it passed a place where the vectors vanish
             failed = result
             if result == NOT_LOADED or h * _REJECTIONS <= unit:
                 break
@@ -452,6 +402,7 @@ def _line(field, numbers, floats, state, points):  # type: ignore[no-untyped-def
         if result != RUNNING:
             status = failed
             break
+        nt = end if not by_length and h == (end - t) * direction else t + dt
         place, s = SEED, -1.0
         if close > 0 and by_length:
             if travelled > 4 * longest:
@@ -467,10 +418,11 @@ def _line(field, numbers, floats, state, points):  # type: ignore[no-untyped-def
         x, y, z, t = x + dx, y + dy, z + dz, nt
         if s >= 0:
             x, y, z = state[place], state[place + 1], state[place + 2]
-        ax, ay, az, at, speed = bx, by, bz, bt, there
+        ax, ay, az, speed = bx, by, bz, there
+        _set(slopes, 0, bx, by, bz, bt)
         travelled += h if by_length and s < 0 else length
         steps += 1
-        if method == 2:
+        if adapts:
             grown = 5.0 if error == 0 else min(5.0, max(0.2, 0.9 * (tolerance * length / error) ** 0.25))
             step = min(longest, max(grown, 1.0) * length if h == first else length)
         elif h == first:
@@ -492,9 +444,24 @@ def _line(field, numbers, floats, state, points):  # type: ignore[no-untyped-def
 
 
 def trace_particles(  # type: ignore[no-untyped-def]
-    first, second, places, corners, neighbours, begins, members, numbers, floats, states, points, counts
+    first,
+    second,
+    places,
+    corners,
+    neighbours,
+    begins,
+    members,
+    numbers,
+    floats,
+    tableau,
+    slopes,
+    states,
+    points,
+    counts,
 ):
-    """Advance particles through vectors; return the number of attempted steps.
+    """Advance particles through vectors; return how many it advanced, and the number of attempted steps.
+
+    It ends early when `points` is full; the last particle that it advanced has the status FULL then.
 
     Vectors are those of a block of a regular grid, of tetrahedra, or a formula over the world box [-1, 1]³. Positions
     are indices of samples in the first case, and positions in the world in the others.
@@ -507,21 +474,26 @@ def trace_particles(  # type: ignore[no-untyped-def]
     corners, neighbours : int64 (4 · m,), points of each tetrahedron, and the one behind the face without that point;
         -1: there is none
     begins, members : int64; the tetrahedra that each bin meets
-    numbers : int64 (21,): method (0 Euler, 1 RK4, 2 RK45), whether by length, whether points are stored; the first
-        sample of the block (x, y, z); samples of the grid, or bins of tetrahedra (x, y, z); whether the vectors change;
-        first cell that the block advances, and the end of its cells (x, y, z); samples of the block (x, y, z); kind:
-        `GRID`, `CELLS`, or `FORMULAS` and further; whether vectors are those of tetrahedra
+    numbers : int64 (21,): whether steps adapt to the error, whether the parameter is length, whether points are stored;
+        the first sample of the block (x, y, z); samples of the grid, or bins of tetrahedra (x, y, z); whether the
+        vectors change; first cell that the block advances, and the end of its cells (x, y, z); samples of the block
+        (x, y, z); kind: `GRID`, `CELLS`, or `FORMULAS` and further; whether vectors are those of tetrahedra
     floats : float64 (23,): metric of the world (xx, yy, zz, xy, xz, yz); begin of the interval of the vectors, and 1
         by its length; the step and the longest one; tolerance; largest length; least speed; distance at which a loop is
         closed; times at which particles stop, backwards and forwards; most steps; the corner of the bins, and 1 by
         their sides (x, y, z)
+    tableau : float64 (s + 1, s + 1), of a Runge-Kutta method: row n has the weights of the slopes that lead to slope
+        n + 1; row s - 1 leads to the end of the step, and row s to its error
+    slopes : float64 (s + 1, 4), working memory
     states : float64 (n, `STATE`), see `clusterviz.flow.state`
-    points : float64 (n, room, 5): x, y, z, time and speed; written where points are stored
+    points : float64 (room, 5): x, y, z, time and speed, one particle after another; written where points are stored
     counts : int64 (n,), points that were written for each particle
     """
-    total = 0
+    total, used, done = 0, 0, 0
     field = (first, second, places, corners, neighbours, begins, members)
     for n in range(len(states)):
-        counts[n], attempts = _line(field, numbers, floats, states[n], points[n])
-        total += attempts
-    return total
+        if numbers[2] and used == len(points):
+            break
+        counts[n], attempts = _line(field, numbers, floats, tableau, slopes, states[n], points[used:])
+        total, used, done = total + attempts, used + counts[n], n + 1
+    return done, total

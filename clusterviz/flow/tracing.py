@@ -66,13 +66,26 @@ from clusterviz.report.machine import memory
 from clusterviz.scene.flows import Seeds, Trace
 
 LineKind = Literal["streamlines", "pathlines", "streaklines"]
-METHODS = {"euler": 0, "rk4": 1, "rk45": 2}
+TABLEAUS = {
+    "euler": ((1.0,),),
+    "rk4": ((1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
+    "rk45": (
+        (1 / 5,),
+        (3 / 40, 9 / 40),
+        (44 / 45, -56 / 15, 32 / 9),
+        (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+        (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+        (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+        (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40),
+    ),
+}
+"""Weights of the slopes in each stage of the Runge-Kutta methods; the last row of rk45 gives the error."""
 CLOSE = 0.02
 """Voxels from a place of a streamline, within which it is closed when it comes back."""
 LONGEST_STEP = 2.0
 """Of `Trace.step`, that RK45 may grow to."""
-ROOM = 256
-"""Points of a particle that the kernel writes at a time."""
+ROOM = 1 << 15
+"""Points that the kernel writes at a time."""
 BATCH = 256
 """Particles of a task."""
 MOST_RELEASES = 1 << 20
@@ -88,9 +101,19 @@ def kernel() -> CompiledKernel:
     """Return the kernel that advances particles."""
     sources = [Path(str(module.__file__)) for module in (trace_kernel, state, vector_field)]
     mesh = "float64[::1]; int64[::1]; int64[::1]; int64[::1]; int64[::1]"
-    rest = "int64[::1]; float64[::1]; float64[:,::1]; float64[:,:,::1]; int64[::1]"
+    rest = "int64[::1]; float64[::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; int64[::1]"
     arguments = f"float32[::1]; float32[::1]; {mesh}; {rest}"
-    return CompiledKernel(trace_kernel.__name__, "trace_particles", arguments, sources, 1)
+    return CompiledKernel(trace_kernel.__name__, "trace_particles", arguments, sources, 2)
+
+
+def tableau_of(integrator: str) -> NDArray[np.float64]:
+    """Return the weights of a Runge-Kutta method as the kernel takes them, float64 (s + 1, s + 1)."""
+    rows = TABLEAUS[integrator]
+    stages = max(map(len, rows)) if integrator == "rk45" else len(rows)
+    found = np.zeros((stages + 1 - (integrator == "rk45"),) * 2)
+    for row, weights in zip(found, rows, strict=False):
+        row[: len(weights)] = weights
+    return found
 
 
 @dataclass(frozen=True)
@@ -168,6 +191,9 @@ def trace(
         with agree(channel, 0, "preparing to trace lines"):
             settings = settings or Trace()
             span = _span(vectors, settings, kind, first_step)
+            if channel.placement().local_rank == 0:
+                kernel().prepare()
+        with agree(channel, 0, "preparing to trace lines"):
             kernel().prepare()
         way = over if over != "auto" else choose(vectors, seeds, span, channel, memory_limit)
         workers = threads or channel.placement().cores
@@ -194,7 +220,7 @@ class Span:
 
 def _span(vectors: VectorSource | Cells, settings: Trace, kind: LineKind, first_step: int | None) -> Span:
     times: tuple[float, ...] = getattr(vectors, "times", ())
-    where = getattr(vectors, "name", "tetrahedra")
+    where = vectors.name
     first = getattr(vectors, "step", 0) if first_step is None else first_step
     if not isinstance(vectors, Cells):
         vectors.at_time(first)
@@ -264,7 +290,7 @@ class _Pieces:
         some = counts > 0
         keys = 2 * rows[:, NUMBER] + (rows[:, DIRECTION] < 0)
         self.headers.append(np.stack([keys, before, counts], axis=1)[some].astype(np.int64))
-        self.points.append(found[np.arange(found.shape[1]) < counts[:, None]])
+        self.points.append(found[: counts.sum()].copy())
 
 
 class _Run:
@@ -302,7 +328,8 @@ class _Run:
         self.pieces = _Pieces()
         self.steps = self.bytes_sent = self.rounds = 0
         self.numbers = np.zeros(21, np.int64)
-        self.numbers[:3] = METHODS[settings.integrator], kind == "streamlines", self.stores
+        self.numbers[:3] = settings.integrator == "rk45", kind == "streamlines", self.stores
+        self.tableau = tableau_of(settings.integrator)
         for at, values in ((3, "begin"), (6, "samples"), (10, "first_cell"), (13, "end_cell"), (16, "shape")):
             self.numbers[at : at + 3] = getattr(self.domain, values)
         self.numbers[19:] = self.domain.kind, self.domain.on_cells
@@ -363,7 +390,7 @@ class _Run:
             rows = self._rows(positions[mine], mine, 1.0)
             floats, numbers = self.floats.copy(), self.numbers.copy()
             floats[16], numbers[2] = 0, 0  # no steps, nothing stored
-            self._kernel(numbers, floats, rows, np.empty((len(rows), 0, 5)), np.zeros(len(rows), np.int64))
+            self._kernel(numbers, floats, rows, np.empty((0, 5)), np.zeros(len(rows), np.int64))
             found[mine] = rows[:, SPEED]
         speeds = np.max(all_to_all(self.channel, [found] * self.channel.size, _TAG), axis=0)
         return np.where(speeds < 0, np.nan, speeds)
@@ -425,9 +452,12 @@ class _Run:
         self.floats[6:8] = begin, 1 / (end - begin) if after != before else 0.0
         self.floats[14:16] = self.span.begin, min(end, self.span.end)
 
-    def _kernel(self, numbers: Any, floats: Any, rows: Any, points: Any, counts: Any) -> int:
-        mesh = self.domain.mesh
-        return int(kernel()(self.first, self.second, *mesh, numbers, floats, rows, points, counts))
+    def _kernel(self, numbers: Any, floats: Any, rows: Any, points: Any, counts: Any) -> tuple[int, int]:
+        mesh, slopes = self.domain.mesh, np.empty((len(self.tableau), 4))
+        done, steps = kernel()(
+            self.first, self.second, *mesh, numbers, floats, self.tableau, slopes, rows, points, counts
+        )
+        return done, steps
 
     def _advance_all(self, active: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Advance particles of all ranks until each has ended or waits for the next interval; return both kinds."""
@@ -462,18 +492,18 @@ class _Run:
         return rows
 
     def _advance_batch(self, rows: NDArray[np.float64]) -> tuple[_Pieces, int]:
-        pieces, steps = _Pieces(), 0
-        room = np.empty((len(rows), min(ROOM, self.settings.max_steps + 1) if self.stores else 0, 5))
-        some = np.arange(len(rows))
-        while len(some):
-            own, counts = rows[some], np.zeros(len(some), np.int64)
+        pieces, steps, begin = _Pieces(), 0, 0
+        room = np.empty((min(ROOM, len(rows) * (self.settings.max_steps + 1)) if self.stores else 0, 5))
+        while begin < len(rows):
+            own, counts = rows[begin:], np.zeros(len(rows) - begin, np.int64)
             before = np.where(own[:, STATUS] == NEW, -1, own[:, STEPS])
-            steps += self._kernel(self.numbers, self.floats, own, room[: len(some)], counts)
-            pieces.add(own, before, room[: len(some)], counts)
-            rows[some] = own
-            full = own[:, STATUS] == FULL
-            some = some[full]
-            rows[some, STATUS] = RUNNING
+            done, attempts = self._kernel(self.numbers, self.floats, own, room, counts)
+            steps += attempts
+            pieces.add(own, before, room, counts)
+            begin += done
+            if rows[begin - 1, STATUS] == FULL:
+                begin -= 1
+                rows[begin, STATUS] = RUNNING
         return pieces, steps
 
     def _gathered(self, ended: NDArray[np.float64], seeds: int, outside: int) -> Traced:
@@ -494,26 +524,28 @@ class _Run:
 
     def _lines(self, headers: NDArray[np.int64], points: Any, states: NDArray[np.float64]) -> Lines:
         """Join parts of lines in their order, and the two halves of each line."""
-        begins = np.cumsum(headers[:, 2]) - headers[:, 2]
-        halves: dict[int, list[NDArray[np.int64]]] = {}
-        for row in np.lexsort((headers[:, 1], headers[:, 0])).tolist():
-            key, _, count = headers[row].tolist()
-            halves.setdefault(key, []).append(np.arange(begins[row], begins[row] + count))
-        status = {int(2 * row[NUMBER] + (row[DIRECTION] < 0)): int(row[STATUS]) for row in states}
-        along, numbers, ends = list[NDArray[np.int64]](), list[int](), list[int]()
-        for number in sorted({key // 2 for key in halves}):
-            forward = np.concatenate(halves.get(2 * number, [np.empty(0, np.int64)]))
-            backward = np.concatenate(halves.get(2 * number + 1, [np.empty(0, np.int64)]))
-            if status.get(2 * number) == CLOSED:
-                backward = backward[:0]
-            whole = np.concatenate([backward[:0:-1], forward]) if len(forward) else backward[::-1]
-            if len(whole) > 1:
-                along.append(whole)
-                numbers.append(number)
-                ends.append(status.get(2 * number, status.get(2 * number + 1, 0)))
-        order = np.concatenate([np.empty(0, np.int64), *along])
-        offsets = np.cumsum([0, *map(len, along)])
-        return self._as_lines(points[order], offsets, numbers, ends)
+        key, step, count = headers.T
+        number, backward, begin = key // 2, key % 2, np.cumsum(count) - count
+        lines, status, forward = states[:, NUMBER].astype(int), states[:, STATUS].astype(int), states[:, DIRECTION] > 0
+        has_forward, ends = np.zeros(lines.max(initial=-1) + 1, bool), np.zeros(lines.max(initial=-1) + 1, int)
+        has_forward[lines[forward]] = True
+        ends[lines[~forward]] = status[~forward]
+        ends[lines[forward]] = status[forward]
+        kept = (backward == 0) | (ends != CLOSED)[number] | ~has_forward[number]
+        # The seed is the first point of both halves.
+        twice = (backward == 1) & (step < 0) & has_forward[number]
+        begin, count = begin + twice, count - twice
+        order = np.lexsort((np.where(backward, -step, step), -backward, number))
+        order = order[kept[order]]
+        number, count, way = number[order], count[order], 1 - 2 * backward[order]
+        first = begin[order] + np.where(way < 0, count - 1, 0)
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        along = np.repeat(first, count) + within * np.repeat(way, count)
+        sizes = np.bincount(number, count, len(ends)).astype(int)
+        long = sizes > 1
+        along = along[np.repeat(long[number], count)]
+        numbers, offsets = np.flatnonzero(long), np.cumsum([0, *sizes[long].tolist()])
+        return self._as_lines(points[along], offsets, numbers.tolist(), ends[long].tolist())
 
     def _streaklines(self, states: NDArray[np.float64]) -> Lines:
         """Join the particles of each seed that are still there, from the last released on; gaps end a line."""
@@ -530,7 +562,7 @@ class _Run:
         return self._as_lines(points[order], np.cumsum([0, *map(len, parts)]), first, [END_OF_INTERVAL] * len(parts))
 
     def _as_lines(self, points: Any, offsets: NDArray[np.int64], numbers: list[int], ends: list[int]) -> Lines:
-        name = f"{getattr(self.vectors, 'name', 'tetrahedra')}: {self.kind}"
+        name = f"{self.vectors.name}: {self.kind}"
         places = self.domain.to_world(np.ascontiguousarray(points[:, :3]))
         of_points = {"speed": points[:, 4].copy(), "time": points[:, 3].copy()}
         of_lines = {"seed": np.array(numbers, np.int64), "end": np.array(ends, np.int64)}
