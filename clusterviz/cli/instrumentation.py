@@ -132,6 +132,7 @@ def summary(statistics: FrameStatistics) -> str:
         lines.append(f"accuracy   {statistics.accuracy}")
         lines += [f"           {key}: {reason}" for key, reason in statistics.accuracy.reasons.items()]
     lines += [f"detail     {each}" for each in statistics.detail]
+    lines += [f"flow       {each}" for each in statistics.flows]
     return "\n".join(lines)
 
 

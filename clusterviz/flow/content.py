@@ -22,6 +22,7 @@ from clusterviz.data.vectors import VectorArray, VectorSource, open_vectors
 from clusterviz.errors import DataError
 from clusterviz.flow.glyphs import glyphs
 from clusterviz.flow.lic import LicSource
+from clusterviz.flow.lic_lines import LicOverRanks
 from clusterviz.flow.tracing import LineKind, trace
 from clusterviz.scene.flows import LINES, FlowInfo, FlowSection, Lic, Seeds
 from clusterviz.scene.values import Scene
@@ -34,18 +35,18 @@ FASTEST = 99.0
 
 @dataclass(frozen=True, eq=False)
 class OpenedFlow:
-    """Vectors of a flow, and facts on them that all ranks know."""
+    """Vectors of a flow, facts on them that all ranks know, and the convolution if it is shown."""
 
     section: FlowSection
     vectors: VectorSource
     info: FlowInfo
+    lic: Source | None = None
 
     def sources(self) -> list[Source]:
         """Return the volumes that the flow becomes: three components and the convolution, or none."""
-        if self.section.show != "lic":
+        if self.lic is None:
             return []
-        components: list[Source] = [ComponentSource(self.vectors, axis) for axis in range(3)]
-        return [*components, LicSource(self.vectors, self.section.lic or Lic())]
+        return [*(ComponentSource(self.vectors, axis) for axis in range(3)), self.lic]
 
     def geometry(self, channel: Channel) -> Geometry | None:
         """Return the lines or arrows that the flow becomes, on every rank, or None; collective."""
@@ -104,7 +105,12 @@ def open_flow(section: FlowSection, given: Any, key: str, channel: Channel) -> O
         mine = _speeds(vectors, channel.rank, channel.size)
     speeds = np.concatenate(channel.allgather(mine))
     fastest = float(np.percentile(speeds, FASTEST)) if speeds.size else 0.0
-    return OpenedFlow(section, vectors, FlowInfo(fastest))
+    if section.show != "lic":
+        return OpenedFlow(section, vectors, FlowInfo(fastest))
+    if channel.size == 1:
+        return OpenedFlow(section, vectors, FlowInfo(fastest), LicSource(vectors, section.lic))
+    lic = LicOverRanks(channel, vectors, section.lic or Lic())
+    return OpenedFlow(section, vectors, FlowInfo(fastest, f"{key}.lic: {lic.note}"), lic)
 
 
 def open_flows(scene: Scene, given: Sequence[Any], channel: Channel) -> list[OpenedFlow]:

@@ -18,27 +18,28 @@ Animation 1997 (the ramp kernel).
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import product
 from threading import Lock
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.bricks import Box
 from clusterviz.data.header import check_box
 from clusterviz.data.source import IDENTITY, Grid, Index
 from clusterviz.data.vectors import VectorArray, VectorSource
 from clusterviz.flow.noise import Noise
+from clusterviz.jobs.blocks import Blocks, make_blocks
 from clusterviz.jobs.kernel import kernel
 from clusterviz.scene.flows import Lic
 
 STEPPERS = {"euler": "step_euler.glsl", "rk4": "step_rk4.glsl", "rk45": "step_rk45.glsl"}
 """Shaders that step along a line, by the integrator."""
 BLOCK = 64
-"""Samples a side of the boxes that are computed at once, and kept."""
+"""Samples a side of the boxes that are computed at once, or a multiple of it where halos are wider."""
 CACHE_BYTES = 1 << 30
 LAYERS = 8
 STRETCHED = (1.0, 99.0)
@@ -68,6 +69,15 @@ def halo_of(lic: Lic, grid: Grid, steps: int) -> Index:
     # Places are rounded.
     z, y, x = (np.floor(steps * lic.step * samples_per_length(grid) + 1e-3).astype(int) + 1)[::-1].tolist()
     return (z, y, x) if steps else (0, 0, 0)
+
+
+def blocks_of(grid: Grid, lic: Lic, ranks: int = 1) -> Blocks:
+    """Return the blocks that are computed at once: wide for long lines, but one for each rank where possible."""
+    for wide in range(-(-max(halo_of(lic, grid, steps_of(lic))) // BLOCK), 1, -1):
+        blocks = make_blocks(grid.shape_zyx, BLOCK * wide, "lic")
+        if np.prod(blocks.counts_zyx) >= ranks:
+            return blocks
+    return make_blocks(grid.shape_zyx, BLOCK, "lic")
 
 
 def noise_of(lic: Lic) -> Noise:
@@ -141,41 +151,48 @@ _KERNELS = {
 class LicSource:
     """Line integral convolution of vectors as a volume; see `Source`.
 
-    Boxes of 64³ samples are computed by all threads of the rank when they are first read, and kept as long as memory
-    allows, the last used ones longest.
+    Blocks are computed by all threads of the rank when they are first read, and kept as long as memory allows, the last
+    used ones longest.
 
     Parameters
     ----------
     vectors : one time step
     lic : how lines are convolved
-    cache_bytes : memory for boxes that are kept
+    cache_bytes : memory for blocks that are kept
+    ranks : that share the blocks
+
+    Attributes
+    ----------
+    blocks : division of the grid
+    voxels_computed, halo_voxels : so far, and those of which vectors and noise were read beside
     """
 
     dtype = np.dtype(np.float32)
 
-    def __init__(self, vectors: VectorSource, lic: Lic | None = None, cache_bytes: int = CACHE_BYTES) -> None:
+    def __init__(
+        self, vectors: VectorSource, lic: Lic | None = None, cache_bytes: int = CACHE_BYTES, ranks: int = 1
+    ) -> None:
         self.vectors, self.lic = vectors, lic or Lic()
         self.name, self.grid = f"{vectors.name} (lic)", vectors.grid
+        self.blocks = blocks_of(self.grid, self.lic, ranks)
         self.voxels_computed = self.halo_voxels = 0
         self._cache_bytes, self._kept, self._lock = cache_bytes, OrderedDict[Index, Floats](), Lock()
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> Floats:
         """Compute the values of a box, 0 to 1, or take those that are kept; see `Source.read`."""
         found = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), np.float32)
-        for number in blocks_of(begin_zyx, end_zyx):
-            first = tuple(n * BLOCK for n in number)
-            block = self._block(number)
-            low = [max(a, b) for a, b in zip(first, begin_zyx, strict=True)]
-            high = [min(a + n, b) for a, n, b in zip(first, block.shape, end_zyx, strict=True)]
-            found[_slices(low, high, begin_zyx)] = block[_slices(low, high, first)]
+        for number, part in self.blocks.shared((begin_zyx, end_zyx)):
+            found[_slices(part, begin_zyx)] = self._block(number)[_slices(part, self.blocks.box(number)[0])]
         return found
+
+    def read_boxes(self, boxes: Sequence[Box]) -> list[Floats]:
+        """Return the values of several boxes, without those of blocks between them."""
+        return [self.read(*box) for box in boxes]
 
     def _block(self, number: Index) -> Floats:
         with self._lock:
             if number not in self._kept:
-                first = tuple(n * BLOCK for n in number)
-                last = tuple(min(side, f + BLOCK) for side, f in zip(self.grid.shape_zyx, first, strict=True))
-                self._kept[number] = self._computed(first, last)  # type: ignore[arg-type]
+                self._kept[number] = self._computed(*self.blocks.box(number))
             self._kept.move_to_end(number)
             while len(self._kept) > 1 and sum(block.nbytes for block in self._kept.values()) > self._cache_bytes:
                 self._kept.popitem(last=False)
@@ -195,14 +212,8 @@ class LicSource:
         return stretched(values, self.lic)
 
 
-def blocks_of(begin_zyx: Index, end_zyx: Index) -> Iterator[Index]:
-    """Return the numbers, along z, y, x, of the blocks that a box touches."""
-    ranges = [range(b // BLOCK, -(-e // BLOCK)) for b, e in zip(begin_zyx, end_zyx, strict=True)]
-    return product(*ranges)  # type: ignore[return-value]
-
-
-def _slices(begin: Any, end: Any, origin: Any) -> tuple[slice, ...]:
-    return tuple(slice(b - o, e - o) for b, e, o in zip(begin, end, origin, strict=True))
+def _slices(box: Box, origin: Index) -> tuple[slice, ...]:
+    return tuple(slice(b - o, e - o) for b, e, o in zip(*box, origin, strict=True))
 
 
 def grown(grid: Grid, begin_zyx: Index, end_zyx: Index, halo_zyx: Index) -> tuple[Index, Index]:

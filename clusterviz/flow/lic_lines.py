@@ -5,9 +5,10 @@ parts of lines in its box. A line that leaves it is sent to the rank that holds 
 and the number of its next sample; at its end the sums go back to the rank of its voxel. The values have the same bits
 as those of `LicSource`, which reads a halo as long as half a line around each block instead.
 
-Handing over moves about 52 bytes for each line that crosses a face between two ranks, and half as many lines as half a
-line is long cross a sample of a face each way. A halo takes 16 bytes for each sample around a box. So halos are cheaper
-unless lines are long compared with the boxes; `cheaper_way` compares both. Lines that stay in a box cost nothing.
+Halos are read and made once more for each block, the wider the longer lines are, and each rank reads vectors of others.
+A line that is handed over takes about as long as 20 samples of a halo, and half as many lines as half a line is long
+cross a sample of a face each way; `cheaper_way` compares both. Halos are cheaper on few ranks. Lines are on many ranks
+with small boxes, each of which then holds the vectors of its box only.
 
 References
 ----------
@@ -24,13 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
+from clusterviz.comm.remote_memory import ThreadError
 from clusterviz.data.bricks import Box
-from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.source import Grid, Index
 from clusterviz.data.vectors import VectorSource
 from clusterviz.flow.lic import (
     STEPPERS,
     Field,
     LicSource,
+    blocks_of,
     convolve_box,
     fastest,
     grown,
@@ -42,7 +45,7 @@ from clusterviz.flow.lic import (
     steps_of,
     stretched,
 )
-from clusterviz.jobs.array import DistributedArray
+from clusterviz.jobs.array import DistributedArray, array_from
 from clusterviz.jobs.kernel import kernel
 from clusterviz.scene.flows import Lic
 
@@ -51,8 +54,12 @@ LINE = np.dtype([("voxel", "<i4", 3), ("next", "<i4"), ("state", "<f4", 5)])
 END = np.dtype([("voxel", "<i4", 3), ("way", "<i4"), ("sums", "<f4", 2)])
 """End of a line: its voxel (x, y, z), 0 downstream or 1 upstream, its sum and sum of weights."""
 LINES_AT_ONCE = 1 << 20
-FIELD_BYTES = 16
-"""Of a sample in a halo."""
+HALO_SECONDS = 2e-7
+"""To read the vector and make the noise of a sample in a halo, on one core."""
+READ_SECONDS = 1.2e-8
+"""To read a vector from a file system that all ranks share, at 1 GB/s."""
+LINE_SECONDS = 4e-6
+"""To hand over a line and its end, on one core."""
 LINE_TAG, END_TAG = 30_021, 30_022
 
 
@@ -94,36 +101,86 @@ def rank_boxes(shape_zyx: Index, ranks: int) -> list[Box]:
     return list(halves((0, 0, 0), shape_zyx, ranks))
 
 
-def cheaper_way(grid: Grid, lic: Lic, ranks: int) -> str:
-    """Return which way moves fewer bytes between ranks: "halo" or "lines"."""
+def seconds_of_ways(grid: Grid, lic: Lic, ranks: int) -> dict[str, float]:
+    """Return about how long halos and lines that are handed over take beside the convolution: "halo" and "lines"."""
     halo, boxes = halo_of(lic, grid, steps_of(lic)), rank_boxes(grid.shape_zyx, ranks)
-    halo_bytes = line_bytes = 0.0
+    blocks = blocks_of(grid, lic, ranks)
+    read = np.prod(
+        [_samples_read(n, side, h) for n, side, h in zip(grid.shape_zyx, blocks.block_zyx, halo, strict=True)]
+    )
+    shared = lines = 0.0
     for begin, end in boxes:
         sides = np.subtract(end, begin)
-        halo_bytes += FIELD_BYTES * (np.prod(np.subtract(*grown(grid, begin, end, halo)[::-1])) - np.prod(sides))
+        shared += float(np.prod(np.subtract(*grown(grid, begin, end, halo)[::-1])) - np.prod(sides))
         for axis in range(3):
             faces = (begin[axis] > 0) + (end[axis] < grid.shape_zyx[axis])
-            crossing = faces * np.prod(np.delete(sides, axis)) * halo[axis] / 2
-            line_bytes += crossing * (LINE.itemsize + END.itemsize)
-    return "lines" if line_bytes < halo_bytes else "halo"
+            lines += float(faces * np.prod(np.delete(sides, axis)) * halo[axis] / 2)
+    around = float(read) - float(np.prod(grid.shape_zyx))
+    return {"halo": around * HALO_SECONDS / ranks + shared * READ_SECONDS, "lines": lines * LINE_SECONDS / ranks}
 
 
-def lic_over_ranks(channel: Channel, vectors: VectorSource, lic: Lic, way: str = "auto") -> Source:
-    """Return the line integral convolution of vectors as a volume that every rank reads; collective.
+def _samples_read(count: int, side: int, halo: int) -> int:
+    """Return how many samples along an axis all blocks and their halos have."""
+    return sum(min(count, b + side + halo) - max(0, b - halo) for b in range(0, count, side))
+
+
+def cheaper_way(grid: Grid, lic: Lic, ranks: int) -> str:
+    """Return which way is quicker: "halo" or "lines"."""
+    seconds = seconds_of_ways(grid, lic, ranks)
+    return min(seconds, key=lambda way: seconds[way])
+
+
+class LicOverRanks:
+    """Line integral convolution in the memory of all ranks, each of which has computed a part; see `Source`.
+
+    Construction is collective.
 
     Parameters
     ----------
+    channel : to all ranks
+    vectors, lic : as of `LicSource`
     way : "halo", "lines", or "auto" for the cheaper one
+
+    Attributes
+    ----------
+    way : that was taken
+    bytes_sent : of lines that this rank handed over
+    note : which way was taken, and why, in one line
     """
-    way = cheaper_way(vectors.grid, lic, channel.size) if way == "auto" else way
-    if way == "halo":
-        return LicSource(vectors, lic)
-    box, values, _ = convolve_by_lines(channel, vectors, lic)
-    array = DistributedArray(channel, vectors.grid.shape_zyx, np.float32, name=f"{vectors.name} (lic)")
-    if values.size:
-        array.write(box, values)
-    array.sync()
-    return array.as_source(vectors.grid)
+
+    dtype = np.dtype(np.float32)
+
+    def __init__(self, channel: Channel, vectors: VectorSource, lic: Lic, way: str = "auto") -> None:
+        self._alone, self.grid = LicSource(vectors, lic), vectors.grid
+        self.name, self.bytes_sent = self._alone.name, 0
+        self.way = cheaper_way(self.grid, lic, channel.size) if way == "auto" else way
+        estimated = seconds_of_ways(self.grid, lic, channel.size)
+        if self.way == "halo":
+            shared = LicSource(vectors, lic, cache_bytes=0, ranks=channel.size)
+            self._array = array_from(channel, shared, shared.blocks.block_zyx)
+            text = f"halos of {max(halo_of(lic, self.grid, steps_of(lic)))} samples"
+        else:
+            box, values, handed = convolve_by_lines(channel, vectors, lic)
+            self._array = DistributedArray(channel, self.grid.shape_zyx, np.float32, name=self.name)
+            if values.size:
+                self._array.write(box, values)
+            self._array.sync()
+            self.bytes_sent = handed.bytes_sent
+            lines, ends = np.sum(channel.allgather((handed.lines, handed.ends)), axis=0).tolist()
+            text = f"{lines} lines handed from rank to rank, {Handed(lines, ends).bytes_sent / 1e6:.3g} MB"
+        self.note = f"{text} (estimated: halos {estimated['halo']:.2g} s, handing over {estimated['lines']:.2g} s)"
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[np.float32]:
+        """Read a box from the ranks that hold it; see `Source.read`."""
+        try:
+            values: NDArray[np.float32] = self._array.read((begin_zyx, end_zyx))
+        except ThreadError:  # Another node holds it, and this thread may not communicate: compute the same bits.
+            return self._alone.read(begin_zyx, end_zyx)
+        return values
+
+    def free(self) -> None:
+        """Release the memory; collective."""
+        self._array.free()
 
 
 def convolve_by_lines(channel: Channel, vectors: VectorSource, lic: Lic) -> tuple[Box, NDArray[np.float32], Handed]:

@@ -45,6 +45,7 @@ from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans
+from clusterviz.scene.flows import FlowInfo
 from clusterviz.scene.visibility import visibility_warnings
 
 CHECK_TOLERANCE = 1e-5
@@ -193,7 +194,8 @@ class Compositing:
             if run.channel.rank == 0:
                 warnings.warn(reasons[topic], stacklevel=2)
         remarks = (drawn.changes, tuple(reasons.values()), work.plan.detail if work.plan else ())
-        statistics = FrameStatistics(per_rank, drawn.number, work.accuracy, work.sharing, *remarks)
+        flows = tuple(one.summary for one in drawn.infos if isinstance(one, FlowInfo) and one.summary)
+        statistics = FrameStatistics(per_rank, drawn.number, work.accuracy, work.sharing, *remarks, flows)
         kept = drawn if run.options.keep_drawn else None
         return Rendered(image, work.scene, statistics, tuple(clock.spans or ()), kept)
 

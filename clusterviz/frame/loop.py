@@ -254,5 +254,7 @@ class FrameLoop:
         self._drawing.release()
         # After a failure other ranks may never reach a collective call.
         if kind is None:
+            if self._opened is not None:
+                self._opened.free()
             self._compositing.close()
             self._planner.auto_mode.close()

@@ -28,6 +28,7 @@ from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.data.vectors import VectorSource
 from clusterviz.errors import DataError, InputError
 from clusterviz.flow.content import OpenedFlow, geometry_with_flows, open_flows
+from clusterviz.flow.lic_lines import LicOverRanks
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
@@ -106,6 +107,9 @@ class OpenedVolume:
     def suiting(self, plan: Plan, held: Bricks) -> Bricks:
         """Return those of the bricks in memory that suit a plan: all of them."""
         return held
+
+    def free(self) -> None:
+        """Release what the ranks share, as of `OpenedContent`: nothing."""
 
     @property
     def volumes(self) -> tuple[OpenedVolume, ...]:
@@ -209,6 +213,12 @@ class OpenedContent:
             for index, brick in held.items()
             if brick.around == content.around and brick.levels == content.levels_around(index)
         }
+
+    def free(self) -> None:
+        """Release volumes that lie in the memory of all ranks; collective."""
+        for volume in self.volumes:
+            if isinstance(volume.source, LicOverRanks):
+                volume.source.free()
 
     def with_volumes(self, volumes: Sequence[OpenedVolume]) -> OpenedContent:
         """Return the content with its volumes at other time steps."""

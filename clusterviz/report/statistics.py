@@ -129,6 +129,7 @@ class FrameStatistics:
     changes : settings that are not used as given
     warnings : warnings about volumes that are not visible
     detail : levels of each volume that has a store's
+    flows : what the ranks exchanged for flows when they were opened, a line each
     """
 
     per_rank: tuple[RankFrame, ...]
@@ -138,6 +139,7 @@ class FrameStatistics:
     changes: tuple[Change, ...] = ()
     warnings: tuple[str, ...] = ()
     detail: tuple[Detail, ...] = ()
+    flows: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -202,6 +204,7 @@ class FrameStatistics:
             "accuracy": asdict(self.accuracy) if self.accuracy else None,
             "sharing": asdict(self.sharing) if self.sharing else None,
             "detail": [asdict(each) for each in self.detail],
+            "flows": list(self.flows),
             "changes": [asdict(change) for change in self.changes],
             "migration": self.migration,
             "frame_coherence": asdict(self.frame_coherence) if self.frame_coherence else None,

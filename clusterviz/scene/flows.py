@@ -285,9 +285,11 @@ class FlowInfo:
     Attributes
     ----------
     fastest : 99th percentile of the speeds of a sample; 0 if there is none
+    summary : what was done over ranks, in one line; empty if nothing was
     """
 
     fastest: float
+    summary: str = ""
 
 
 def _refuse_others(section: Section, chosen: str, keys: dict[str, Any], choice: str, before: str = "") -> None:

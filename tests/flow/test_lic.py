@@ -7,15 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.comm import Channel, open_channel, run_loopback
+from clusterviz.comm import Channel, LoopbackChannel, open_channel, run_loopback
+from clusterviz.comm.remote_memory import ThreadError
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.errors import DataError, RankError
+from clusterviz.flow import lic_lines
 from clusterviz.flow.lic import LicSource, SpeedSource, line_weights, noise_of
-from clusterviz.flow.lic_lines import cheaper_way, convolve_by_lines, lic_over_ranks, rank_boxes
+from clusterviz.flow.lic_lines import LicOverRanks, cheaper_way, convolve_by_lines, rank_boxes
+from clusterviz.frame.loop import render_frame
+from clusterviz.frame.run import Options
+from clusterviz.jobs.array import DistributedArray
 from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.reference.line_integral_convolution import Lines, line_integral_convolution
 from clusterviz.scene.flows import Lic
+from clusterviz.scene.values import Scene
 
 ORIGIN = (0, 0, 0)
 TURNED = Grid((14, 16, 18), (1.0, 0.5, 2.0), direction=((0.0, -1.0, 0.0), (0.8, 0.0, 0.6), (-0.6, 0.0, 0.8)))
@@ -191,9 +197,38 @@ def test_over_mpi() -> None:
 def check_volume(channel: Channel) -> None:
     """Every rank reads the same volume, of either way."""
     vectors = VectorArray(abc(14, 16, 18))
-    both = [lic_over_ranks(channel, vectors, Lic(length=12.0), way) for way in ("halo", "lines", "auto")]
+    both = [LicOverRanks(channel, vectors, Lic(length=12.0), way) for way in ("halo", "lines", "auto")]
     read = [source.read((1, 2, 3), (14, 16, 18)) for source in both]
     assert both[1].grid == vectors.grid
     assert np.array_equal(read[0], read[1])
     assert np.array_equal(read[0], read[2])
     channel.barrier()
+    for source in both:
+        source.free()
+
+
+def test_a_thread_that_may_not_communicate_computes_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: DistributedArray, box: Any) -> Any:
+        raise ThreadError
+
+    volume = LicOverRanks(LoopbackChannel(), VectorArray(abc(14, 16, 18)), Lic(length=6.0), "lines")
+    shared = volume.read((1, 2, 3), (14, 16, 18))
+    monkeypatch.setattr(DistributedArray, "read", refuse)
+    assert np.array_equal(volume.read((1, 2, 3), (14, 16, 18)), shared)
+
+
+@pytest.mark.parametrize("way", ["halo", "lines"])
+def test_scenes_are_the_same_on_any_ranks_either_way(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The picture does not depend on the way that was chosen, which statistics tell."""
+    monkeypatch.setattr(lic_lines, "cheaper_way", lambda *_: way)
+    flow = {"path": "field:abc:20", "show": "lic", "lic": {"length": 12.0}, "shade": False}
+    scene = Scene.model_validate({"flows": [flow], "image": {"size": [32, 32]}, "cluster": {"brick": 8}})
+    alone = render_frame(scene, LoopbackChannel(), options=Options("cpu"))
+    together = run_loopback(3, lambda channel: render_frame(scene, channel, options=Options("cpu")))[0]
+    assert alone.image is not None
+    assert together.image is not None
+    assert np.ptp(alone.image[..., 3]) > 0.1
+    np.testing.assert_allclose(together.image, alone.image, atol=1e-5)
+    told = {"halo": "flows[0].lic: halos of 7 samples", "lines": "lines handed from rank to rank"}
+    assert told[way] in together.statistics.flows[0]
+    assert alone.statistics.flows == ()
