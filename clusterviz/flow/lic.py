@@ -39,7 +39,8 @@ from clusterviz.scene.flows import Lic
 STEPPERS = {"euler": "step_euler.glsl", "rk4": "step_rk4.glsl", "rk45": "step_rk45.glsl"}
 """Shaders that step along a line, by the integrator."""
 BLOCK = 64
-"""Samples a side of the boxes that are computed at once, or a multiple of it where halos are wider."""
+"""Samples a side of the boxes that are computed at once; a multiple of it where halos are wider, or half of it where
+ranks are many."""
 CACHE_BYTES = 1 << 30
 LAYERS = 8
 STRETCHED = (1.0, 99.0)
@@ -73,11 +74,10 @@ def halo_of(lic: Lic, grid: Grid, steps: int) -> Index:
 
 def blocks_of(grid: Grid, lic: Lic, ranks: int = 1) -> Blocks:
     """Return the blocks that are computed at once: wide for long lines, but one for each rank where possible."""
-    for wide in range(-(-max(halo_of(lic, grid, steps_of(lic))) // BLOCK), 1, -1):
-        blocks = make_blocks(grid.shape_zyx, BLOCK * wide, "lic")
-        if np.prod(blocks.counts_zyx) >= ranks:
-            return blocks
-    return make_blocks(grid.shape_zyx, BLOCK, "lic")
+    wide = max(1, -(-max(halo_of(lic, grid, steps_of(lic))) // BLOCK))
+    sides = (*range(wide * BLOCK, 0, -BLOCK), BLOCK // 2)
+    each = [make_blocks(grid.shape_zyx, side, "lic") for side in sides]
+    return next((blocks for blocks in each if np.prod(blocks.counts_zyx) >= ranks), each[-1])
 
 
 def noise_of(lic: Lic) -> Noise:
