@@ -113,6 +113,11 @@ COMMANDS: dict[str, Command] = {
         "Write a volume as OME-Zarr with levels and compressed bricks.",
         "mpirun -n 4 clusterviz store head.nii.gz head.ome.zarr --error 1",
     ),
+    "trace": Command(
+        "clusterviz.cli.trace",
+        "Trace lines of a flow into a VTP file, and find its critical points.",
+        "mpirun -n 4 clusterviz trace channel.vti -o lines.vtp --critical-points points.csv -D seeds.count=500",
+    ),
     "info": Command("clusterviz.cli.info", "Show what a data file holds.", "clusterviz info head.nii.gz"),
     "schema": Command(
         "clusterviz.cli.schema", "Print the JSON Schema of scene files.", "clusterviz schema > scene.schema.json"

@@ -1,21 +1,23 @@
 """VTK's polygonal data in XML (.vtp): polygons, strips, lines and vertices; see `clusterviz.data.vtk_xml`.
 
-Several pieces are joined; of arrays, those that all pieces have are kept.
+Several pieces are joined; of arrays, those that all pieces have are kept. Lines can be written.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.files import require_file
-from clusterviz.data.geometry import Geometry
+from clusterviz.data.geometry import Geometry, Lines
 from clusterviz.data.vtk_polydata import SECTIONS, Cells, polydata
 from clusterviz.data.vtk_xml import XmlPiece, joined, scan_xml
 from clusterviz.errors import DataError
+from clusterviz.image.replace import replacing
 
 
 def read_vtp(path: Path) -> Geometry:
@@ -67,3 +69,41 @@ class _Piece(XmlPiece):
         if section == "PointData":
             return self.arrays(section, self.count("NumberOfPoints"))
         return self.arrays(section, sum(self.count(f"NumberOf{each}") for each in SECTIONS))
+
+
+def write_vtp(path: str | Path, lines: Lines) -> None:
+    """Write lines with their arrays as one piece, binary, not compressed.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    text, body, begin = list[str](), list[bytes](), 0
+
+    def note(name: str, array: NDArray[Any]) -> str:
+        nonlocal begin
+        array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+        kind = {"f": "Float", "i": "Int", "u": "UInt"}[array.dtype.kind] + str(8 * array.dtype.itemsize)
+        parts = array.shape[1] if array.ndim > 1 else 1
+        tag = f'<DataArray type="{kind}" Name="{escape(name)}" NumberOfComponents="{parts}" format="appended" '
+        body.extend((array.nbytes.to_bytes(8, "little"), array.tobytes()))
+        begin, offset = begin + 8 + array.nbytes, begin
+        return f'{tag}offset="{offset}"/>'
+
+    count = len(lines.offsets) - 1
+    connectivity, offsets = np.arange(len(lines.points), dtype=np.int64), lines.offsets[1:].astype(np.int64)
+    sections = (
+        ("Points", {"Points": lines.points}),
+        ("Lines", {"connectivity": connectivity, "offsets": offsets}),
+        ("PointData", lines.point_attributes),
+        ("CellData", lines.line_attributes),
+    )
+    text += [f"<{tag}>{''.join(note(*each) for each in arrays.items())}</{tag}>" for tag, arrays in sections]
+    head = '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>'
+    head += f'<Piece NumberOfPoints="{len(lines.points)}" NumberOfVerts="0" NumberOfLines="{count}" '
+    head += f'NumberOfStrips="0" NumberOfPolys="0">{"".join(text)}</Piece></PolyData>'
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        file.write(f'{head}<AppendedData encoding="raw">_'.encode())
+        file.writelines(body)
+        file.write(b"</AppendedData></VTKFile>\n")
