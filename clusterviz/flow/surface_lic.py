@@ -36,6 +36,7 @@ from clusterviz import jobs
 from clusterviz.comm import Channel, all_to_all
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.vectors import VectorSource
+from clusterviz.flow.lic import STEPPERS
 from clusterviz.plan.view import View
 
 Floats = NDArray[np.float64]
@@ -55,9 +56,16 @@ def _surface_field(surface, directions, camera, field, first_row, first_level, s
     """Compute the direction, the noise and the links of each pixel."""
 
 
-@jobs.kernel("surface_lic.glsl", writes=("lic",), vectors=("field",))
-def _surface_lic(field, weights, lic, skipped_rows, stages, step_pixels):  # type: ignore[no-untyped-def]
+def _lic(field, weights, lic, skipped_rows, step_pixels):  # type: ignore[no-untyped-def]
     """Convolve the noise along the line of each pixel."""
+
+
+_KERNELS = {
+    name: jobs.kernel("surface_line.glsl", STEPPERS[name], "surface_lic.glsl", writes=("lic",), vectors=("field",))(
+        _lic
+    )
+    for name in ("euler", "rk4")
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,8 +330,7 @@ def convolved(
     numbers = first, first_level, seed, float(convolution.grain), float(convolution.phase)
     _surface_field[image](surface, directions, camera, field, *numbers)
     weights = np.ascontiguousarray(convolution.weights, np.float32)
-    stages = 1 if convolution.integrator == "euler" else 4
-    _surface_lic[lic.shape](field, weights, lic, begin - first, stages, float(convolution.step))
+    _KERNELS[convolution.integrator][lic.shape](field, weights, lic, begin - first, float(convolution.step))
     return lic
 
 

@@ -80,7 +80,7 @@ void kernel(ivec3 at) {
     vec4 here = surface_at(at); // view depth, normal
     double side = side_at(here.x);
     dvec3 place = place_of(at, here.x);
-    int links = 0;
+    int links = 1 << 4; // to itself
     for (int n = 0; n < 9; ++n) {
         ivec3 other = at + ivec3(n % 3 - 1, n / 3 - 1, 0);
         if (n == 4 || other.x < 0 || other.y < 0 || other.x >= size.x || other.y >= size.y || !has_line(other)) continue;
@@ -90,5 +90,5 @@ void kernel(ivec3 at) {
         if (is_near(here, offset, bound) && is_near(there, offset, bound)) links |= 1 << n;
     }
     vec2 direction = directions_at(at).xy;
-    field_set(at, vec4(direction, noise_at(place + vector_of(0) - vector_of(16), side), float(links)));
+    field_set(at, vec4(direction, float(links), noise_at(place + vector_of(0) - vector_of(16), side)));
 }
