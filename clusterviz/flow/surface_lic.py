@@ -376,7 +376,7 @@ def change(
 ) -> NDArray[np.float32]:
     """Return what painting adds to the pixels of a band, float32 (rows, width, 3), at most zero.
 
-    A surface's light is multiplied by its tint and by 1 − strength · (1 − lic).
+    A surface's light is multiplied by its tint and by 1 − strength · (1 − lic); without a line, the pattern is gray.
 
     Parameters
     ----------
@@ -389,6 +389,7 @@ def change(
     at = pixels.number - first_row * width
     here = (at >= 0) & (at < rows * width)
     at = at[here]
-    pattern = 1 - np.float32(strength) * (1 - np.maximum(lic.reshape(-1)[at], 0))
+    values = lic.reshape(-1)[at]
+    pattern = 1 - np.float32(strength) * (1 - np.where(values < 0, np.float32(0.5), values))
     found[at] = pixels.light[here] * (tints[here] * pattern[:, None] - 1)
     return found.reshape(rows, width, 3)

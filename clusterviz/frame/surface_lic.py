@@ -130,7 +130,7 @@ def _found(view: View, layers: Sequence[FoundLayers], objects: Sequence[int], sa
         speed = np.sqrt((vectors * vectors).sum(axis=1)).astype(np.float32)
         numbers = (rows * width + columns).astype(np.int32)
         found = SurfacePixels(numbers, depth, normal, direction, speed, light[there, :3])
-        parts.append(found.words(np.asarray(direction.any(axis=1))))
+        parts.append(found.words(~np.isnan(speed)))
     return SurfacePixels.from_words(np.concatenate([np.zeros(0, np.int32), *parts]))
 
 

@@ -63,6 +63,8 @@ REQUIRED_OF_SEEDS: dict[str, tuple[str, ...]] = {
     "sphere": ("center", "radius"),
     "list": ("points",),
 }
+MOST_STEPS = 10_000
+"""Of a line on a surface."""
 KEYS_OF_VOLUME = ("tolerance", "noise", "density", "by_speed")
 """Keys of `lic` that have no meaning on surfaces."""
 KEYS_OF_TRACE: dict[str, tuple[Show, ...]] = {
@@ -273,6 +275,11 @@ class FlowSection(Section):
         lic = self.lic or Lic()
         if lic.integrator == "rk45":
             raise InvalidValueError("not for show: surface-lic", "euler, rk4", key="lic.integrator", found="rk45")
+        if lic.step > 1:
+            raise InvalidValueError("longer than a pixel", "at most 1", key="lic.step", found=lic.step)
+        if lic.length > MOST_STEPS * lic.step:
+            allowed = f"at most {MOST_STEPS:,} steps: {MOST_STEPS * lic.step:g}"
+            raise InvalidValueError("too long", allowed, key="lic.length", found=lic.length)
         for key in KEYS_OF_VOLUME:
             if (found := getattr(lic, key)) != (default := Lic.model_fields[key].default):
                 raise InvalidValueError("not for show: surface-lic", str(default), key=f"lic.{key}", found=found)

@@ -18,6 +18,7 @@ from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.files import check_scene
 from clusterviz.scene.flow_content import without_flows
+from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import apply_changes
 from clusterviz.scene.values import Camera, Scene
@@ -580,7 +581,22 @@ def visible(scene: Scene, hidden: Collection[str]) -> Scene:
     kept = {
         name: tuple(one for n, one in enumerate(getattr(scene, name)) if f"{name}.{n}" not in hidden) for name in LISTS
     }
-    return scene.model_copy(update=kept)
+    kept["flows"] = tuple(_on_shown_surfaces(flow, hidden) for flow in kept["flows"])
+    found = scene.model_copy(update=kept)
+    if found.surface_keys:
+        return found
+    return found.model_copy(update={"flows": tuple(flow for flow in found.flows if flow.show != "surface-lic")})
+
+
+def _on_shown_surfaces(flow: FlowSection, hidden: Collection[str]) -> FlowSection:
+    """Return a flow whose surfaces have the numbers that are left without hidden entries."""
+    if flow.surfaces is None:
+        return flow
+    found = []
+    for name, number in (key.rstrip("]").split("[") for key in flow.surfaces):
+        before = sum(f"{name}.{n}" in hidden for n in range(int(number)))
+        found += [f"{name}[{int(number) - before}]"] if f"{name}.{number}" not in hidden else []
+    return flow.model_copy(update={"surfaces": tuple(found)})
 
 
 def _checked_entries(hidden: Any, scene: Scene) -> tuple[str, ...]:

@@ -11,10 +11,12 @@ from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.data.geometry import Geometry, Mesh
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import DataError
 from clusterviz.frame import FrameLoop, Options, render_frame
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Scene
+from clusterviz.viewer.session import visible
 
 CUBE = Grid((33, 33, 33), (1 / 16,) * 3, (-1.0, -1.0, -1.0))
 CAMERA = {"position": [2.0, -3.2, 1.6], "focal_point": [0, 0, 0], "view_up": [0, 0, 1], "view_angle": 36}
@@ -52,6 +54,7 @@ def scene_of(name: str, **keys: Any) -> tuple[Scene, list[Any]]:
         volume |= {"opacity": [[0.4, 0], [0.65, 0.25], [1, 0.25]], "cmap": [[0, 1, 0, 0], [1, 1, 0, 0]]}
         volume |= {"opacity_unit_distance": 0.5}
     flow = FLOW | keys.pop("flow", {})
+    meshes *= keys.pop("meshes", 1)
     made = Scene(volumes=[volume] * bool(volume), meshes=meshes, camera=CAMERA, flows=[flow], image={"size": [52, 44]})
     return with_settings(made, {"brick": 32} | keys), [*given, None]
 
@@ -142,3 +145,19 @@ def test_vectors_that_cannot_be_read() -> None:
     scene, given = scene_of("mesh", flow={"path": "field:no-such"})
     with pytest.raises(DataError, match="no-such"):
         image_of(scene, given, 2)
+
+
+def test_surfaces_keep_their_patterns_while_others_are_hidden() -> None:
+    scene = scene_of("isosurfaces and a mesh", flow={"surfaces": ["volumes[0]", "meshes[1]"]}, meshes=2)[0]
+    assert visible(scene, ["meshes.0"]).flows[0].surfaces == ("volumes[0]", "meshes[0]")
+    assert visible(scene, ["meshes.1"]).flows[0].surfaces == ("volumes[0]",)
+    assert not visible(scene, ["volumes.0", "meshes.0", "meshes.1"]).flows
+
+
+def test_walls_have_the_colour_of_no_speed() -> None:
+    flow = {"path": "field:constant", "scale": 1e-30, "color_by": "speed", "clim": [0, 1], "opacity": 0.5}
+    scene, given = scene_of("mesh", flow=flow | {"cmap": [[0, 1, 0.5, 1], [1, 0, 0, 0]]})
+    given[-1] = VectorArray(np.zeros((2, 2, 2, 3), np.float32), Grid((2, 2, 2), (2.0, 2.0, 2.0), (-1.0, -1.0, -1.0)))
+    painted, plain = image_of(scene, given), image_of(without(scene), given)
+    assert np.allclose(painted[..., 1], 0.5 * 0.75 * plain[..., 1])
+    assert painted.any()

@@ -67,6 +67,12 @@ def flow(**keys: Any) -> dict[str, Any]:
     return {"flows": [{"path": "a", **keys}]}
 
 
+def painted(flows: int = 1, **keys: Any) -> dict[str, Any]:
+    """An isosurface, a mesh, and flows on both."""
+    surfaces = volume(isosurfaces=[0.5]) | {"meshes": [{"path": "m"}]}
+    return surfaces | {"flows": [{"path": "a", "show": "surface-lic", **keys}] * flows}
+
+
 SURFACES = "not with meshes, lines or points"
 COHERENT, NOT_WITH = {"quality": {"frame_coherence": True}}, "quality.frame_coherence: not with"
 BAD = [
@@ -123,6 +129,13 @@ BAD = [
     (flow(show="streamlines", trace={"release": 1}), "flows[0].trace.release: not for show: str", "1", "streaklines"),
     (flow(show="surface-lic", lic={"noise": "white"}), "flows[0].lic.noise: not for show: sur", '"white"', "halton"),
     (flow(show="surface-lic", opacity="linear"), "flows[0].opacity: the pattern has one strength", "", "a number in"),
+    (flow(show="surface-lic"), "flows[0].surfaces: there is no surface", "", "a scene with meshes, or with volumes"),
+    (painted(lic={"integrator": "rk45"}), "flows[0].lic.integrator: not for show: surface-lic", "rk45", "euler, rk4"),
+    (painted(lic={"step": 1.5}), "flows[0].lic.step: longer than a pixel", "1.5", "at most 1"),
+    (painted(lic={"length": 1e9}), "flows[0].lic.length: too long", "1000000000", "at most 10,000 steps: 5000"),
+    (painted(surfaces=["meshes[1]"]), "flows[0].surfaces: not a surface", '"meshes[1]"', "volumes[0], meshes[0]"),
+    (painted() | painted(2), "flows[1].surfaces: has a pattern by flows[0]", '"volumes[0]"', "another one"),
+    (painted() | grid(), "flows[0].show: not with unstructured grids", "surface-lic", "no grids"),
     ({"flows": [{"path": "a"}] * 3}, "flows: too many with show: lic", "3", "at most 2"),
     (flow() | volume(blending="maximum"), "volumes[0].blending: not with flows", "maximum", "one volume alone"),
     (volume(spacing=[1, 0, 1]), "volumes[0].spacing[1]", "0", "more than 0"),
