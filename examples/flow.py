@@ -1,4 +1,4 @@
-"""A vortex ring with swirl: its vorticity as a volume, streamlines as tubes, and arrows in a plane.
+"""A vortex ring with swirl, of vectors in memory: its vorticity as a volume, streamlines as tubes, arrows in a plane.
 
 mpirun -n 4 python examples/flow.py flow.png
 """
@@ -8,57 +8,50 @@ import sys
 import numpy as np
 
 import clusterviz
-from clusterviz.data.geometry import Lines, Points
+from clusterviz.data.vectors import VectorArray
 
 CORE = 0.22  # radius of the vortex
 ANGLE = np.linspace(0, 2 * np.pi, 64, endpoint=False)
 RING = np.stack([np.cos(ANGLE), np.sin(ANGLE), 0 * ANGLE], axis=1)
-ALONG = np.stack([-np.sin(ANGLE), np.cos(ANGLE), 0 * ANGLE], axis=1) * (ANGLE[1] / 2)
+ALONG = np.stack([-np.sin(ANGLE), np.cos(ANGLE), 0 * ANGLE], axis=1) * ANGLE[1] / 2
 
-
-def velocity(points):
-    """Biot–Savart's law for the ring, and a swirl around the axis."""
-    away = points[:, None] - RING
-    found = (np.cross(ALONG, away) / ((away**2).sum(axis=2, keepdims=True) + CORE**2) ** 1.5).sum(axis=1)
-    swirl = 0.25 / (points[:, :1] ** 2 + points[:, 1:2] ** 2 + CORE)
-    return found + swirl * np.stack([-points[:, 1], points[:, 0], 0 * points[:, 0]], axis=1)
-
-
-def streamlines(points, steps=280, length=0.03):
-    """Midpoint rule with steps of equal length."""
-    path = [points]
-    for _ in range(steps):
-        for share in (0.5, 1.0):
-            way = velocity(points)
-            points = path[-1] + share * length * way / np.linalg.norm(way, axis=1, keepdims=True)
-        path.append(points)
-    return np.stack(path, axis=1)
-
-
-axis = np.linspace(-1.8, 1.8, 97)
-z, y, x = np.meshgrid(axis[24:-24], axis, axis, indexing="ij")
+axis = np.linspace(-1.8, 1.8, 61)
+z, y, x = np.meshgrid(axis[14:-14], axis, axis, indexing="ij")
+places = np.stack([x, y, z], axis=-1)
+swirl = 0.25 / (x**2 + y**2 + CORE)
+velocity = swirl[..., None] * np.stack([-y, x, 0 * x], axis=-1)
+for point, along in zip(RING, ALONG, strict=True):  # the law of Biot and Savart
+    away = places - point
+    velocity += np.cross(along, away) / ((away**2).sum(axis=-1, keepdims=True) + CORE**2) ** 1.5
 vorticity = np.exp(-((np.hypot(x, y) - 1) ** 2 + z**2) / CORE**2).astype(np.float32)
+grid = clusterviz.Grid(x.shape, (axis[1] - axis[0],) * 3, (axis[0], axis[0], axis[14]))
+flow = VectorArray(velocity, grid)
+
 turn = np.repeat(np.arange(8) * np.pi / 4, 2)
 reach = 1 - np.tile([0.22, 0.33], 8)  # of the seeds from the axis, inside the ring
 seeds = np.stack([reach * np.cos(turn), reach * np.sin(turn), 0 * turn], axis=1)
-paths = streamlines(seeds)
-speed = np.linalg.norm(velocity(paths.reshape(-1, 3)), axis=1)
-offsets = np.arange(len(paths) + 1) * paths.shape[1]
-tubes = Lines("streamlines", paths.reshape(-1, 3), offsets, {"speed": speed})
 u, v = (part.ravel() for part in np.meshgrid(np.linspace(-1.7, 1.7, 15), np.linspace(-0.9, 0.9, 8)))
 plane = np.stack([u, 0 * u, v], axis=1)
-arrows = Points("plane", plane, {"velocity": velocity(plane)})
+tubes = {
+    "path": flow,
+    "show": "streamlines",
+    "seeds": {"kind": "list", "points": seeds},
+    "trace": {"direction": "forward", "max_length": 8.4},
+}
+arrows = {"path": flow, "show": "glyphs", "seeds": {"kind": "list", "points": plane}}
 
 picture = clusterviz.render(
     vorticity,
-    grid=clusterviz.Grid(vorticity.shape, (axis[1] - axis[0],) * 3, (axis[0], axis[0], axis[24])),
+    grid=grid,
     cmap="ice",
     clim=(0, 1.4),
     opacity=[[0.05, 0], [0.3, 0.08], [1, 0.4]],
     opacity_unit_distance=0.1,
     shade=True,
-    lines=[{"path": tubes, "radius": 0.018, "scalars": "speed", "cmap": "turbo", "ambient": 0.2, "specular": 0.4}],
-    points=[{"path": arrows, "style": "arrows", "direction": "velocity", "color": "white", "length": 0.17}],
+    flows=[
+        tubes | {"radius": 0.018, "cmap": "turbo", "ambient": 0.2, "specular": 0.4},
+        arrows | {"color_by": "color", "length": 0.3},
+    ],
     camera={"position": (2.6, -4.6, 3.4), "focal_point": (0, 0, 0), "view_up": (0, 0, 1)},
     size=(640, 480),
     background="#0b1020",

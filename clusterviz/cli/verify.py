@@ -95,7 +95,7 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     geometries = [read_geometry(section.path) for section in scene.geometry]
     grids = [read_grid(section.path, section.time) for section in scene.grids]
     flows = open_flows(scene, [None] * len(scene.flows), LoopbackChannel())
-    given: list[Any] = [*sources, *geometries, *grids, *(flow.vectors for flow in flows)]
+    given: list[Any] = [*sources, *geometries, *grids, *(None for _ in flows)]
     sources += [volume for flow in flows for volume in flow.sources()]
     counts = [math.prod(source.grid.shape_zyx) for source in sources]
     if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MAX_BYTES:

@@ -12,9 +12,11 @@ from clusterviz.data import open_scene
 from clusterviz.data.geometry import Geometry, Lines, Points, as_geometry
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Source
+from clusterviz.data.vectors import VectorArray, VectorSource
 from clusterviz.data.vtk_cells import as_grid, is_grid
-from clusterviz.errors import InputError
+from clusterviz.errors import DataError, InputError
 from clusterviz.scene.field_types import Section
+from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.geometry import GEOMETRY_SECTIONS, as_sections
 from clusterviz.scene.grids import LISTED_SECTIONS, GridSection
 from clusterviz.scene.overrides import with_settings
@@ -32,8 +34,8 @@ def given_scene(given: Any, grid: Any, settings: Mapping[str, Any], where: str) 
     Returns
     -------
     scene : with the settings
-    sources : the data of all volumes, or a list with those of each volume, entry of geometry and grid, in which None is
-        a file; None if all are files
+    sources : the data of all volumes, or a list with those of each volume, entry of geometry, grid and flow, in which
+        None is a file; None if all are files
 
     Raises
     ------
@@ -56,6 +58,8 @@ def _scene_and_sources(given: Any, grid: Any, where: str) -> tuple[Scene, Any]:
         return _several(given, grid, where)
     if is_grid(given):
         return Scene(grids=(GridSection(path="array"),), automatic=True), [as_grid(given, where)]
+    if _is_vectors(given):
+        return Scene(flows=(FlowSection(path=given.name),), automatic=True), [given]
     if any(hasattr(given, name) for name in ("faces", "vertices")) or isinstance(given, (Geometry, Lines, Points)):
         # Objects of pyvista may have all, of which some are empty.
         cells = (("meshes", "faces"), ("lines", "lines"))
@@ -92,7 +96,7 @@ def _several(given: Sequence[Any], grids: Any, where: str) -> tuple[Scene, list[
 
 
 def _named_objects(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, list[Any]]]:
-    """Return settings with a name in place of each object in meshes, lines, points and grids, and the objects."""
+    """Return settings with a name in place of each object in meshes, lines, points, grids and flows, and the objects."""
     found: dict[str, list[Any]] = {}
     for name in LISTED_SECTIONS.keys() & settings.keys():
         items, sections = settings[name], []
@@ -105,15 +109,43 @@ def _named_objects(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
                 found[name].append(None)
             else:
                 key = f"{name}[{number}]"
-                found[name].append(as_grid(given, key) if name == "grids" else as_geometry(given, name, key))
+                found[name].append(_object(given, name, key))
                 section = {**section, "path": "array"}
             sections.append(section)
         settings[name] = sections
     return settings, found
 
 
+def _object(given: Any, section: str, key: str) -> Any:
+    """Return an object in memory in the form of its section's entries."""
+    if section == "grids":
+        return as_grid(given, key)
+    return as_vectors(given, key) if section == "flows" else as_geometry(given, section, key)
+
+
+def _is_vectors(given: Any) -> bool:
+    return all(hasattr(given, name) for name in ("name", "grid", "times", "read", "at_time"))
+
+
+def as_vectors(given: Any, where: str) -> VectorSource:
+    """Return vectors in memory: a `VectorSource` as it is, or an array (z, y, x, 3).
+
+    Raises
+    ------
+    DataError
+        It is neither.
+    """
+    if _is_vectors(given):
+        vectors: VectorSource = given
+        return vectors
+    if not hasattr(given, "__array__"):
+        allowed = "an array (z, y, x, 3), VectorArray"
+        raise DataError("not vectors", where=where, found=type(given).__name__, allowed=allowed)
+    return VectorArray(np.asarray(given), name=where)
+
+
 def _joined_sources(scene: Scene, source: Any, in_memory: dict[str, list[Any]]) -> list[Any]:
-    """Return what is given for each volume, entry of geometry and grid of a scene; None: the file is read."""
+    """Return what is given for each volume, entry of geometry, grid and flow of a scene; None: the file is read."""
     given = list(source) if isinstance(source, list) else [source] * len(scene.volumes)
     joined, rest = given[: len(scene.volumes)], given[len(scene.volumes) :]
     for name in LISTED_SECTIONS:

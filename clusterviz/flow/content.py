@@ -8,18 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree
+from clusterviz.data import grid_format_of
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import HISTOGRAM_BINS, VolumeSummary
-from clusterviz.data.vectors import VectorArray, VectorSource, open_vectors
+from clusterviz.data.vectors import VectorSource, open_vectors
 from clusterviz.errors import DataError
+from clusterviz.flow.cells import Cells, open_cells, regular_vectors
 from clusterviz.flow.glyphs import glyphs
 from clusterviz.flow.lic import LicSource
 from clusterviz.flow.lic_lines import LicOverRanks
@@ -27,8 +30,10 @@ from clusterviz.flow.tracing import LineKind, trace
 from clusterviz.scene.flows import LINES, FlowInfo, FlowSection, Lic, Seeds
 from clusterviz.scene.values import Scene
 
-SAMPLE = 64
-"""Samples a side of the lattice whose speeds are taken as those of all vectors."""
+LATTICE = 64
+"""Vectors a side of the lattice whose speeds are taken as those of all vectors."""
+SAMPLES = 128
+"""Samples along the longest side of a grid on which vectors of an unstructured one are sampled."""
 FASTEST = 99.0
 """Percentile of these speeds that has the last colour."""
 
@@ -38,13 +43,13 @@ class OpenedFlow:
     """Vectors of a flow, facts on them that all ranks know, and the convolution if it is shown."""
 
     section: FlowSection
-    vectors: VectorSource
+    vectors: VectorSource | Cells
     info: FlowInfo
     lic: Source | None = None
 
     def sources(self) -> list[Source]:
         """Return the volumes that the flow becomes: three components and the convolution, or none."""
-        if self.lic is None:
+        if self.lic is None or isinstance(self.vectors, Cells):
             return []
         return [*(ComponentSource(self.vectors, axis) for axis in range(3)), self.lic]
 
@@ -52,7 +57,7 @@ class OpenedFlow:
         """Return the lines or arrows that the flow becomes, on every rank, or None; collective."""
         section = self.section
         seeds = section.seeds or Seeds()
-        if section.show == "glyphs":
+        if section.show == "glyphs" and not isinstance(self.vectors, Cells):
             return Geometry(points=glyphs(self.vectors, seeds, channel))
         if section.show not in LINES:
             return None
@@ -92,7 +97,7 @@ def open_flow(section: FlowSection, given: Any, key: str, channel: Channel) -> O
 
     Parameters
     ----------
-    given : vectors in memory, (z, y, x, 3) or a `VectorSource`; None: the section's file
+    given : vectors in memory; None: the section's file
     key : of the section, for errors
 
     Raises
@@ -101,11 +106,11 @@ def open_flow(section: FlowSection, given: Any, key: str, channel: Channel) -> O
         The file cannot be read, or holds no vectors.
     """
     with agree(channel, 0, "open"):
-        vectors = _vectors(section, given, key)
+        vectors = open_flow_vectors(section, given, key)
         mine = _speeds(vectors, channel.rank, channel.size)
     speeds = np.concatenate(channel.allgather(mine))
     fastest = float(np.percentile(speeds, FASTEST)) if speeds.size else 0.0
-    if section.show != "lic":
+    if section.show != "lic" or isinstance(vectors, Cells):
         return OpenedFlow(section, vectors, FlowInfo(fastest))
     if channel.size == 1:
         return OpenedFlow(section, vectors, FlowInfo(fastest), LicSource(vectors, section.lic))
@@ -134,26 +139,49 @@ def geometry_with_flows(
     return [made[section.path] if section.of_flow else next(rest) for section in scene.geometry]
 
 
-def _vectors(section: FlowSection, given: Any, key: str) -> VectorSource:
+def open_flow_vectors(section: FlowSection, given: Any = None, key: str = "flows[0]") -> VectorSource | Cells:
+    """Open the vectors of a flow as its kind needs them: those of unstructured grids in their cells, or resampled.
+
+    Parameters
+    ----------
+    given : vectors in memory; None: the section's file
+    key : of the section, for errors
+
+    Raises
+    ------
+    DataError
+        As `open_vectors`, or there is one time step, and lines that need several.
+    """
+    vectors: VectorSource | Cells
     if given is not None:
-        vectors: VectorSource = given if hasattr(given, "read") else VectorArray(np.asarray(given), name=key)
-        return vectors if section.time is None else vectors.at_time(section.time)
-    vectors = open_vectors(section.path, section.array, section.time, section.order, section.scale)
-    if section.show in ("pathlines", "streaklines") and len(vectors.times) < 2:
+        vectors = given if section.time is None else given.at_time(section.time)
+    elif section.path.startswith("field:") or grid_format_of(Path(section.path)) is None:
+        vectors = open_vectors(section.path, section.array, section.time, section.order, section.scale)
+    else:
+        vectors = open_cells(section.path, section.array, section.time, section.order, section.scale)
+    if section.show in ("pathlines", "streaklines") and len(getattr(vectors, "times", ())) < 2:
         found, allowed = "vectors at one time", "vectors at several times, or show: streamlines"
         raise DataError(
             f"nothing changes with time in {section.path}", where=f"{key}.show", found=found, allowed=allowed
         )
+    if isinstance(vectors, Cells) and section.show not in LINES:
+        return regular_vectors(vectors, section.samples or SAMPLES)
     return vectors
 
 
-def _speeds(vectors: VectorSource, rank: int, ranks: int) -> NDArray[np.float64]:
-    """Return this rank's share of the speeds of a lattice of at most `SAMPLE`³ vectors; those that are finite."""
+def _speeds(vectors: VectorSource | Cells, rank: int, ranks: int) -> NDArray[np.float64]:
+    """Return this rank's share of the speeds of a lattice of at most `LATTICE`³ vectors; those that are finite."""
+    if isinstance(vectors, Cells):
+        return _finite_speeds(vectors.vectors.reshape(-1, 4)[rank::ranks, :3])
     z, y, x = vectors.grid.shape_zyx
-    step_z, step_y, step_x = (max(1, -(-side // SAMPLE)) for side in (z, y, x))
+    step_z, step_y, step_x = (max(1, -(-side // LATTICE)) for side in (z, y, x))
     found = [np.empty(0)]
     for layer in range(0, z, step_z)[rank::ranks]:
-        read = vectors.read((layer, 0, 0), (layer + 1, y, x))[0, ::step_y, ::step_x].reshape(-1, 3).astype(np.float64)
-        found.append(np.linalg.norm(read, axis=1))
-    speeds = np.concatenate(found)
+        read = vectors.read((layer, 0, 0), (layer + 1, y, x))[0, ::step_y, ::step_x]
+        found.append(_finite_speeds(read.reshape(-1, 3)))
+    return np.concatenate(found)
+
+
+def _finite_speeds(vectors: NDArray[Any]) -> NDArray[np.float64]:
+    speeds: NDArray[np.float64] = np.linalg.norm(vectors.astype(np.float64), axis=1)
     return speeds[np.isfinite(speeds)]

@@ -39,6 +39,7 @@ KEYS_OF_SHOW: dict[str, tuple[Show, ...]] = {
     "lic": ("lic", "surface-lic"),
     "speed_opacity": ("lic",),
     "opacity_unit_distance": ("lic",),
+    "samples": ("lic", "surface-lic", "glyphs"),
     "seeds": (*LINES, "glyphs"),
     "trace": LINES,
     "radius": (*LINES, "glyphs"),
@@ -190,6 +191,11 @@ class FlowSection(Section):
     )
     scale: Positive = Field(default=1.0, description="Factor of the vectors, as from mm/s to m/s.")
     order: Order = Field(default="xyz", description="The directions of the vectors' three components, in their order.")
+    samples: Annotated[int, Field(strict=True, ge=2, le=2048), BeforeValidator(to_builtin)] | None = Field(
+        default=None,
+        description="Samples along the longest side of a regular grid on which vectors of an unstructured grid are "
+        "taken, but for lines; default: 128.",
+    )
     show: Show = Field(
         default="lic",
         description="lic: a volume, convolved along the flow; streamlines, pathlines and streaklines: tubes; glyphs: "

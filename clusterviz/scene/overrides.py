@@ -354,6 +354,7 @@ class Settings(TypedDict, total=False):
     visibility: Literal["exact"] | KBuffer | Mapping[str, Any]
     # FlowSection
     order: Order
+    samples: int | None
     show: Show
     lic: Lic | Mapping[str, Any] | None
     seeds: Seeds | Mapping[str, Any] | None
