@@ -90,7 +90,7 @@ def render(
         background="black", brick=32; `clusterviz schema` lists them. Keys of a volume apply to the first one; other
         volumes need the full path, as in ``**{"volumes.1.cmap": "hot"}``. A section is a dict or a value:
         camera={"position": (5, 0, 0)}, camera=Camera(position=(5, 0, 0)). Items of meshes, lines, points, grids and
-        flows may be objects in memory, alone or in place of a path: meshes=[{"path": mesh, "opacity": 0.4}], where a mesh is
+        flows may be objects in memory, alone or in place of a path: meshes=[{"path": mesh, "opacity": 0.4}]. A mesh is
         (vertices, faces), or an object of trimesh or pyvista; lines are arrays (k, 3), points an array (n, 3). Items
         of grids are unstructured grids of pyvista or meshio, or (points, tetrahedra, scalars); items of flows are
         arrays of vectors (z, y, x, 3), or `clusterviz.data.vectors.VectorArray` with a grid and time steps.

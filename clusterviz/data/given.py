@@ -96,7 +96,7 @@ def _several(given: Sequence[Any], grids: Any, where: str) -> tuple[Scene, list[
 
 
 def _named_objects(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, list[Any]]]:
-    """Return settings with a name in place of each object in meshes, lines, points, grids and flows, and the objects."""
+    """Return settings with a name in place of each object of meshes, lines, points, grids and flows, and these."""
     found: dict[str, list[Any]] = {}
     for name in LISTED_SECTIONS.keys() & settings.keys():
         items, sections = settings[name], []

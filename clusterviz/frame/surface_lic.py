@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.composite import TileCollector
 from clusterviz.data.source import Grid
+from clusterviz.flow.cells import Cells
 from clusterviz.flow.content import OpenedFlow
 from clusterviz.flow.lic import line_weights
 from clusterviz.flow.surface_lic import (
@@ -56,7 +57,8 @@ class SurfacePainter:
     """
 
     def __init__(self, run: Run, flows: Sequence[OpenedFlow]) -> None:
-        self._samples = [VectorSamples(flow.vectors) for flow in flows]
+        each = (flow.vectors for flow in flows)
+        self._samples = [None if isinstance(vectors, Cells) else VectorSamples(vectors) for vectors in each]
         with run.collective("open", "load"):
             local_rank = run.channel.placement().local_rank
         with run.local("open", "load"):
@@ -73,7 +75,7 @@ class SurfacePainter:
         view = make_view(work.scene.camera, size, WORLD)
         total: Image | None = None
         for flow, samples in zip(work.scene.flows, self._samples, strict=True):
-            if flow.show != "surface-lic":
+            if flow.show != "surface-lic" or samples is None:
                 continue
             with run.local("render", "render"):
                 pixels = _found(view, layers, objects_of(work.scene, flow), samples)

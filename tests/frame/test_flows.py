@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from data.grid_writers import GRID, vtu
 from frame.views import on_ranks, pixels
 
 from clusterviz.cli.verify import compare_with_reference
@@ -13,6 +15,8 @@ from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import ClustervizError
+from clusterviz.flow.cells import Cells
+from clusterviz.flow.content import open_flow
 from clusterviz.flow.glyphs import vectors_at
 from clusterviz.frame import render_frame
 from clusterviz.image import compare
@@ -58,6 +62,22 @@ def test_arrows_have_the_vectors_of_their_places() -> None:
     vectors = VectorArray(values, grid)
     for found in run_loopback(3, lambda channel: vectors_at(vectors, places, channel)):
         np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_vectors_of_unstructured_grids_are_resampled_but_for_lines(tmp_path: Path) -> None:
+    points = " ".join(map(repr, np.tile((3.0, 4.0, 0.0), len(GRID.points)).tolist()))
+    array = f'<DataArray type="Float64" Name="U" NumberOfComponents="3" format="ascii">{points}</DataArray></PointData>'
+    path = vtu(tmp_path / "a.vtu")
+    path.write_text(path.read_text().replace("</PointData>", array))
+    exact, regular = (
+        run_loopback(2, lambda channel, keys=keys: open_flow(FlowSection(path=str(path), **keys), None, "", channel))
+        for keys in ({"show": "streamlines"}, {"show": "glyphs", "samples": 6, "scale": 2.0})
+    )
+    assert isinstance(exact[1].vectors, Cells)
+    assert [each.info.fastest for each in (*exact, *regular)] == pytest.approx([5, 5, 10, 10])
+    vectors = regular[0].vectors
+    assert not isinstance(vectors, Cells)
+    assert max(vectors.grid.shape_zyx) == 6
 
 
 def test_seeds_without_vectors_are_told() -> None:
