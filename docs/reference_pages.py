@@ -13,6 +13,7 @@ from typing import Any
 import typer.main
 
 import clusterviz
+import clusterviz.jobs
 from clusterviz.cli import COMMANDS, command_line
 from clusterviz.scene import scene_schema
 from clusterviz.scene.blend_modes import BLEND_MODES
@@ -137,14 +138,16 @@ def viewer_messages() -> Iterator[str]:
 
 
 def api() -> Iterator[str]:
-    """The names of `clusterviz`, which autodoc writes out."""
-    yield "# Python API\n"
-    for name in clusterviz.__all__:
-        found = getattr(clusterviz, name)
-        home = getattr(found, "__module__", "")
-        if home.startswith("clusterviz"):
-            kind = "autoclass" if isinstance(found, type) else "autofunction"
-            yield f"\n```{{eval-rst}}\n.. {kind}:: {home}.{name}\n```\n"
+    """The names of `clusterviz` and `clusterviz.jobs`, which autodoc writes out."""
+    yield "# Python API"
+    for package in (clusterviz, clusterviz.jobs):
+        yield f"\n## {package.__name__}\n"
+        for name in package.__all__:
+            found = getattr(package, name)
+            home = getattr(found, "__module__", "")
+            if home.startswith("clusterviz"):
+                kind = "autoclass" if isinstance(found, type) else "autofunction"
+                yield f"\n```{{eval-rst}}\n.. {kind}:: {home}.{name}\n```\n"
 
 
 def modules() -> Iterator[str]:

@@ -47,7 +47,7 @@ class Task:
 
     Attributes
     ----------
-    function : function(block, *arguments); kernels in it run on the device that has taken the block
+    function : of a block and the arguments; kernels in it run on the device that has taken the block
     """
 
     function: Callable[..., Any]

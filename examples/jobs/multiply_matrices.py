@@ -2,8 +2,8 @@
 
     mpirun -n 4 python examples/jobs/multiply_matrices.py --size 2048 --block 512 [--schedule local]
 
-The matrices are distributed arrays. A job computes one block of the product, from a row of blocks of the first matrix
-and a column of blocks of the second. It declares these reads, so that it runs where most of them lie.
+The matrices are distributed arrays. A job computes one block of the product, from rows of the first matrix and columns
+of the second. It declares these reads, so that it runs where most of them lie.
 
 References
 ----------
@@ -33,7 +33,7 @@ def multiply(cluster: jobs.Cluster, a: Any, b: Any, c: Any, schedule: str = "loc
 
     Parameters
     ----------
-    a, b, c : blocks of a have as many columns as those of b rows; blocks of c have the rows of a's, the columns of b's
+    a, b, c : a block of c is the work of one job; each array has blocks of its own
 
     Returns
     -------
@@ -41,18 +41,14 @@ def multiply(cluster: jobs.Cluster, a: Any, b: Any, c: Any, schedule: str = "loc
     """
 
     def operands(index: tuple[int, int, int]) -> list[tuple[Any, Any]]:
-        _, row, column = index
-        steps = range(a.blocks[2])
-        return [(a, a.box((0, row, k))) for k in steps] + [(b, b.box((0, k, column))) for k in steps]
+        (_, top, left), (_, bottom, right) = c.box(index)
+        return [(a, ((0, top, 0), (1, bottom, a.shape[2]))), (b, ((0, 0, left), (1, b.shape[1], right)))]
 
     @jobs.job(reads=operands)
     def compute_block(index: tuple[int, int, int]) -> None:
-        boxes = [box for _, box in operands(index)]
-        (_, top, left), (_, bottom, right) = c.box(index)
-        rows, columns = bottom - top, right - left
-        product = np.zeros((rows, columns), np.float32)
-        for of_a, of_b in zip(boxes[: len(boxes) // 2], boxes[len(boxes) // 2 :], strict=True):
-            add_product[-(-rows // ROWS), columns](a[of_a][0], b[of_b][0], product)
+        rows, columns = (array.read(box)[0] for array, box in operands(index))
+        product = np.zeros((len(rows), columns.shape[1]), np.float32)
+        add_product[-(-len(rows) // ROWS), columns.shape[1]](rows, columns, product)
         c[c.box(index)] = product[None]
 
     run = cluster.run(compute_block, grid=c.blocks, schedule=schedule)
