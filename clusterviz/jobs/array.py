@@ -281,7 +281,7 @@ class DistributedArray:
 
     def fill(self, value: Any) -> None:
         """Set all elements to a value, or to one for each component; collective."""
-        with agree(self.channel, 0, "fill"):
+        with agree(self.channel, None, "fill"):
             number = self._typed(value)
             for _, elements in self.own_blocks():
                 elements[...] = number
@@ -297,7 +297,7 @@ class DistributedArray:
         RankError, DataError
             On every rank: it cannot be read.
         """
-        with agree(self.channel, 0, "read"):
+        with agree(self.channel, None, "read"):
             if source.grid.shape_zyx != self.shape_zyx:
                 raise InputError(
                     "not the shape of the array", where=source.name, found=source.grid.shape_zyx, allowed=self.shape_zyx
@@ -345,7 +345,7 @@ class DistributedArray:
         """
         target = Path(path)
         self.sync()
-        with agree(self.channel, 0, "save"):
+        with agree(self.channel, None, "save"):
             if target.suffix not in (".npy", ".zarr"):
                 raise OutputError("no such file of an array", where=str(target), allowed="NAME.npy, NAME.zarr")
             if target.suffix == ".zarr" and target.exists():  # a store of another array would be continued
@@ -356,12 +356,12 @@ class DistributedArray:
             write_store(self.as_source(grid), target, codec, 64, rank, size, together, share)
             return
         with ExitStack() as stack:
-            with agree(self.channel, 0, "save"):
+            with agree(self.channel, None, "save"):
                 file = stack.enter_context(replacing(target)) if self.channel.rank == 0 else target
                 if self.channel.rank == 0:
                     np.lib.format.open_memmap(file, "w+", self.dtype, self.shape)
             file = self.channel.broadcast(file)
-            with agree(self.channel, 0, "save"):
+            with agree(self.channel, None, "save"):
                 written = np.lib.format.open_memmap(file, "r+")
                 for index, elements in self.own_blocks():
                     written[tuple(map(slice, *self.grid.box(index)))] = elements
@@ -527,7 +527,7 @@ def array_from(channel: Channel, source: Source, blocks: int | Index = 64, **opt
 
 def _stage(channel: Channel, stage: str) -> AbstractContextManager[None]:
     """Return the context of a stage of `write_store`."""
-    return (abort_on_failure if stage == "statistics" else agree)(channel, 0, stage)
+    return (abort_on_failure if stage == "statistics" else agree)(channel, None, stage)
 
 
 def _checked_shape(shape: Sequence[int], name: str) -> tuple[int, ...]:

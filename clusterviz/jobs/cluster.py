@@ -384,7 +384,12 @@ def cluster(comm: Any = None, devices: Sequence[DeviceSetting] | None = None) ->
                 found = "MPI was started for one thread"
                 raise mark_agreed(InputError("several devices a rank", where="devices", found=found, allowed="one"))
             made = Cluster(channel, pool)
-            yield made
+            try:
+                yield made
+            except Exception as error:
+                if channel.size == 1 or is_agreed(error):  # else other ranks may never reach this place
+                    made.close()
+                raise
             made.close()
     except ClustervizError as error:
         if comm is not None or channel.size == 1 or not is_agreed(error):

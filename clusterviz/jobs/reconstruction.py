@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from clusterviz.comm import agree
+from clusterviz.data import open_source
 from clusterviz.data.bricks import Box
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError, InputError, SceneError
@@ -46,8 +47,8 @@ Pair = tuple[int, int]
 Pixels = Annotated[int, Field(strict=True, ge=2, le=LARGEST_SIDE), BeforeValidator(to_builtin)]
 Window = Literal["ram-lak", "shepp-logan", "hann"]
 WINDOWS: tuple[Window, ...] = ("ram-lak", "shepp-logan", "hann")
-CHUNK_BYTES = 64 << 20
-"""Bytes of filtered views that a block of the volume fetches at a time."""
+CHUNK_BYTES = 8 << 20
+"""Bytes of whole views of which a block of the volume fetches its part at a time: few turn little, so parts are small."""
 UNEVEN = 1.5
 """A gap between angles this many times as large as the median is the open part of a circle."""
 
@@ -300,18 +301,37 @@ def detector_box(matrices: Floats, box: Box, detector: Pair) -> tuple[Pair, Pair
     places = (projected[..., :2] / projected[..., 2:]).reshape(-1, 2)
     low, high = np.floor(places.min(axis=0)).astype(int) - 1, np.floor(places.max(axis=0)).astype(int) + 3
     (left, right), (top, bottom) = (np.clip([low[a], high[a]], 0, detector[1 - a]).tolist() for a in range(2))
-    return None if top == bottom or left == right else ((top, left), (bottom, right))
+    return None if bottom - top < 2 or right - left < 2 else ((top, left), (bottom, right))
 
 
-@kernel("backproject.glsl", writes=("volume",), vectors=("matrices",))
+@kernel("backproject.glsl", writes=("volume",), vectors=("matrices", "quads"))
 def backproject(
-    matrices: Floats32, views: Floats32, volume: Floats32, first: Index, corner: Pair, detector: Pair
+    matrices: Floats32, quads: Floats32, volume: Floats32, first: Index, corner: Pair, detector: Pair
 ) -> None:
     """Add filtered views to a box of voxels.
 
-    `matrices` (1, views, 3) vectors; `views` (views, rows, columns), a part of the detector that begins with the pixel
-    `corner`; `first`: the first voxel; `detector`: its columns and rows.
+    `matrices` (1, views, 3) vectors; `quads` (views, rows, columns) vectors, see `pixel_quads`, of a part of the
+    detector that begins with the pixel `corner`; `first`: the first voxel; `detector`: its columns and rows.
     """
+
+
+def pixel_quads(views: Floats32) -> Floats32:
+    """Return each pixel beside its neighbours right, below, and both: one load of a CPU in place of four.
+
+    Parameters
+    ----------
+    views : (views, rows, columns)
+
+    Returns
+    -------
+    quads : float32 (views, rows − 1, columns − 1, 4)
+    """
+    count, rows, columns = views.shape
+    found = np.empty((count, rows - 1, columns - 1, 4), np.float32)
+    for n in range(4):
+        down, right = divmod(n, 2)
+        found[..., n] = views[:, down : rows - 1 + down, right : columns - 1 + right]
+    return found
 
 
 def backproject_box(views: Callable[[Box], Floats32], geometry: ConeBeam, grid: Grid, box: Box) -> Floats32:
@@ -330,9 +350,9 @@ def backproject_box(views: Callable[[Box], Floats32], geometry: ConeBeam, grid: 
         matrices = geometry.matrices(grid, begin, end)
         if part := detector_box(matrices, box, geometry.detector):
             (row, column), (row_end, column_end) = part
-            chunk = views(((begin, row, column), (end, row_end, column_end)))
+            quads = pixel_quads(views(((begin, row, column), (end, row_end, column_end))))
             rows = matrices.astype(np.float32)[None]
-            backproject[shape](rows, chunk, found, box[0][::-1], (column, row), geometry.detector[::-1])
+            backproject[shape](rows, quads, found, box[0][::-1], (column, row), geometry.detector[::-1])
     return found
 
 
@@ -378,8 +398,8 @@ def line_integrals(values: NDArray[Any], geometry: ConeBeam, first: int, where: 
 
 def reconstruct(
     cluster: Cluster,
-    views: Source,
-    geometry: ConeBeam,
+    views: Source | str | os.PathLike[str],
+    geometry: ConeBeam | str | os.PathLike[str],
     grid: Grid | None = None,
     *,
     window: Window = "ram-lak",
@@ -389,7 +409,8 @@ def reconstruct(
 
     Parameters
     ----------
-    views : volume of (views, rows, columns): line integrals, or intensities if the geometry says so
+    views : volume of (views, rows, columns), or its file: line integrals, or intensities if the geometry says so
+    geometry : of the scan, or its file; see `load_geometry`
     grid : of the volume; by default `geometry.natural_grid`
     window : of the ramp filter: ram-lak is the sharpest; shepp-logan and hann are smoother, with less noise
     blocks : voxels a side of the blocks
@@ -402,12 +423,16 @@ def reconstruct(
     Raises
     ------
     DataError
-        Views are missing, of another size, or have pixels that are NaN or infinite.
+        Views cannot be read, are missing, of another size, or have pixels that are NaN or infinite.
+    SceneError
+        The geometry cannot be read, or is impossible.
     InputError
         No such window, or the volume reaches the circle of the source.
     """
-    grid = grid or geometry.natural_grid()
-    with agree(cluster.channel, 0, "reconstruction"):
+    with agree(cluster.channel, None, "reconstruction"):
+        geometry = geometry if isinstance(geometry, ConeBeam) else load_geometry(geometry)
+        views = open_source(os.fspath(views)) if isinstance(views, str | os.PathLike) else views
+        grid = grid or geometry.natural_grid()
         check_views(views, geometry)
         if window not in WINDOWS:
             raise InputError("no such window", where="window", found=window, allowed=", ".join(WINDOWS))

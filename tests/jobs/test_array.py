@@ -199,7 +199,7 @@ def test_a_saved_array_is_read_again(tmp_path: Path) -> None:
             array.save(tmp_path / "a.zarr", grid)
         with pytest.raises(OutputError, match=r"no such file of an array; allowed NAME.npy, NAME.zarr"):
             array.save(tmp_path / "a.tif")
-        with pytest.raises(ClustervizError, match=r"rank 0, frame 0, save: .*/nowhere is missing"):
+        with pytest.raises(ClustervizError, match=r"rank 0, save: .*/nowhere is missing"):
             array.save(tmp_path / "nowhere" / "a.npy")
         vectors = DistributedArray(channel, (*SHAPE, 2), np.int16, 4)
         vectors.fill((1, 2))
