@@ -48,7 +48,7 @@ Pixels = Annotated[int, Field(strict=True, ge=2, le=LARGEST_SIDE), BeforeValidat
 Window = Literal["ram-lak", "shepp-logan", "hann"]
 WINDOWS: tuple[Window, ...] = ("ram-lak", "shepp-logan", "hann")
 CHUNK_BYTES = 8 << 20
-"""Bytes of whole views of which a block of the volume fetches its part at a time: few turn little, so parts are small."""
+"""Bytes of whole views of which a block fetches its part at a time: few of them turn little, so parts are small."""
 UNEVEN = 1.5
 """A gap between angles this many times as large as the median is the open part of a circle."""
 
