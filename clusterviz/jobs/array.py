@@ -86,7 +86,6 @@ class DistributedArray:
     grid : division into blocks
     bytes_fetched : bytes that this rank read from the parts of other ranks
     bytes_local : bytes that this rank read from its own part
-    bytes_stored : bytes that this rank wrote or accumulated into the parts of other ranks
 
     Raises
     ------
@@ -117,7 +116,7 @@ class DistributedArray:
         self._owners = block_owners(self.grid, channel.size, distribution)
         # Lists answer for one block faster than arrays.
         self._owner_lists: list[list[list[int]]] = self._owners.owner.tolist()
-        self.bytes_fetched = self.bytes_local = self.bytes_stored = 0
+        self.bytes_fetched = self.bytes_local = 0
         self._counting = threading.Lock()
         self._waiting: list[_Waiting] = []
         self._element_bytes = self.dtype.itemsize * math.prod(self.components)
@@ -212,7 +211,6 @@ class DistributedArray:
         self._memory.put(in_memory)
         if self._files is not None:
             self._files.put(in_files)
-        self._count_stored(in_memory, in_files)
 
     def accumulate(self, box: Box, values: ArrayLike, operation: str = "sum", order: int | None = None) -> None:
         """Combine the elements of a box with values: sum, min or max; atomic in each block. NaN wins over numbers.
@@ -236,12 +234,10 @@ class DistributedArray:
                     self._waiting += [
                         (order, place, bool(is_in_file), operation, np.array(part)) for place, part in transfers
                     ]
-            self._count_stored(in_memory, in_files)
             return
         self._memory.accumulate(in_memory, operation)
         if self._files is not None:
             self._files.accumulate(in_files, operation)
-        self._count_stored(in_memory, in_files)
 
     def compare_and_swap(self, index: Sequence[int], expected: Any, new: Any) -> Any:
         """Write an element if its bytes are those of `expected`, atomically, and return its previous value.
@@ -420,11 +416,6 @@ class DistributedArray:
             part = values[begin[0] - z : end[0] - z, begin[1] - y : end[1] - y, begin[2] - x : end[2] - x]
             found[memory is self._files].append((place, part))
         return found
-
-    def _count_stored(self, *transfers: Sequence[Transfer]) -> None:
-        far = _far_bytes(transfers, self.channel.rank)
-        with self._counting:
-            self.bytes_stored += far
 
     def _checked_box(self, box: Box) -> Box:
         (z, y, x), (z_end, y_end, x_end) = box

@@ -50,7 +50,6 @@ ELEMENTS = {
 }
 VECTORS = {2: "vec2", 4: "vec4"}
 STATE_WORDS = 6  # of LaunchStateBlock in launch.glsl
-MOST_ARRAYS = 23  # the compiler has 24 bindings
 
 
 class KernelError(InputError):

@@ -459,6 +459,7 @@ def reconstruct(
     filtered.sync()
     cluster.run(backproject_block, volume.blocks)
     volume.sync()
+    cluster.free(filtered)
     return volume, grid
 
 

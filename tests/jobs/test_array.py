@@ -18,6 +18,7 @@ from clusterviz.data import open_source
 from clusterviz.data.given import given_scene
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import ClustervizError, InputError, OutputError, is_agreed
 from clusterviz.frame import Options, render_frame
 from clusterviz.jobs import array as array_module
@@ -145,6 +146,9 @@ def test_another_thread_calls_mpi_only_if_it_was_started_for_several() -> None:
 def test_components_keys_and_scalars() -> None:
     def check(channel: Channel) -> None:
         array = DistributedArray(channel, (*SHAPE, 3), np.float64, 4)
+        vectors = np.random.default_rng(4).random((*SHAPE, 3))
+        array.fill_from(VectorArray(vectors))
+        assert np.array_equal(array[...], vectors)
         array.fill((1, 2, 3))
         assert array[2, 3, 4].tolist() == [1, 2, 3]
         if channel.rank == 0:
