@@ -114,6 +114,24 @@ def test_a_slow_rank_loses_its_blocks() -> None:
         assert found.stolen.tolist() == [0, 4]
 
 
+def test_a_slow_device_gets_fewer_blocks() -> None:
+    """The first block ends when all others are done, by the other device of the rank."""
+    others = threading.Semaphore(0)
+
+    @jobs.job
+    def run(block: int) -> int:
+        if block:
+            others.release()
+        else:
+            for _ in range(9):
+                assert others.acquire(timeout=20)
+        return threading.get_ident()
+
+    with jobs.cluster(LoopbackChannel(), ["cpu", "cpu"]) as c:
+        threads = c.collect(c.run(run, 10))
+    assert threads.count(threads[0]) == 1
+
+
 def test_blocks_that_read_where_they_lie_fetch_nothing() -> None:
     """Scheduled by what they declare to read, against a random order."""
     together = threading.Barrier(3)  # no rank takes its next block before the others

@@ -7,10 +7,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from jobs.kernels import smooth
 
 from clusterviz import jobs
-from clusterviz.comm import run_loopback
+from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.errors import InputError, RankError
 
 PROGRAM = Path(__file__).parent / "failing_program.py"
@@ -58,6 +60,32 @@ def test_every_rank_raises_the_same_error(schedule: str) -> None:
     assert "job run, block 5: ValueError: odd 5" in text or "job run, block 6: ValueError: odd 6" in text
 
 
+def test_a_write_out_of_a_block_ends_all_ranks_and_frees_their_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
+    freed: list[str] = []
+    monkeypatch.setattr(jobs.DistributedArray, "free", lambda array: freed.append(array.name))
+
+    def fail(channel: Any) -> None:
+        with jobs.cluster(channel) as c:
+            dst = c.array((4, 4, 4), np.float32, blocks=2)
+
+            @jobs.job
+            def run(block: Any) -> None:
+                part = np.zeros((2, 2, 2), np.float32)
+                smooth[2, 2, 3 if block == (1, 0, 1) else 2](np.zeros_like(part), part, 0.5)
+                dst[dst.box(block)] = part
+
+            c.run(run, dst.blocks)
+
+    def program(channel: Any) -> str:
+        with pytest.raises(RankError) as raised:
+            fail(channel)
+        return str(raised.value)
+
+    (text,) = set(run_loopback(3, program))
+    assert "job run, block (1, 0, 1): kernel smooth: wrote outside of the array dst; found" in text
+    assert freed == ["array"] * 3
+
+
 def test_a_job_within_a_block_is_refused() -> None:
     def program(channel: Any) -> str:
         with pytest.raises(RankError) as raised, jobs.cluster(channel) as c:
@@ -89,6 +117,14 @@ def test_wrong_jobs_are_refused_before_a_block_is_run(job: jobs.Job, grid: Any, 
 
     (text,) = set(run_loopback(2, program))
     assert said in text
+
+
+def test_jobs_that_wait_for_each_other_are_named() -> None:
+    first = jobs.job(after=lambda block: [(second, block)])(print)
+    second = jobs.job(after=lambda block: [(first, block)])(abs)
+    text = r"without end; found (print|abs) (\d) waits for (print|abs) \2 waits for"
+    with jobs.cluster(LoopbackChannel()) as c, pytest.raises(InputError, match=text):
+        c.run_all([(first, 2), (second, 2)])
 
 
 def test_wrong_devices_are_refused() -> None:
