@@ -85,32 +85,39 @@ def scan(cluster, phantom, geometry):
     return views.as_source()
 
 
-parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-parser.add_argument("views", nargs="?", help="file of views; default: those of a phantom")
-parser.add_argument("--geometry", help="YAML or JSON file")
-parser.add_argument("--window", choices=WINDOWS, default="ram-lak", help="of the ramp filter; the first is sharpest")
-parser.add_argument("--phantom", default="field:shepp-logan:64", help="volume about the origin, values in 0 … 1")
-parser.add_argument("--count", type=int, default=120, help="views of the phantom")
-parser.add_argument("--pixels", type=int, default=96, help="of a view of the phantom, a side")
-parser.add_argument("-o", "--output", help="NAME.zarr or NAME.npy")
-parser.add_argument("--picture", help="NAME.png")
-given = parser.parse_args()
-if (given.views is None) != (given.geometry is None):
-    parser.error("give views and their --geometry, or neither")
-try:
-    with jobs.cluster() as cluster:
-        views, geometry = given.views, given.geometry
-        if views is None:
-            with agree(cluster.channel, None, "phantom"):
-                phantom = open_source(given.phantom)
-                geometry = circle_around(phantom, given.count, given.pixels)
-            views = scan(cluster, phantom, geometry)
-        volume, grid = reconstruct(cluster, views, geometry, window=given.window)
-        if given.output:
-            volume.save(given.output, grid)
-        if given.picture:
-            picture = clusterviz.render(volume.as_source(grid), **({} if given.views else LOOK))
-            if cluster.rank == 0:
-                picture.save(given.picture)
-except ClustervizError as error:
-    parser.exit(error.exit_status, f"{parser.prog}: {error}\n")
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("views", nargs="?", help="file of views; default: those of a phantom")
+    parser.add_argument("--geometry", help="YAML or JSON file")
+    parser.add_argument(
+        "--window", choices=WINDOWS, default="ram-lak", help="of the ramp filter; the first is sharpest"
+    )
+    parser.add_argument("--phantom", default="field:shepp-logan:64", help="volume about the origin, values in 0 … 1")
+    parser.add_argument("--count", type=int, default=120, help="views of the phantom")
+    parser.add_argument("--pixels", type=int, default=96, help="of a view of the phantom, a side")
+    parser.add_argument("-o", "--output", help="NAME.zarr or NAME.npy")
+    parser.add_argument("--picture", help="NAME.png")
+    given = parser.parse_args()
+    if (given.views is None) != (given.geometry is None):
+        parser.error("give views and their --geometry, or neither")
+    try:
+        with jobs.cluster() as cluster:
+            views, geometry = given.views, given.geometry
+            if views is None:
+                with agree(cluster.channel, None, "phantom"):
+                    phantom = open_source(given.phantom)
+                    geometry = circle_around(phantom, given.count, given.pixels)
+                views = scan(cluster, phantom, geometry)
+            volume, grid = reconstruct(cluster, views, geometry, window=given.window)
+            if given.output:
+                volume.save(given.output, grid)
+            if given.picture:
+                picture = clusterviz.render(volume.as_source(grid), **({} if given.views else LOOK))
+                if cluster.rank == 0:
+                    picture.save(given.picture)
+    except ClustervizError as error:
+        parser.exit(error.exit_status, f"{parser.prog}: {error}\n")
+
+
+if __name__ == "__main__":
+    main()

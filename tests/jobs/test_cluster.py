@@ -57,7 +57,7 @@ def test_threads_find_the_same(ranks: int, schedule: str, alone: bytes) -> None:
     assert found[0][1].blocks.sum() == 3 * 3 * 3
 
 
-@pytest.mark.mpi(ranks=[2, 5], timeout=60)
+@pytest.mark.mpi(ranks=[3], timeout=60)
 def test_ranks_find_the_same_with_one_device_and_with_two(alone: bytes) -> None:
     channel = open_channel(several_threads=True)
     for devices in (["cpu"], ["cpu", "cpu"]):

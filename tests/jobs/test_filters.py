@@ -6,17 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from jobs.phantom import phantom_grid, phantom_scan, reconstructed
 from numpy.typing import NDArray
 
 from clusterviz import jobs
 from clusterviz.comm import Channel, run_loopback
-from clusterviz.comm.mpi import MpiChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.errors import ClustervizError, InputError
+from clusterviz.errors import InputError
 from clusterviz.jobs.filters import Filter, FilteredSource, Gradient, Smooth, Upsample, apply_filter
-from clusterviz.jobs.reconstruction import reconstruct
 from clusterviz.reference.sample import cubic, trilinear
 
 TURNED = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -122,22 +119,6 @@ def check_ranks(channel: Channel) -> None:
 def test_ranks_of_one_process() -> None:
     for ranks in (1, 2, 3):
         run_loopback(ranks, check_ranks)
-
-
-@pytest.mark.mpi(ranks=[3], timeout=100)
-def test_ranks_of_mpi(mpi_ranks: int) -> None:
-    channel = MpiChannel()
-    assert channel.size == mpi_ranks
-    check_ranks(channel)
-    geometry, views = phantom_scan(angles={"begin": 0, "end": 360, "count": 9})
-    spoilt = views.read((0, 0, 0), geometry.shape)
-    spoilt[8, 3, 3] = np.inf
-    with jobs.cluster(channel) as cluster:
-        found, _ = reconstruct(cluster, views, geometry, phantom_grid(16), blocks=6)
-        np.testing.assert_array_equal(found[...], reconstructed(geometry, views, 16))
-        with pytest.raises(ClustervizError, match="view 8, row 3, column 3: a pixel has no value"):
-            reconstruct(cluster, ArraySource(spoilt, name="views"), geometry, phantom_grid(16), blocks=6)
-    channel.close()
 
 
 @pytest.mark.gl

@@ -10,7 +10,7 @@ import pytest
 
 import clusterviz
 from clusterviz import jobs
-from clusterviz.comm import Channel, LoopbackChannel, open_channel, run_loopback
+from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import InputError, SceneError
 from clusterviz.jobs import path_tracing
@@ -165,15 +165,6 @@ def test_pictures_do_not_depend_on_how_voxels_are_held(monkeypatch: pytest.Monke
     assert bits(voxels="blocks") == wanted
     assert run_loopback(3, lambda channel: bits(channel, voxels="blocks"))[0] == wanted
     assert bits(seed=2) != wanted
-
-
-@pytest.mark.mpi(ranks=[3], timeout=60)
-def test_pictures_do_not_depend_on_ranks() -> None:
-    wanted = bits()
-    path_tracing.PIXELS_OF_JOB = 40
-    for voxels in ("replica", "blocks"):
-        channel = open_channel()
-        assert bits(channel, voxels=voxels) == (wanted if channel.rank == 0 else b"")
 
 
 @pytest.mark.gl
