@@ -1,4 +1,4 @@
-"""Program of several ranks that fails as its argument says: in one block, on whichever rank runs it."""
+"""Program of several ranks that fails as its argument says, while others read its blocks and wait for it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def wrong(dst: Any) -> None:
 
 
 def fail(how: str, folder: str) -> None:
-    """Fail."""
+    """Fail in a block, on whichever rank runs it."""
     if how == "kernel":
         file = Path(folder) / "wrong.glsl"
         file.write_text("void kernel(ivec3 at) {\n    dst_set(at, 1.0 +);\n}\n")
@@ -28,16 +28,22 @@ def fail(how: str, folder: str) -> None:
 
 
 def main(how: str, folder: str) -> None:
-    """Run a job of 30 blocks, each behind the one before it."""
+    """Run a job of 30 blocks, each behind the one before it, on an array of which each rank holds a part."""
+    whole = ((0, 0, 0), (8, 8, 8))
 
     @jobs.job(after=lambda block: range(max(0, block - 1), block))
     def run(block: int) -> None:
         if block == 17:
             fail(how, folder)
+        array.accumulate(whole, 1)
 
     with jobs.cluster() as c:
-        if how == "alone" and c.rank == 1:
+        array = c.array((8, 8, 8), np.float32, 2)
+        array.fill(c.rank)
+        if how == "raise" and c.rank == 1:
             raise ValueError("odd")
+        while how == "raise" and c.rank == 2:
+            array.read(whole)
         c.run(run, 30)
 
 

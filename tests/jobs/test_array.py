@@ -303,17 +303,3 @@ def test_memory_counts_all_ranks_of_a_node(monkeypatch: pytest.MonkeyPatch) -> N
         run_loopback(3, lambda channel: run(channel, 30))
     assert is_agreed(caught.value)
     run_loopback(3, lambda channel: run(channel, 30, memory_limit=200_000))
-
-
-JOB = Path(__file__).parent / "dying_owner.py"
-
-
-@pytest.mark.fresh
-@pytest.mark.parametrize(("how", "messages"), [("raise", 1), ("kill", 0)])
-def test_a_rank_that_dies_with_its_blocks_ends_the_job(how: str, messages: int) -> None:
-    """The others read its blocks, and wait for it; there is one message, and nothing hangs."""
-    command = ["mpirun", "-n", "3", sys.executable, str(JOB), how]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert run.returncode != 0
-    assert run.stderr.count("clusterviz: rank 1: ValueError: odd\n") == messages
-    assert "Traceback" not in run.stderr

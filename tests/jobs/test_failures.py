@@ -21,24 +21,21 @@ SECONDS = 30
 
 @pytest.mark.fresh
 @pytest.mark.parametrize(
-    ("how", "status", "text"),
+    ("how", "statuses", "messages"),
     [
-        ("kernel", 2, "wrong.glsl:2:22: expected an expression; found )\n"),
-        ("alone", 1, "clusterviz: rank 1: ValueError: odd\n"),
+        ("kernel", [2], ["wrong.glsl:2:22: expected an expression; found )\n"]),
+        ("raise", [1], ["clusterviz: rank 1: ValueError: odd\n"]),
+        ("kill", range(1, 256), []),  # mpirun tells of it
     ],
 )
-def test_all_ranks_end_with_one_message(how: str, status: int, text: str, tmp_path: Path) -> None:
+def test_all_ranks_end_with_one_message(how: str, statuses: Any, messages: list[str], tmp_path: Path) -> None:
+    """Also the ranks that read the blocks of the one that fails, or wait for it."""
     command = ["mpirun", "-n", "3", sys.executable, str(PROGRAM), how, str(tmp_path)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
-    assert ended.returncode == status
-    assert ended.stderr.count(text) == 1
+    assert ended.returncode in statuses
+    assert ended.stderr.count("clusterviz: ") == len(messages)
+    assert all(text in ended.stderr for text in messages)
     assert "Traceback" not in ended.stderr
-
-
-@pytest.mark.fresh
-def test_a_killed_rank_ends_the_others_though_they_wait_for_its_block(tmp_path: Path) -> None:
-    command = ["mpirun", "-n", "3", sys.executable, str(PROGRAM), "kill", str(tmp_path)]
-    assert subprocess.run(command, capture_output=True, timeout=SECONDS).returncode != 0
 
 
 def outcome(channel: Any, job: jobs.Job, schedule: Any) -> str:
