@@ -2,7 +2,7 @@
 
     python docs/make_gallery.py [NAME...]
 
-Each scene of `SCENES` names the samples that fill its volumes; they are fetched on first use.
+Each scene of `SCENES` names the samples that fill its volumes, or other keys; they are fetched on first use.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -33,7 +34,23 @@ SCENES: dict[str, tuple[str, ...]] = {
     "layers": (),
     "folds": ("mni152",),
     "annotated": ("mni152",),
+    "flow": (),
+    "reactor_flow": ("flows.0.path=disk-out", "grids.0.path=disk-out"),
 }
+GYRE = {"path": "field:double-gyre:48", "radius": 0.012}
+ROW = {"kind": "line", "begin": [-0.9, -0.4, 0], "end": [0.9, -0.4, 0]}
+FLOWS: dict[str, dict[str, Any]] = {
+    "pathlines": GYRE | {"show": "pathlines", "seeds": ROW | {"count": 16}},
+    "streaklines": GYRE | {"show": "streaklines", "seeds": ROW | {"count": 7}, "trace": {"release": 0.05}},
+    "glyphs": {
+        "path": "field:abc:48",
+        "show": "glyphs",
+        "seeds": {"kind": "plane", "center": [0, 0, 0.2], "normal": [0, 0, 1], "radius": 1, "count": 260},
+        "length": 0.22,
+        "radius": 0.008,
+    },
+}
+"""Flows of `docs/how-to/show-flow.md`, seen from above."""
 
 
 def as_colours(layers: Mapping[str, np.ndarray]) -> list[np.ndarray]:
@@ -46,7 +63,11 @@ def as_colours(layers: Mapping[str, np.ndarray]) -> list[np.ndarray]:
 
 def draw(name: str, samples: tuple[str, ...]) -> Path:
     """Render one example, and write its picture."""
-    paths = [f"volumes.{number}.path={fetch_sample(sample)}" for number, sample in enumerate(samples)]
+    pairs = [each.partition("=")[::2] for each in samples]
+    paths = [
+        f"{key}={fetch_sample(sample)}" if sample else f"volumes.{number}.path={fetch_sample(key)}"
+        for number, (key, sample) in enumerate(pairs)
+    ]
     scene = clusterviz.load_scene(
         ROOT / "examples" / f"{name}.yaml", [*paths, f"image.size={list(SIZES.get(name, SIZE))}"]
     )
@@ -64,6 +85,17 @@ def draw(name: str, samples: tuple[str, ...]) -> Path:
     return path
 
 
+def draw_flow(name: str) -> Path:
+    """Render one of `FLOWS`, and write its picture."""
+    path = ROOT / "docs" / "pictures" / f"{name}.png"
+    camera = {"position": (0, -0.9, 4.3), "focal_point": (0, 0, 0), "view_up": (0, 1, 0)}
+    scene = clusterviz.Scene(flows=[FLOWS[name]], camera=camera, image={"size": SIZE, "background": "#0b1020"})
+    clusterviz.render(scene).save(path)
+    found = Image.open(path).convert("RGB")
+    found.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    return path
+
+
 if __name__ == "__main__":
-    for wanted in sys.argv[1:] or SCENES:
-        print(draw(wanted, SCENES[wanted]))
+    for wanted in sys.argv[1:] or (*SCENES, *FLOWS):
+        print(draw_flow(wanted) if wanted in FLOWS else draw(wanted, SCENES[wanted]))

@@ -54,7 +54,8 @@ def contents_of(scene: Scene) -> list[Content]:
         *(_volume(volume) for volume in scene.volumes if not volume.of_flow),
         *(_geometry(section) for section in scene.geometry if not section.of_flow),
         *(_of_transfer(name_of(grid), transfer_function(grid)) for grid in scene.grids),
-        *map(_flow, scene.flows),
+        # Lines and a volume of the same vectors share a bar.
+        *({(_flow_name(flow), flow.cmap, flow.clim, flow.color): _flow(flow) for flow in scene.flows}.values()),
     ]
 
 
@@ -95,7 +96,7 @@ def _geometry(section: GeometrySection) -> Content:
 
 
 def _flow(flow: FlowSection) -> Content:
-    name = flow.array or name_of(flow)
+    name = _flow_name(flow)
     if flow.color_by == "direction":
         return Content(name, np.array(DIRECTIONS))
     if flow.color_by == "color" or flow.clim is None:
@@ -104,6 +105,12 @@ def _flow(flow: FlowSection) -> Content:
     low, high = flow.clim
     domain = (low, high) if low < high else (low - 0.5, high + 0.5)
     return _of_transfer(name, TransferFunction(*colours, *visible, 1.0, domain))
+
+
+def _flow_name(flow: FlowSection) -> str:
+    if flow.color_by != "speed":
+        return name_of(flow)
+    return f"speed of {flow.array}" if flow.array and "," not in flow.array else "speed"
 
 
 def _of_transfer(name: str, transfer: TransferFunction) -> Content:
