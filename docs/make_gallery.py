@@ -20,7 +20,7 @@ from clusterviz.data.samples import fetch_sample
 
 ROOT = Path(__file__).parents[1]
 SIZE = (480, 360)
-SIZES = {"annotated": (800, 600)}  # text and lines
+SIZES = {"annotated": (800, 600), "flow": (640, 480), "reactor_flow": (640, 480)}  # text and lines
 COLOURS = 128  # of a picture's palette: a tenth of the bytes, and no difference that the eye sees
 OBJECTS = np.array([(0.9, 0.6, 0.2), (0.6, 0.2, 0.6), (0.9, 0.2, 0.3), (0.3, 0.6, 0.9)])
 SCENES: dict[str, tuple[str, ...]] = {
@@ -35,6 +35,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "folds": ("mni152",),
     "annotated": ("mni152",),
     "flow": (),
+    "surface_flow": (),
     "reactor_flow": ("flows.0.path=disk-out", "grids.0.path=disk-out"),
 }
 GYRE = {"path": "field:double-gyre:48", "radius": 0.012}

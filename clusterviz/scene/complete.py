@@ -13,7 +13,7 @@ from clusterviz.scene.automatic import automatic_scene, own_colours
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import MARGIN, fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.flow_content import with_flows
+from clusterviz.scene.flow_content import FlowLines, with_flows
 from clusterviz.scene.flows import FlowInfo
 from clusterviz.scene.geometry import (
     GeometryInfo,
@@ -33,7 +33,11 @@ from clusterviz.scene.volume_info import VolumeInfo as VolumeInfo
 
 UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene first"
 DEFAULT_CMAP = "bone"
-RADIUS_OF_DIAGONAL: dict[type[GeometrySection], float] = {LinesSection: 1 / 500, PointsSection: 1 / 200}
+RADIUS_OF_DIAGONAL: dict[type[GeometrySection], float] = {
+    FlowLines: 1 / 250,
+    LinesSection: 1 / 500,
+    PointsSection: 1 / 200,
+}
 """Radius of tubes and spheres, if none is given, as a share of the diagonal of their box."""
 AXES_LABELS = 7.5
 """Margin of a fitted scene with an axes grid, whose labels are outside of the box, as a multiple of the font size."""

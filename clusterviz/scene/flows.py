@@ -249,7 +249,7 @@ class FlowSection(Section):
     specular_power: SpecularPower = 20.0
     radius: Positive | None = Field(
         default=None,
-        description="Of the tubes, or the arrows' shafts, in world units; default: a 500th of the diagonal of the "
+        description="Of the tubes, or the arrows' shafts, in world units; default: a 250th of the diagonal of the "
         "lines' box, or 0.03 of an arrow's length.",
     )
     length: Positive | None = Field(
