@@ -108,12 +108,13 @@ class DistributedArray:
         name: str = "array",
     ) -> None:
         self.channel, self.name = channel, name
-        self.shape = _checked_shape(shape, name)
+        with agree(channel, None, "array"):
+            self.shape = _checked_shape(shape, name)
+            self.dtype = check_dtype(np.dtype(dtype), name)
+            self.grid = make_blocks(self.shape_zyx, blocks, name)
+            self._owners = block_owners(self.grid, channel.size, distribution)
         self.components = self.shape[3:]
         self._zeros = (0,) * len(self.components)
-        self.dtype = check_dtype(np.dtype(dtype), name)
-        self.grid = make_blocks(self.shape_zyx, blocks, name)
-        self._owners = block_owners(self.grid, channel.size, distribution)
         # Lists answer for one block faster than arrays.
         self._owner_lists: list[list[list[int]]] = self._owners.owner.tolist()
         self.bytes_fetched = self.bytes_local = 0

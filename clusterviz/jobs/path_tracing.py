@@ -31,6 +31,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.bricks import Box
 from clusterviz.data.source import Grid, Source
 from clusterviz.data.summary import VolumeSummary, block_counts, block_sides
 from clusterviz.errors import InputError, SceneError
@@ -49,7 +50,6 @@ from clusterviz.scene.transfer import OPAQUE, TransferFunction
 from clusterviz.scene.values import Scene
 
 Floats = NDArray[np.float64]
-Box = tuple[tuple[int, int, int], tuple[int, int, int]]
 Colour = tuple[float, float, float]
 Place = tuple[int, ...]
 
@@ -426,7 +426,7 @@ def _check_scene(scene: Scene) -> None:
         raise SceneError("path tracing shows one volume", where="volumes", found=len(scene.volumes), allowed=1)
     volume = scene.volumes[0]
     untraced: dict[str, tuple[Any, Any]] = {
-        **{name: (getattr(scene, name), ()) for name in ("meshes", "lines", "points", "grids")},
+        **{name: (getattr(scene, name), ()) for name in ("meshes", "lines", "points", "grids", "flows")},
         "clip.planes": (scene.clip.planes, ()),
         "clip.box": (scene.clip.box, None),
         "image.layers": (scene.image.layers, ()),

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz import jobs
+from clusterviz.errors import ClustervizError
 
 ROWS = 8  # of an invocation, as in multiply.glsl
 
@@ -62,23 +63,25 @@ def main() -> None:
     parser.add_argument("--block", type=int, default=256, help="rows and columns of a block")
     parser.add_argument("--schedule", default="local", choices=jobs.scheduler.SCHEDULES)
     given = parser.parse_args()
-    with jobs.cluster() as cluster:
-        shape, sides = (1, given.size, given.size), (1, given.block, given.block)
-        a, b, c = (cluster.array(shape, np.float32, sides, name=name) for name in "abc")
-        for seed, matrix in enumerate((a, b)):
-            for (_, row, column), block in matrix.own_blocks():
-                block[...] = np.random.default_rng((seed, row, column)).uniform(-1, 1, block.shape)
-            matrix.sync()
-        started = perf_counter()
-        run = multiply(cluster, a, b, c, given.schedule)
-        seconds = perf_counter() - started
-        if cluster.rank == 0:
-            error = np.abs(c[0, : given.block] - a[0, : given.block].astype(np.float64) @ b[0]).max()
-            fetched = run.bytes_fetched.sum() / 2**20
-            print(
-                f"{given.size}² on {cluster.size} ranks: {2e-9 * given.size**3 / seconds:.1f} GFLOP/s, {seconds:.2f} s"
-            )
-            print(f"{fetched:.1f} MiB read from other ranks, largest error {error:.1e}")
+    try:
+        with jobs.cluster() as cluster:
+            shape, sides = (1, given.size, given.size), (1, given.block, given.block)
+            a, b, c = (cluster.array(shape, np.float32, sides, name=name) for name in "abc")
+            for seed, matrix in enumerate((a, b)):
+                for (_, row, column), block in matrix.own_blocks():
+                    block[...] = np.random.default_rng((seed, row, column)).uniform(-1, 1, block.shape)
+                matrix.sync()
+            started = perf_counter()
+            run = multiply(cluster, a, b, c, given.schedule)
+            seconds = perf_counter() - started
+            if cluster.rank == 0:
+                error = np.abs(c[0, : given.block] - a[0, : given.block].astype(np.float64) @ b[0]).max()
+                fetched = run.bytes_fetched.sum() / 2**20
+                speed = 2e-9 * given.size**3 / seconds
+                print(f"{given.size}² on {cluster.size} ranks: {speed:.1f} GFLOP/s, {seconds:.2f} s")
+                print(f"{fetched:.1f} MiB read from other ranks, largest error {error:.1e}")
+    except ClustervizError as error:
+        parser.exit(error.exit_status, f"{parser.prog}: {error}\n")
 
 
 if __name__ == "__main__":

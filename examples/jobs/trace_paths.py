@@ -14,6 +14,8 @@ import argparse
 import numpy as np
 
 from clusterviz import jobs, load_scene
+from clusterviz.comm import agree
+from clusterviz.errors import ClustervizError
 from clusterviz.jobs.path_tracing import PathTracing, trace_paths
 
 
@@ -29,20 +31,25 @@ def main() -> None:
     parser.add_argument("--environment", type=float, nargs=3, default=default.environment, metavar=("R", "G", "B"))
     parser.add_argument("--voxels", choices=("auto", "replica", "blocks"), default=default.voxels)
     given = parser.parse_args()
-    with jobs.cluster() as cluster:
-        settings = PathTracing(
-            samples=given.samples,
-            scattering=given.scattering,
-            anisotropy=given.anisotropy,
-            environment=tuple(given.environment),
-            voxels=given.voxels,
-        )
-        for picture in trace_paths(cluster, load_scene(given.scene, given.overrides), settings):
-            if picture is None:  # not on rank 0
-                continue
-            error = np.sqrt(np.mean(picture.standard_error[..., :3] ** 2))
-            print(f"{picture.samples} samples, standard error {error:.4f}, voxels: {picture.voxels}", flush=True)
-            picture.image.save(given.output)
+    try:
+        with jobs.cluster() as cluster:
+            with agree(cluster.channel, None, "settings"):
+                scene = load_scene(given.scene, given.overrides)
+                settings = PathTracing(
+                    samples=given.samples,
+                    scattering=given.scattering,
+                    anisotropy=given.anisotropy,
+                    environment=tuple(given.environment),
+                    voxels=given.voxels,
+                )
+            for picture in trace_paths(cluster, scene, settings):
+                if picture is None:  # not on rank 0
+                    continue
+                error = np.sqrt(np.mean(picture.standard_error[..., :3] ** 2))
+                print(f"{picture.samples} samples, standard error {error:.4f}, voxels: {picture.voxels}", flush=True)
+                picture.image.save(given.output)
+    except ClustervizError as error:
+        parser.exit(error.exit_status, f"{parser.prog}: {error}\n")
 
 
 if __name__ == "__main__":

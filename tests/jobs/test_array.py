@@ -286,6 +286,7 @@ def test_an_array_that_cannot_be_is_refused_on_all_ranks(options: dict[str, Any]
     def run(channel: Channel) -> str:
         with pytest.raises((InputError, RemoteMemoryError), match=text) as caught:
             DistributedArray(channel, **{"shape": (40, 40, 40), "dtype": np.float32, "blocks": 20} | options)
+        assert is_agreed(caught.value)  # so that it is printed once
         return str(caught.value)
 
     assert len(set(run_loopback(3, run))) == 1

@@ -56,6 +56,24 @@ def test_path_tracing_writes_a_picture(
         assert np.ptp(np.asarray(picture)) > 20
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["trace_paths.py", "missing.yaml"], "missing.yaml: cannot be read: No such file"),
+        (["multiply_matrices.py", "--size", "0"], "no shape of an array; found (1, 0, 0)"),
+        (["reconstruct_ct.py", "views.tif", "--geometry", "missing.yaml"], "missing.yaml: cannot be read"),
+    ],
+)
+def test_wrong_input_is_one_message(
+    arguments: list[str], message: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", arguments)
+    with pytest.raises(SystemExit) as raised:
+        runpy.run_path(str(EXAMPLES / arguments[0]), run_name="__main__")
+    assert raised.value.code == 2
+    assert message in capsys.readouterr().err
+
+
 def test_the_program_of_the_how_to(tmp_path: Path) -> None:
     page = (ROOT / "docs/how-to/run-jobs.md").read_text()
     parts = {kind: re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("glsl", "python")}

@@ -198,14 +198,15 @@ def test_majorants_bound_the_extinction() -> None:
         ({"samples": 0}, {}, "samples: impossible value; found 0"),
         ({"environment": (1.0, -1.0, 0.0)}, {}, "environment: no radiance"),
         ({}, {"blending": "maximum"}, r"volumes\[0\].blending: path tracing does not show it; found maximum"),
-        ({}, {"points": [[1.0, 2.0, 3.0]]}, "points: path tracing does not show it; found 1; allowed none"),
+        ({}, {"points": [{"path": "atoms.pdb"}]}, "points: path tracing does not show it; found 1; allowed none"),
+        ({}, {"flows": [{"path": "field:rotation", "show": "lic"}]}, "flows: path tracing does not show it; found 1"),
         ({}, {"lights": [*LIGHT, *LIGHT]}, "lights: one light at most"),
         ({}, {"box": (0, 1, 0, 1, 0, 1)}, "clip.box: path tracing does not show it"),
     ],
 )
 def test_what_is_not_traced_is_refused(settings: dict[str, Any], look: dict[str, Any], text: str) -> None:
-    if "points" in look:
-        scene = with_settings(Scene(volumes=(Volume(path="cloud"),)), {"points": [{"path": "atoms.pdb"}]})
+    if "points" in look or "flows" in look:
+        scene = with_settings(Scene(volumes=(Volume(path="cloud"),)), look)
         with jobs.cluster(LoopbackChannel()) as cluster, pytest.raises(SceneError, match=text):
             next(trace_paths(cluster, scene))
         return
