@@ -2,8 +2,8 @@
 
     python benchmarks/flow.py --peer-python PYTHON_WITH_VTK [--parts trace,ranks] [--rounds 3] [--json F]
 
-trace: streamlines of the ABC flow on a grid, forward, of a stated length, by RK4 with the same steps and by RK45 with
-the same tolerance, on one core: points of lines a second of CPU time, by this program, vtkStreamTracer and a NumPy
+trace: streamlines of the ABC flow on two grids, forward, of a stated length, by RK4 with the same steps and by RK45
+with the same tolerance, on one core: points of lines a second of CPU time, by this program, vtkStreamTracer and a NumPy
 program. Rounds of all three alternate, each in a process of its own; times are minima. Errors are the distances of the
 lines' ends from those with an eighth of the step, RK4, of lines that stay inside.
 ranks: the same lines with RK45 under mpirun, over seeds and over data: seconds, and bytes that are handed over.
@@ -29,15 +29,15 @@ from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.flow import trace
 from clusterviz.scene.flows import Trace
 
-SIDE, SEEDS, STEP_VOXELS, LENGTH = 128, 2000, 0.5, 2.0
+SIDES, SEEDS, STEP_VOXELS, LENGTH = (64, 128), 10_000, 0.5, 2.0
 TOLERANCE = 1e-5
 PEER = Path(__file__).with_name("flow_peer.py")
 Rows = list[dict[str, Any]]
 
 
-def problem() -> tuple[VectorArray, Any]:
+def problem(side: int) -> tuple[VectorArray, Any]:
     """Return the vectors, and the seeds."""
-    field = open_vectors(f"field:abc:{SIDE}")
+    field = open_vectors(f"field:abc:{side}")
     vectors = VectorArray(field.read((0, 0, 0), field.grid.shape_zyx), field.grid)
     return vectors, np.random.default_rng(1).uniform(-0.9, 0.9, (SEEDS, 3))
 
@@ -50,9 +50,9 @@ def settings(method: str, refined: int = 1) -> Trace:
     )
 
 
-def own_lines(method: str, refined: int = 1) -> tuple[float, int, Any]:
+def own_lines(side: int, method: str, refined: int = 1) -> tuple[float, int, Any]:
     """Return CPU seconds on one core, points, and the ends of lines by seed."""
-    vectors, seeds = problem()
+    vectors, seeds = problem(side)
     trace(vectors, seeds[:1], settings(method), close=0, threads=1)  # which loads the kernel
     began = time.process_time()
     lines = trace(vectors, seeds, settings(method, refined), close=0, threads=1).lines
@@ -64,10 +64,15 @@ def own_lines(method: str, refined: int = 1) -> tuple[float, int, Any]:
 
 def measure_trace(options: argparse.Namespace) -> Rows:
     """Compare programs on one core."""
+    return [row for side in SIDES for row in compare(side, options)]
+
+
+def compare(side: int, options: argparse.Namespace) -> Rows:
+    """Compare programs on a grid of this many samples a side."""
     rows = []
-    vectors, seeds = problem()
+    vectors, seeds = problem(side)
     spacing = vectors.grid.spacing[0]
-    exact = own_lines("rk4", 8)[2]
+    exact = own_lines(side, "rk4", 8)[2]
     stays = (np.abs(exact) < 1 - spacing).all(axis=1)
     for method in ("rk4", "rk45"):
         found: dict[str, list[tuple[float, int, float]]] = {}
@@ -76,9 +81,9 @@ def measure_trace(options: argparse.Namespace) -> Rows:
             numbers: dict[str, Any] = {"step": STEP_VOXELS * spacing, "length": LENGTH, "tolerance": TOLERANCE}
             read = vectors.read((0, 0, 0), vectors.grid.shape_zyx)
             np.savez(file, vectors=read, spacing=spacing, seeds=seeds, method=method, **numbers)
-            for _ in range(options.rounds):
-                results = {"clusterviz": own_lines(method)}
-                for program in ("vtk", "numpy") if method == "rk4" else ("vtk",):
+            for turn in range(options.rounds):
+                results = {"clusterviz": own_lines(side, method)}
+                for program in ("vtk", *(["numpy"] if method == "rk4" and not turn else [])):
                     command = [options.peer_python, str(PEER), str(file), program, str(output)]
                     printed = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
                     with np.load(output) as ends:
@@ -92,6 +97,7 @@ def measure_trace(options: argparse.Namespace) -> Rows:
             rows.append(
                 {
                     "part": "trace",
+                    "side": side,
                     "method": method,
                     "program": program,
                     "points": points,
@@ -102,8 +108,8 @@ def measure_trace(options: argparse.Namespace) -> Rows:
                 }
             )
             print(
-                f"trace  {method:5} {program:11} {points / seconds / 1e6:7.3f} million points a second and core, "
-                f"median error {error:.1e}, {ratio:.2f} times VTK",
+                f"trace  {side:3}³ {method:5} {program:11} {points / seconds / 1e6:7.3f} million points a second "
+                f"and core, median error {error:.1e}, {ratio:.2f} times VTK",
                 flush=True,
             )
     return rows
@@ -128,7 +134,7 @@ def measure_ranks(options: argparse.Namespace) -> Rows:
 def rank_job() -> None:
     """Print what one rank count needs, from rank 0."""
     channel = open_channel()
-    vectors, seeds = problem()
+    vectors, seeds = problem(SIDES[-1])
     for over in ("seeds", "data"):
         channel.barrier()
         began, cpu = time.perf_counter(), time.process_time()

@@ -98,7 +98,8 @@ def grid_domain(
         z, y, x = (stop - begin)[::-1].tolist()
         found = np.zeros((z, y, x, 4), np.float32)
         read = source.read(_index(begin), _index(stop))
-        found[..., :3] = index_from_world_vectors(read, grid)
+        for layer, vectors_of_layer in zip(found, read, strict=True):
+            layer[..., :3] = index_from_world_vectors(vectors_of_layer, grid)
         return found.reshape(-1)
 
     return Domain(

@@ -10,7 +10,10 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
 
+from clusterviz.codec.intrinsics import intrinsic, lane_indices
 from clusterviz.data.vector_field import abc, hill_vortex, rotation
 from clusterviz.flow.state import (
     CELL,
@@ -52,7 +55,6 @@ _OPTIONS: dict[str, Any] = {
     "no_cfunc_wrapper": True,
 }
 _jit = numba.njit(**_OPTIONS)
-_u64 = numba.uint64  # an index of this type is not compared with 0
 STAGE_LIMIT = 2.0  # of a step's length, which no stage may exceed
 _REJECTIONS = 1024.0  # a step may shrink by this before the line ends
 _LEAST_STEP = 1e-4  # of the longest; RK45 accepts what is shorter
@@ -99,42 +101,55 @@ def _grid_sample(first, second, numbers, floats, x, y, z, t):  # type: ignore[no
     if i < 0 or j < 0 or k < 0 or i + di >= bx or j + dj >= by or k + dk >= bz:
         return NOT_LOADED, 0.0, 0.0, 0.0
     at, di, dj, dk = 4 * ((k * by + j) * bx + i), 4 * di, 4 * dj * bx, 4 * dk * by * bx
-    vx, vy, vz = _trilinear(first, at, di, dj, dk, u, v, w)
+    vx, vy, vz, _ = _trilinear(first, at, di, dj, dk, u, v, w)
     if numbers[9]:
         weight = (t - floats[6]) * floats[7]
-        wx, wy, wz = _trilinear(second, at, di, dj, dk, u, v, w)
+        wx, wy, wz, _ = _trilinear(second, at, di, dj, dk, u, v, w)
         vx, vy, vz = vx + weight * (wx - vx), vy + weight * (wy - vy), vz + weight * (wz - vz)
-    if not (np.isfinite(vx) and np.isfinite(vy) and np.isfinite(vz)):
+    if (vx + vy + vz) * 0 != 0:  # not finite
         return NO_VECTORS, 0.0, 0.0, 0.0
     return RUNNING, vx, vy, vz
 
 
-@_jit
-def _trilinear(vectors, at, di, dj, dk, u, v, w):  # type: ignore[no-untyped-def]
-    """Return the vector between the corner at a place of the array and those that lie `di`, `dj` and `dk` further."""
-    a, b, c, d = _u64(at), _u64(at + dj), _u64(at + dk), _u64(at + dk + dj)
-    e, f, g, h = _u64(at + di), _u64(at + di + dj), _u64(at + di + dk), _u64(at + di + dk + dj)
-    one, two = _u64(1), _u64(2)
-    return (
-        _mix(vectors[a], vectors[b], vectors[c], vectors[d], vectors[e], vectors[f], vectors[g], vectors[h], u, v, w),
-        _mix(
-            *(vectors[a + one], vectors[b + one], vectors[c + one], vectors[d + one]),
-            *(vectors[e + one], vectors[f + one], vectors[g + one], vectors[h + one], u, v, w),
-        ),
-        _mix(
-            *(vectors[a + two], vectors[b + two], vectors[c + two], vectors[d + two]),
-            *(vectors[e + two], vectors[f + two], vectors[g + two], vectors[h + two], u, v, w),
-        ),
-    )
+@intrinsic
+def _trilinear(context, vectors, at, di, dj, dk, u, v, w):  # type: ignore[no-untyped-def]
+    """Return the vector between the corner at a place of the array and those that lie `di`, `dj` and `dk` further.
 
+    The three components and what lies behind them are one vector of the CPU.
+    """
+    signature = types.UniTuple(types.float64, 4)(vectors, at, di, dj, dk, u, v, w)  # type: ignore[no-untyped-call]
 
-@_jit
-def _mix(a, b, c, d, e, f, g, h, u, v, w):  # type: ignore[no-untyped-def]
-    """Return the number between eight: a to d at the low end of x, b and d at the high end of y, c and d of z."""
-    a, b, c, d = np.float64(a), np.float64(b), np.float64(c), np.float64(d)
-    a, b, c, d = a + u * (e - a), b + u * (f - b), c + u * (g - c), d + u * (h - d)
-    a, c = a + v * (b - a), c + v * (d - c)
-    return a + w * (c - a)
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        _, at, di, dj, dk, *weights = arguments
+        narrow, wide = (ir.VectorType(kind, 4) for kind in (ir.FloatType(), ir.DoubleType()))
+        nothing = ir.Constant(wide, ir.Undefined)
+        u, v, w = (
+            builder.shuffle_vector(
+                builder.insert_element(nothing, weight, ir.IntType(32)(0)), nothing, lane_indices([0] * 4)
+            )
+            for weight in weights
+        )
+
+        def corner(place: Any) -> Any:
+            loaded = builder.load(builder.bitcast(builder.gep(data, [place]), narrow.as_pointer()))
+            loaded.align = 4
+            return builder.fpext(loaded, wide)
+
+        def between(low: Any, high: Any, weight: Any) -> Any:
+            return builder.fadd(low, builder.fmul(weight, builder.fsub(high, low)))
+
+        def row(place: Any) -> Any:
+            return between(corner(place), corner(builder.add(place, di)), u)
+
+        def layer(place: Any) -> Any:
+            return between(row(place), row(builder.add(place, dj)), v)
+
+        found = between(layer(at), layer(builder.add(at, dk)), w)
+        parts = [builder.extract_element(found, ir.IntType(32)(n)) for n in range(4)]
+        return context.make_tuple(builder, signature.return_type, parts)
+
+    return signature, generate
 
 
 _formulas = numba.njit(rotation, **_OPTIONS), numba.njit(hill_vortex, **_OPTIONS), numba.njit(abc, **_OPTIONS)
@@ -187,7 +202,7 @@ def _cells_sample(field, numbers, floats, state, x, y, z, t):  # type: ignore[no
         vx = a * ax + b * bx + c * cx + d * dx
         vy = a * ay + b * by + c * cy + d * dy
         vz = a * az + b * bz + c * cz + d * dz
-    if not (np.isfinite(vx) and np.isfinite(vy) and np.isfinite(vz)):
+    if (vx + vy + vz) * 0 != 0:  # not finite
         return NO_VECTORS, 0.0, 0.0, 0.0
     return RUNNING, vx, vy, vz
 

@@ -29,6 +29,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.codec import intrinsics
 from clusterviz.comm.agree import abort_on_failure, agree
 from clusterviz.comm.all_to_all import all_to_all
 from clusterviz.comm.channel import Channel
@@ -99,7 +100,7 @@ _TAG = 7400
 @cache
 def kernel() -> CompiledKernel:
     """Return the kernel that advances particles."""
-    sources = [Path(str(module.__file__)) for module in (trace_kernel, state, vector_field)]
+    sources = [Path(str(module.__file__)) for module in (trace_kernel, intrinsics, state, vector_field)]
     mesh = "float64[::1]; int64[::1]; int64[::1]; int64[::1]; int64[::1]"
     rest = "int64[::1]; float64[::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; int64[::1]"
     arguments = f"float32[::1]; float32[::1]; {mesh}; {rest}"
