@@ -138,19 +138,9 @@ class DistributedArray:
         return self.shape[0], self.shape[1], self.shape[2]
 
     @property
-    def nbytes(self) -> int:
-        """Bytes of all elements on all ranks."""
-        return math.prod(self.shape) * self.dtype.itemsize
-
-    @property
     def blocks(self) -> Index:
         """Number of blocks along z, y and x: the grid of a job that has one item a block."""
         return self.grid.counts_zyx
-
-    @property
-    def owners(self) -> NDArray[np.int32]:
-        """The rank that holds each block, int32 (bz, by, bx)."""
-        return self._owners.owner
 
     def owner(self, index_zyx: Index) -> int:
         """Return the rank that holds a block."""

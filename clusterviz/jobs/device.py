@@ -51,11 +51,6 @@ class Device:
     egl: int | None = None
     threads: int = 1
 
-    @property
-    def name(self) -> str:
-        """Name for people."""
-        return "CPU" if self.egl is None else f"EGL device {self.egl}"
-
 
 @dataclass(frozen=True)
 class Program:
