@@ -32,15 +32,15 @@ def command(
     device: DeviceOption = None,
     as_numbers: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
-    """Count the fragments of meshes, lines and points at each pixel; under mpirun, on all ranks."""
+    """Count the fragments of meshes, lines and points, those of flows too, at each pixel; under mpirun, on all ranks."""
     channel, _ = start()
     with agree(channel, 0, "scene"):
         if orbit is None and frames is not None:
             raise InputError("nothing moves", where="--frames", found=frames, allowed="--orbit DEGREES beside it")
         count = 1 if orbit is None else frame_count(orbit, None, frames, 1.0, "")
         opened, device_choice = open_scene(scene, overrides_of(define, size)), parse_device(device)
-        if not opened.geometry:
-            where, allowed = f"{scene}: meshes, lines, points", "a scene with one of them"
+        if not opened.geometry and all(flow.show in ("lic", "surface-lic") for flow in opened.flows):
+            where, allowed = f"{scene}: meshes, lines, points", "a scene with one of them, or lines or arrows of flows"
             raise InputError("nothing to count", where=where, allowed=allowed)
         opened = opened if orbit is None else fit_to_orbit(opened)
     with agree(channel, 0, "output"):
