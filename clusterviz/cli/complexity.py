@@ -32,7 +32,7 @@ def command(
     device: DeviceOption = None,
     as_numbers: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
-    """Count the fragments of meshes, lines and points, those of flows too, at each pixel; under mpirun, on all ranks."""
+    """Count the fragments of meshes, lines, points and flows at each pixel; under mpirun, on all ranks."""
     channel, _ = start()
     with agree(channel, 0, "scene"):
         if orbit is None and frames is not None:
