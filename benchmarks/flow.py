@@ -1,12 +1,13 @@
-"""Speed and error of lines of flows, beside VTK and NumPy, and on several ranks.
+"""Speed and error of flows, beside VTK and NumPy, and on several ranks.
 
-    python benchmarks/flow.py --peer-python PYTHON_WITH_VTK [--parts trace,ranks] [--rounds 3] [--json F]
+    python benchmarks/flow.py --peer-python PYTHON_WITH_VTK [--parts trace,ranks,lic,…] [--rounds 3] [--json F]
 
 trace: streamlines of the ABC flow on two grids, forward, of a stated length, by RK4 with the same steps and by RK45
 with the same tolerance, on one core: points of lines a second of CPU time, by this program, vtkStreamTracer and a NumPy
 program. Rounds of all three alternate, each in a process of its own; times are minima. Errors are the distances of the
 lines' ends from those with an eighth of the step, RK4, of lines that stay inside.
 ranks: the same lines with RK45 under mpirun, over seeds and over data: seconds, and bytes that are handed over.
+lic, lic-slice, lic-ranks: line integral convolution; see `flow_lic.py`.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import flow_lic
 import numpy as np
 
 from clusterviz.comm import open_channel
@@ -146,7 +148,10 @@ def rank_job() -> None:
             print(json.dumps(row | {"bytes_handed_over": traced.bytes_handed_over}))
 
 
-PARTS: dict[str, Callable[[argparse.Namespace], Rows]] = {"trace": measure_trace, "ranks": measure_ranks}
+PARTS: dict[str, Callable[[argparse.Namespace], Rows]] = {
+    "trace": measure_trace,
+    "ranks": measure_ranks,
+} | flow_lic.PARTS
 
 
 def main() -> None:
