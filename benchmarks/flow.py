@@ -8,6 +8,7 @@ program. Rounds of all three alternate, each in a process of its own; times are 
 lines' ends from those with an eighth of the step, RK4, of lines that stay inside.
 ranks: the same lines with RK45 under mpirun, over seeds and over data: seconds, and bytes that are handed over.
 lic, lic-slice, lic-ranks: line integral convolution; see `flow_lic.py`.
+surface: surface LIC; see `flow_surface.py`.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import flow_lic
+import flow_surface
 import numpy as np
 
 from clusterviz.comm import open_channel
@@ -151,7 +153,9 @@ def rank_job() -> None:
 PARTS: dict[str, Callable[[argparse.Namespace], Rows]] = {
     "trace": measure_trace,
     "ranks": measure_ranks,
-} | flow_lic.PARTS
+    **flow_lic.PARTS,
+    **flow_surface.PARTS,
+}
 
 
 def main() -> None:
