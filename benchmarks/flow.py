@@ -30,7 +30,7 @@ import numpy as np
 
 from clusterviz.comm import open_channel
 from clusterviz.data.vectors import VectorArray, open_vectors
-from clusterviz.flow import trace
+from clusterviz.flow.tracing import trace
 from clusterviz.scene.flows import Trace
 
 SIDES, SEEDS, STEP_VOXELS, LENGTH = (64, 128), 10_000, 0.5, 2.0

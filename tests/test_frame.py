@@ -279,7 +279,7 @@ def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("device", "step"), [("cpu", 0.002), (0, 0.1)])
 def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A large picture is drawn in bands by OpenGL, which change nothing in it."""
-    raycast, caster = (import_module(f"clusterviz.render.{name}") for name in ("raycast", "cpu.caster"))
+    raycast, threads = (import_module(f"clusterviz.{name}") for name in ("render.raycast", "spmd.threads"))
     settings = ["image.size=[90, 70]", f"quality.step={step}", "cluster.brick=8"]
     scene = scene_of_data("field:marschner-lobb:20", settings)
     told: list[float] = []
@@ -288,7 +288,7 @@ def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pyte
         told.extend([done] if step == "render" and done else [])
 
     at_once = render_frame(scene, LoopbackChannel(), None, Options(device=device))
-    monkeypatch.setattr(caster, "PROGRESS_SECONDS", 0.0)
+    monkeypatch.setattr(threads, "REPORT_SECONDS", 0.0)
     monkeypatch.setattr(raycast, "PROGRESS_SECONDS", 0.0)
     monkeypatch.setattr(raycast, "MOST_PIXELS_AT_ONCE", 1 << 8)
     monkeypatch.setattr(raycast, "FIRST_BAND_PIXELS", 1 << 10)

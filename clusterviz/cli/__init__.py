@@ -116,7 +116,7 @@ COMMANDS: dict[str, Command] = {
     "trace": Command(
         "clusterviz.cli.trace",
         "Trace lines of a flow into a VTP file, and find its critical points.",
-        "mpirun -n 4 clusterviz trace channel.vti -o lines.vtp --critical-points points.csv -D seeds.count=500",
+        "mpirun -n 4 clusterviz trace channel.vti -o lines.vtp -D seeds.count=500",
     ),
     "info": Command("clusterviz.cli.info", "Show what a data file holds.", "clusterviz info head.nii.gz"),
     "schema": Command(

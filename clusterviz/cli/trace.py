@@ -15,9 +15,9 @@ from clusterviz.data import grid_format_of
 from clusterviz.data.formats.vtp import write_vtp
 from clusterviz.data.vectors import open_vectors
 from clusterviz.errors import InputError, OutputError
-from clusterviz.flow import trace
 from clusterviz.flow.cells import open_cells
 from clusterviz.flow.critical_points import CriticalPoints, find_critical_points
+from clusterviz.flow.tracing import trace
 from clusterviz.scene.files import load_scene, scene_of_data
 from clusterviz.scene.flows import LINES, FlowSection, Seeds
 

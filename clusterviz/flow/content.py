@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,11 @@ from clusterviz.flow.cells import Cells, open_cells, regular_vectors
 from clusterviz.flow.glyphs import glyphs
 from clusterviz.flow.lic import LicSource
 from clusterviz.flow.lic_lines import LicOverRanks
-from clusterviz.flow.tracing import LineKind, trace
 from clusterviz.scene.flows import LINES, FlowInfo, FlowSection, Lic, Seeds
 from clusterviz.scene.values import Scene
+
+if TYPE_CHECKING:
+    from clusterviz.flow.tracing import LineKind
 
 LATTICE = 64
 """Vectors a side of the lattice whose speeds are taken as those of all vectors."""
@@ -61,7 +63,10 @@ class OpenedFlow:
             return Geometry(points=glyphs(self.vectors, seeds, channel))
         if section.show not in LINES:
             return None
-        kind = cast(LineKind, section.show)
+        # Importing numba takes longer than many a render without lines.
+        from clusterviz.flow.tracing import trace
+
+        kind = cast("LineKind", section.show)
         traced = trace(self.vectors, seeds, section.trace, kind, channel=channel, first_step=section.time)
         return Geometry(lines=traced.lines)
 

@@ -27,7 +27,7 @@ from clusterviz.scene.values import Scene, Volume
 
 VALUES = (0.0, 1.0)
 """Range of line integral convolution."""
-DEFAULT_OPACITY = ((0.0, 0.0), (0.3, 0.0), (1.0, 0.9))
+DEFAULT_OPACITY = ((0.0, 0.0), (0.5, 0.0), (0.7, 0.9), (1.0, 0.9))
 SLOW = 0.1
 """Share of the highest coloured speed from which on a LIC volume has its whole opacity."""
 SPEED, VELOCITY = "speed", "velocity"

@@ -228,7 +228,7 @@ class FlowSection(Section):
     opacity: Opacity | None = Field(
         default=None,
         description="A number, control points or a preset as of volumes: of a LIC volume, of its values from 0 to 1 "
-        "over opacity_unit_distance; of lines and arrows, of the speed; default: rising from 0.3 on, or 1.",
+        "over opacity_unit_distance; of lines and arrows, of the speed; default: rising from 0.5 to 0.7, or 1.",
     )
     speed_opacity: (
         Annotated[tuple[GradientPoint, ...], Field(min_length=1, max_length=64), AfterValidator(check_order)] | None
@@ -243,9 +243,9 @@ class FlowSection(Section):
         description="World units over which a LIC volume's opacity is gathered; default: as of volumes.",
     )
     shade: Flag = Field(default=True, description="Light the flow: a LIC volume as lines, by its directions.")
-    ambient: Ambient = 0.3
-    diffuse: Diffuse = 0.7
-    specular: Specular = 0.3
+    ambient: Ambient = 0.25
+    diffuse: Diffuse = 0.6
+    specular: Specular = 0.15
     specular_power: SpecularPower = 20.0
     radius: Positive | None = Field(
         default=None,

@@ -11,7 +11,7 @@ import pytest
 
 from clusterviz.data import read_geometry
 from clusterviz.data.vectors import open_vectors
-from clusterviz.flow import trace
+from clusterviz.flow.tracing import trace
 from clusterviz.scene.flows import Seeds
 
 

@@ -11,7 +11,8 @@ from clusterviz.comm import open_channel
 from clusterviz.comm.all_to_all import all_to_all
 from clusterviz.data.vectors import open_vectors
 from clusterviz.errors import ClustervizError
-from clusterviz.flow import trace, tracing
+from clusterviz.flow import tracing
+from clusterviz.flow.tracing import trace
 from clusterviz.scene.flows import Seeds
 
 

@@ -14,8 +14,7 @@ from clusterviz.comm import run_loopback
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.errors import DataError, InputError
-from clusterviz.flow import Traced, trace
-from clusterviz.flow.tracing import split_cells
+from clusterviz.flow.tracing import Traced, split_cells, trace
 from clusterviz.scene.flows import Seeds, Trace
 
 SEED = (0.5, 0.0, 0.0)

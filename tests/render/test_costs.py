@@ -72,26 +72,30 @@ CASES = {
     "maximum, not lit": Case({"blending": "maximum"} | SHADE, "composite over", "extreme"),
     "average": Case({"blending": "average"}, "composite over", "sum"),
     "local maximum": Case(LOCAL, "composite over", "local_maximum"),
-    "shade": Case(SHADE, "unlit gradient_none", "gradient ambient lights lights_far", buffers=1, side=19),
+    "shade": Case(SHADE, "unlit gradient_none", "gradient ambient lights lights_far phong", buffers=1, side=19),
     "shade, from a place": Case(
-        SHADE | PLACE, "unlit gradient_none", "gradient ambient lights lights_near", buffers=1, side=19
+        SHADE | PLACE, "unlit gradient_none", "gradient ambient lights lights_near phong", buffers=1, side=19
     ),
     "nearest, shade": Case(
         {"interpolation": "nearest"} | SHADE,
         "linear_u8 unlit gradient_none",
-        "nearest gradient_nearest ambient lights lights_far",
+        "nearest gradient_nearest ambient lights lights_far phong",
         buffers=1,
         side=19,
     ),
     "shade, smooth": Case(
-        SHADE | SMOOTH, "unlit gradient_none", "spline gradient_cubic ambient lights lights_far", buffers=1, side=19
+        SHADE | SMOOTH,
+        "unlit gradient_none",
+        "spline gradient_cubic ambient lights lights_far phong",
+        buffers=1,
+        side=19,
     ),
     "smooth, but not lit": Case(SMOOTH),
     "cubic": Case({"interpolation": "cubic"}, "linear_u8", "spline cubic", side=19),
     "cubic, shade": Case(
         {"interpolation": "cubic"} | SHADE,
         "linear_u8 unlit gradient_none",
-        "spline cubic gradient_cubic ambient lights lights_far",
+        "spline cubic gradient_cubic ambient lights lights_far phong",
         buffers=1,
         side=19,
     ),
@@ -101,7 +105,7 @@ CASES = {
     "all of it": Case(
         SURFACES | SHADE | CLIP | {"interpolation": "cubic"},
         "samples linear_u8 unlit unclipped gradient_none",
-        "surfaces root cell_cubic spline cubic gradient_cubic ambient lights lights_far clip kept",
+        "surfaces root cell_cubic spline cubic gradient_cubic ambient lights lights_far clip kept phong",
         buffers=3,
         side=19 + 2,
     ),
@@ -123,7 +127,7 @@ CASES = {
     "pre-integrated, shade": Case(
         {"classification": "pre-integrated"} | SHADE,
         "composite samples whole_slab segment unlit gradient_none",
-        "preintegrated ramp ramp_slab front_to_back sums gradient ambient lights lights_far",
+        "preintegrated ramp ramp_slab front_to_back sums gradient ambient lights lights_far phong",
         buffers=2,
         side=19 + 2,
     ),
@@ -134,7 +138,7 @@ CASES = {
     "gradient opacity, shade": Case(
         FADED | SHADE,
         "gradient_none unfaded unlit",
-        "gradient magnitude faded ambient lights lights_far",
+        "gradient magnitude faded ambient lights lights_far phong",
         buffers=2,
         side=19,
     ),

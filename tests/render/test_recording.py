@@ -18,6 +18,7 @@ from render.scenes import LIT, camera_at, clip_of, lights_in, noise, scene_of, s
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.data.vectors import VectorArray
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.shader import shader_folder
 from clusterviz.partition import Piece, build_tree
@@ -27,6 +28,7 @@ from clusterviz.render.crossing import Crossing
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.recording import recorded, run_on
 from clusterviz.render.variant import Variant
+from clusterviz.scene.flows import FlowSection
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.ir import Declare, Variable
 from clusterviz.spmd.machine_code import function_of, object_code
@@ -51,7 +53,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "lit, clipped": (
         "uint8",
         LIT | {"clip": clip_of(GRID), "lights": lights_in(GRID)},
-        "ambient cells clip gradient kept lights lights_near linear_u8 units unjittered voxel_u8",
+        "ambient cells clip gradient kept lights lights_near linear_u8 phong units unjittered voxel_u8",
     ),
     "maximum of float32": ("float32", {"blending": "maximum"}, "extreme voxel_f32"),
     "average": ("uint8", {"blending": "average"}, "sum"),
@@ -94,6 +96,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
         LIT | SURFACES | STEEP | {"detail": {"level": 1}},
         "absorbing classified layers level_gradient levels met surface_list",
     ),
+    "volume of a flow": ("float32", {}, "lines vector"),
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
 WITHOUT_CODE = "buffers levels_none met_none no_prefetch no_profile packets pitch raycast sums"
@@ -133,6 +136,11 @@ def dispatches(
         other = scene_of(noise(SHAPE), scene.camera, cmap=((0.0, 1, 0, 0), (1.0, 0, 1, 1))).volumes[0]
         scene, voxels = scene.model_copy(update={"volumes": (*scene.volumes, other)}), [*voxels, noise(SHAPE)]
     sources: list[Any] = [ArraySource(each, GRID) for each in voxels]
+    if look == "volume of a flow":
+        z, y, x = np.indices(SHAPE)
+        turning = np.stack([y - 11, 13 - x, 0 * z + 4], axis=-1).astype(np.float32)
+        flow = FlowSection.model_validate({"path": "flow", "show": "lic", "lic": {"length": 4.0}, "opacity": 0.5})
+        scene, sources = scene.model_copy(update={"volumes": (), "flows": (flow,)}), [VectorArray(turning, GRID)]
     if "detail" in keys:
         sources[0] = Pyramid((voxels[0], voxels[0][::2, ::2, ::2]))
     if "one half" in look:
@@ -267,9 +275,11 @@ def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
 
 
 def test_probes_look_into_every_file_of_the_shaders() -> None:
-    """A new file needs a look in the table, in which a pixel comes to it; other tests probe those of geometry."""
+    """A new file needs a look in the table, in which a pixel comes to it; other tests probe geometry and jobs."""
     files = " ".join(
         [*(look[2] for look in LOOKS.values()), *ON_CPUS.values(), OF_16_LANES, WITHOUT_CODE, NOT_PROBED]
     ).split()
     every = [path.relative_to(shader_folder()) for path in shader_folder().rglob("*.glsl")]
-    assert sorted(files) == sorted(path.stem for path in every if not re.search("abuffer|cells/", str(path)))
+    assert sorted(files) == sorted(
+        path.stem for path in every if not re.search("abuffer|(cells|flow|jobs)/", str(path))
+    )

@@ -17,9 +17,9 @@ from clusterviz.data import open_scene
 from clusterviz.errors import ClustervizError
 from clusterviz.frame import Options, render_frame
 from clusterviz.image import read_image
-from clusterviz.render.cpu import caster
 from clusterviz.scene import Scene
 from clusterviz.scene.animation import load_path
+from clusterviz.spmd import threads
 from clusterviz.viewer import render_loop
 from clusterviz.viewer.encoding import Picture
 from clusterviz.viewer.messages import Edit, KeyPose, Pick, Pose, Save, View
@@ -194,7 +194,7 @@ def test_a_still_picture_is_abandoned_on_all_ranks(monkeypatch: pytest.MonkeyPat
     viewers: list[Viewer] = []
     monkeypatch.setattr(Abandoning, "poll", slow_poll)
     # Drawing of a small picture is faster than the first look for input.
-    monkeypatch.setattr(caster, "PROGRESS_SECONDS", 0.0)
+    monkeypatch.setattr(threads, "REPORT_SECONDS", 0.0)
 
     def act(viewer: Viewer) -> None:
         viewers.append(viewer)
