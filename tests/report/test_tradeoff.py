@@ -176,6 +176,15 @@ def test_of_geometry_only_what_applies_is_tried(tmp_path: Path) -> None:
     assert "s for a few pixels" in ground_truth._reference_renderer(drawn.scene, 0.0)[1]
 
 
+def test_what_flows_become_has_a_reference() -> None:
+    keys = {"flows": [{"path": "field:abc:6", "show": show} for show in ("lic", "streamlines")]}
+    drawn = measure(Scene.model_validate(keys | {"image": {"size": (8, 8)}}), LoopbackChannel(), 1, 0)
+    reference, why = ground_truth._reference_renderer(drawn.scene.model_copy(update={"volumes": (), "lines": ()}))
+    assert reference is not None, why
+    assert drawn.image is not None
+    assert compare(drawn.image, reference(drawn.scene, drawn.scene.quality.step)).max < 1e-5
+
+
 def scene(**settings: Any) -> Scene:
     plain = Scene(volumes=(Volume(path="field:gaussian:9", clim=(0.0, 1.0)),))
     return complete_scene(with_settings(plain, {"size": (12, 9)} | settings), FACTS)

@@ -20,12 +20,12 @@ from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.data import open_volume, read_geometry, read_grid
 from clusterviz.errors import ClustervizError
 from clusterviz.flow.content import geometry_with_flows, open_flows
+from clusterviz.frame import Options, Run, prepare
 from clusterviz.image import compare
 from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import place_cells
 from clusterviz.report.tradeoff.knobs import exact_settings
-from clusterviz.scene.flow_content import with_flows
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Scene
 
@@ -170,15 +170,18 @@ def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[D
     sources += [volume for flow in flows for volume in flow.sources()]
     grids = [one.grid for one in sources]
     voxels = [one.read((0, 0, 0), grid.shape_zyx) for one, grid in zip(sources, grids, strict=True)]
-    expanded = with_flows(scene, [flow.info for flow in flows])
+    if scene.flows:
+        # Settings are complete, but not those of what flows become, which no file holds.
+        scene = prepare(Run(LoopbackChannel(), Options()), scene)[0].scene
     own = [read_geometry(section.path) for section in scene.geometry if not section.of_flow]
-    geometries = geometry_with_flows(expanded, own, flows, LoopbackChannel())
-    parts = [part_of(*each) for each in zip(expanded.geometry, geometries, strict=True)]
+    geometries = geometry_with_flows(scene, own, flows, LoopbackChannel())
+    parts = [part_of(*each) for each in zip(scene.geometry, geometries, strict=True)]
     if any(section.visibility != "exact" for section in scene.grids):
         return None, "visibility of the reference's grids is exact"
     grids_read = [read_grid(section.path, section.time) for section in scene.grids]
 
     def reference(of: Scene, step: float) -> Floats:
+        of = scene.model_copy(update={"image": of.image})
         geometry: list[Any] = list(zip(of.geometry, parts, strict=True))
         cells = [place_cells(*pair) for pair in zip(of.grids, grids_read, strict=True)]
         return render_reference(of, grids, voxels, step, geometry=geometry, cells=cells)
