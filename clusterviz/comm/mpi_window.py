@@ -209,18 +209,23 @@ class MpiCounters:
     """
 
     def __init__(self, mpi: Any, comm: Any, count: int, barrier: Callable[[], None]) -> None:
-        self._count, self._barrier, self._first = count, barrier, comm.rank == 0
+        self._comm, self._count, self._barrier, self._first = comm, count, barrier, comm.rank == 0
         self._sum = mpi.SUM
         self._window = mpi.Win.Allocate(8 * count if self._first else 0, 8, comm=comm)
         self._window.Lock_all()
         self.reset()
 
     def add(self, index: int, amount: int) -> int:
-        """Raise a counter by MPI_Fetch_and_op and return its previous value."""
+        """Raise a counter by MPI_Fetch_and_op and return its previous value.
+
+        The probe serves other ranks: Open MPI changes counters in shared memory without progress of anything else, and
+        a rank that waits for a counter may own the part that the rank before it accesses.
+        """
         check_index(index, self._count)
         given, before = np.array([amount], np.int64), np.zeros(1, np.int64)
         self._window.Fetch_and_op(given, before, 0, index, self._sum)
         self._window.Flush(0)
+        self._comm.Iprobe()
         return int(before[0])
 
     def reset(self) -> None:
