@@ -63,6 +63,11 @@ COMMANDS: dict[str, Command] = {
         "Render a picture again from the scene that it holds, and say what differs.",
         "mpirun -n 4 clusterviz replay head.png",
     ),
+    "illuminate": Command(
+        "clusterviz.cli.illuminate",
+        "Show a spectral picture under another light, without rendering again.",
+        "clusterviz illuminate head.spectral.npz --light F11 -o head.png",
+    ),
     "verify": Command(
         "clusterviz.cli.verify",
         "Render a scene on several rank counts, and compare the pictures.",

@@ -1,0 +1,93 @@
+"""Spectral pictures: reflectance and transmittance of each pixel at several wavelengths, and their files.
+
+A file is an .npz with the arrays R_front, R_back and T, float32 (h, w, n), and wavelengths, float64 (n,), nm.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+from zlib import error as ZlibError
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import InputError
+from clusterviz.image.replace import replacing
+from clusterviz.image.spectral.lights import Floats, check_wavelengths
+from clusterviz.image.spectral.two_flux import Fluxes
+
+KEYS = ("R_front", "R_back", "T")
+"""Names in files of what `Fluxes` holds, in its order."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralPicture:
+    """Picture before it is illuminated.
+
+    Attributes
+    ----------
+    fluxes : float32 (h, w, n) each, of what is drawn, without the background
+    wavelengths : float64 (n,), nm, ascending
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, no pixels, wavelengths as of `check_wavelengths`, or shares outside of [0, 1] or not numbers.
+    """
+
+    fluxes: Fluxes
+    wavelengths: Floats
+    where: str = "spectral picture"
+
+    def __post_init__(self) -> None:
+        at = check_wavelengths(self.wavelengths, self.where)
+        shapes = [np.shape(values) for values in self.fluxes]
+        if len(set(shapes)) != 1 or len(shapes[0]) != 3 or 0 in shapes[0] or shapes[0][2] != len(at):
+            found = f"{', '.join(map(str, shapes))} and {len(at)} wavelengths"
+            raise InputError("shapes do not fit", where=self.where, found=found, allowed="(h, w, wavelengths) each")
+        for name, values in zip(KEYS, self.fluxes, strict=True):
+            if not (values >= 0).all() or not (values <= 1 + ROUNDING).all():
+                wrong = values[~((values >= 0) & (values <= 1 + ROUNDING))][0]
+                raise InputError("not shares of light", where=f"{self.where}: {name}", found=wrong, allowed="0 to 1")
+
+
+ROUNDING = 1e-3
+"""How far shares may be above 1 by the rounding of many compositions in float32."""
+
+
+def write_spectral(path: str | os.PathLike[str], picture: SpectralPicture) -> None:
+    """Write a spectral picture as an .npz, atomically.
+
+    Raises
+    ------
+    OutputError
+        Missing or unwritable folder, disk full. No file is left behind.
+    """
+    arrays = {key: np.asarray(values, np.float32) for key, values in zip(KEYS, picture.fluxes, strict=True)}
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays, wavelengths=np.asarray(picture.wavelengths, np.float64))  # type: ignore[arg-type]
+
+
+def read_spectral(path: str | os.PathLike[str]) -> SpectralPicture:
+    """Read a spectral picture.
+
+    Raises
+    ------
+    InputError
+        The file is missing or damaged, or not a spectral picture.
+    """
+    try:
+        with np.load(Path(path), allow_pickle=False) as file:
+            missing = [key for key in (*KEYS, "wavelengths") if key not in file]
+            if missing:
+                allowed = "a .npz with R_front, R_back, T and wavelengths"
+                raise InputError("not a spectral picture", where=str(path), found=f"no {missing[0]}", allowed=allowed)
+            arrays: list[NDArray[np.float32]] = [np.ascontiguousarray(file[key], np.float32) for key in KEYS]
+            wavelengths = np.asarray(file["wavelengths"], np.float64)
+    except (OSError, ValueError, EOFError, TypeError, AttributeError, BadZipFile, ZlibError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "damaged, or not an .npz"
+        raise InputError("cannot be read as a spectral picture", where=str(path), found=reason) from error
+    return SpectralPicture(Fluxes(*arrays), wavelengths, str(path))
