@@ -14,14 +14,18 @@ LINEAR = (".exr", ".npy", ".npz")
 
 
 def command(
-    picture: Annotated[Path, typer.Argument(metavar="PICTURE.spectral.npz", help="A spectral picture that render wrote.")],
+    picture: Annotated[
+        Path, typer.Argument(metavar="PICTURE.spectral.npz", help="A spectral picture that render wrote.")
+    ],
     output: Annotated[
         Path,
         typer.Option("-o", "--output", metavar="OUT", help="The picture: .png, .jpg, .gif; .exr, .npy, .npz: linear."),
     ],
     light: Annotated[
         str,
-        typer.Option(metavar="LIGHT", help="D65, A, F11, E (equal energy), laser:NM, laser:NM:WIDTH, or a table of nm, power."),
+        typer.Option(
+            metavar="LIGHT", help="D65, A, F11, E (equal energy), laser:NM, laser:NM:WIDTH, or a table of nm, power."
+        ),
     ] = "D65",
     background: Annotated[
         str, typer.Option(metavar="COLOUR", help="Colour of the opaque background in daylight, as of image.background.")

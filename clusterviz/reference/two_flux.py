@@ -10,8 +10,8 @@ matrix exponential. The layers are cut until that is well conditioned, and one l
 interfaces, with the light at the front and none at the back. Nothing is composed, and no closed form is used.
 
 `symmetrical_front_to_back` is the thesis's composition, equation 3.21, beside it: it takes the reflectance of the stack
-so far for the same from both sides. Of four layers with K = 0.14, 0.11, 0.6, 0.06, S = 1.44, 0.76, 0.05, 2.49 and length
-1 it makes R = 0.6054 and T = 0.0506; the equations have R = 0.6005 and T = 0.0346.
+so far for the same from both sides. Of four layers with K = 0.14, 0.11, 0.6, 0.06, S = 1.44, 0.76, 0.05, 2.49 and
+length 1 it makes R = 0.6054 and T = 0.0506; the equations have R = 0.6005 and T = 0.0346.
 """
 
 from __future__ import annotations

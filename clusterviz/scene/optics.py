@@ -1,4 +1,4 @@
-"""Optics of spectral volumes: absorption and scattering of a scalar at several wavelengths, directly or by materials."""
+"""Optics of spectral volumes: absorption and scattering of a scalar at wavelengths, directly or by materials."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ WAVELENGTH_SETS: dict[str, tuple[float, ...]] = {
 }
 """Wavelengths by name, nm."""
 MOST_WAVELENGTHS = 64
-ALLOWED_WAVELENGTHS = f"ascending numbers of nm in {VISIBLE[0]:g}..{VISIBLE[1]:g}, or one of {', '.join(WAVELENGTH_SETS)}"
+ALLOWED_WAVELENGTHS = (
+    f"ascending numbers of nm in {VISIBLE[0]:g}..{VISIBLE[1]:g}, or one of {', '.join(WAVELENGTH_SETS)}"
+)
 ALLOWED_MATERIALS = f"{', '.join(MATERIALS)}, a CSS colour name or #rrggbb"
 
 
@@ -154,7 +156,7 @@ class Optics(Section):
 class OpticalFunction:
     """Piecewise-linear absorption and scattering of a scalar, constant beyond the first and last control point.
 
-    A repeated value is a step; at exactly that scalar the later control point applies. NaN neither absorbs nor scatters.
+    A repeated value is a step; at exactly that scalar the later control point applies. NaN does neither.
 
     Attributes
     ----------

@@ -10,8 +10,8 @@
 - Exposure: a light that is not white is dimmed until a white reflector fits into the range of the display.
 - Out of gamut: a colour is mixed with the grey of its own luminance, as little as possible, so that its hue stays.
 
-The thesis's matrix from XYZ to RGB (3.3.3) is that of the NTSC primaries of 1953 and D65, with −0.955 printed as −0.5388,
-and −0.130 and −0.027 exchanged: as printed, D65 becomes (1.00, 1.28, 1.10). It is not used.
+The thesis's matrix from XYZ to RGB (3.3.3) is that of the NTSC primaries of 1953 and D65, with −0.955 printed as
+−0.5388, and −0.130 and −0.027 exchanged: as printed, D65 becomes (1.00, 1.28, 1.10). It is not used.
 
 References
 ----------
@@ -107,7 +107,9 @@ def into_gamut(rgb: NDArray[Any], most: float = 1.0) -> NDArray[Any]:
 
 def encoded(rgb: NDArray[Any]) -> NDArray[Any]:
     """Return the sRGB values, (…), of linear components in [0, 1]."""
-    found: NDArray[Any] = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * np.maximum(rgb, 0.0031308) ** (1 / 2.4) - 0.055)
+    found: NDArray[Any] = np.where(
+        rgb <= 0.0031308, 12.92 * rgb, 1.055 * np.maximum(rgb, 0.0031308) ** (1 / 2.4) - 0.055
+    )
     return found
 
 

@@ -21,9 +21,9 @@ def illuminate(
     ----------
     background : reflectance of the background in [0, 1]: a number, or (n,), or (h, w, n)
     adapt : show white reflectors white under any light, as an eye does after a while; else D65 is white
-    linear : return linear sRGB, not mapped into its gamut, as OpenEXR files have it. Without it, colours are mapped into
-        the gamut and encoded by the function of sRGB, as PNG files have them. Other pictures of clusterviz are not
-        encoded, since their colours are those of a colour map, given for the display; here they are sums of light.
+    linear : return linear sRGB, not mapped into its gamut, as OpenEXR files have it. Without it, colours are mapped
+        into the gamut and encoded by the function of sRGB, as PNG files have them. Other pictures of clusterviz are
+        not encoded, since their colours are those of a colour map, given for the display; here they are sums of light.
 
     Returns
     -------
@@ -40,7 +40,9 @@ def illuminate(
         allowed = f"a number, {shape[2:]} or {shape}"
         raise InputError("shapes do not fit", where="background", found=f"{behind.shape}", allowed=allowed)
     if not ((behind >= 0) & (behind <= 1)).all():
-        raise InputError("not a reflectance", where="background", found=f"{behind.min()} to {behind.max()}", allowed="0 to 1")
+        raise InputError(
+            "not a reflectance", where="background", found=f"{behind.min()} to {behind.max()}", allowed="0 to 1"
+        )
     weights = srgb_weights(picture.wavelengths, light, adapt)
     rgba = np.ones((*shape[:2], 4), np.float32)
     # By rows, so that temporary arrays stay small.

@@ -6,10 +6,10 @@ A file is an .npz with the arrays R_front, R_back and T, float32 (h, w, n), and 
 from __future__ import annotations
 
 import os
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
-from zlib import error as ZlibError
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,7 @@ def read_spectral(path: str | os.PathLike[str]) -> SpectralPicture:
                 raise InputError("not a spectral picture", where=str(path), found=f"no {missing[0]}", allowed=allowed)
             arrays: list[NDArray[np.float32]] = [np.ascontiguousarray(file[key], np.float32) for key in KEYS]
             wavelengths = np.asarray(file["wavelengths"], np.float64)
-    except (OSError, ValueError, EOFError, TypeError, AttributeError, BadZipFile, ZlibError) as error:
+    except (OSError, ValueError, EOFError, TypeError, AttributeError, BadZipFile, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "damaged, or not an .npz"
         raise InputError("cannot be read as a spectral picture", where=str(path), found=reason) from error
     return SpectralPicture(Fluxes(*arrays), wavelengths, str(path))

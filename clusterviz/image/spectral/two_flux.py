@@ -1,7 +1,7 @@
 """Reflectance and transmittance of stacked layers, three numbers a wavelength.
 
 A layer or stack reflects `front` of the light from the side of the eye, `back` of the light from behind, and transmits
-`transmitted` in either direction. Two stacks reflect light between them forever; the geometric series have closed forms:
+`transmitted` in either direction. Two stacks reflect light between them forever; the geometric series are
 
     front       = f₁ + t₁² f₂ / (1 − b₁ f₂)
     back        = b₂ + t₂² b₁ / (1 − b₁ f₂)
@@ -52,10 +52,11 @@ def stacked(first: Fluxes, second: Fluxes) -> Fluxes:
 
     Notes
     -----
-    1 − b₁ f₂ is the sum (1 − b₁) + b₁ (1 − f₂), each bracket at least the transmittance, which it is in exact arithmetic
-    too: light that is not reflected is transmitted or absorbed. So nothing overflows where reflectances round to 1, and
-    stacks without absorption keep the digits of their transmittance. Each composition adds an error of at most 4 units
-    in the last place of 1. Two perfect mirrors transmit nothing.
+    1 − b₁ f₂ is the sum (1 − b₁) + b₁ (1 − f₂), each bracket at least the transmittance, as in exact arithmetic: light
+    that is not reflected is transmitted or absorbed. So nothing cancels, and nothing overflows where reflectances round
+    to 1. Each composition adds an error of at most 4 units in the last place of 1 to each number. Small reflectances
+    and transmittances keep their digits, but the transmittance behind reflectances within that error of 1 does not.
+    Two perfect mirrors transmit nothing.
     """
     within = np.maximum(1 - first.back, first.transmitted)
     between = within + first.back * np.maximum(1 - second.front, second.transmitted)

@@ -1,8 +1,8 @@
 """Materials: absorption, scattering and refractive index over wavelengths, from tables of measurements or from colours.
 
-A table has the coefficients of light transport: absorption μa, and scattering μs′ = μs (1 − g) without its forward part.
-In the two-flux equations, for diffuse light, K = 2 μa and S = 3/4 μs′; the 2 is the mean length of diffuse rays through
-a thin layer. Each table names its sources in its first lines.
+A table has the coefficients of light transport: absorption μa, and scattering μs′ = μs (1 − g) without its forward
+part. In the two-flux equations, for diffuse light, K = 2 μa and S = 3/4 μs′; the 2 is the mean length of diffuse rays
+through a thin layer. Each table names its sources in its first lines.
 
 References
 ----------
