@@ -72,7 +72,7 @@ def name_of(section: Volume | GeometrySection | GridSection | FlowSection) -> st
 
 def _volume(volume: Volume) -> Content:
     name = name_of(volume)
-    if volume.shader is not None:
+    if volume.shader is not None or volume.optics is not None:
         return Content(name, np.empty((0, 3)))
     transfer, mode = transfer_function(volume), BLEND_MODES[volume.blending]
     values = [each if isinstance(each, tuple) else (each, float(transfer.opacity(each))) for each in volume.isosurfaces]

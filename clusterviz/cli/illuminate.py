@@ -10,8 +10,6 @@ import typer
 from clusterviz.cli.console import print_info
 from clusterviz.cli.jobs import refuse_launcher
 
-LINEAR = (".exr", ".npy", ".npz")
-
 
 def command(
     picture: Annotated[
@@ -36,7 +34,7 @@ def command(
 ) -> None:
     """Show a spectral picture under a light. Lights other than daylight keep their colour unless --adapt is given."""
     from clusterviz.errors import InputError
-    from clusterviz.image.files import check_writable, write_image
+    from clusterviz.image.files import LINEAR, check_writable, write_image
     from clusterviz.image.spectral import illuminate, light_of, read_spectral, reflectance_of
     from clusterviz.scene.background import background_rgb
     from clusterviz.scene.checks import InvalidValueError

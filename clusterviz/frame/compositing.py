@@ -84,7 +84,7 @@ class Compositing:
                 compile_kernels(run.channel)
             with run.clock.stage("encode", "round"):
                 partials = [rounded(partial, pixel) for partial in partials]
-        made_for = work.scene.image.size, _operator(work)
+        made_for = _canvas_size(work), _operator(work)
         if made_for != self._made_for:
             self.close()
             self._tiles, self._made_for = None, made_for
@@ -132,7 +132,7 @@ class Compositing:
         with run.collective("composite"):
             # A single frame gives no time to measure codecs.
             codec = "raw" if codec == "auto" and not self._several else codec
-            size, pixel = work.scene.image.size, work.scene.quality.pixel
+            size, pixel = _canvas_size(work), work.scene.quality.pixel
             if self._tiles is None or self._tiles.pixel != pixel:
                 self._tiles = TileCollector(channel, size, codec=codec, pixel=pixel)
             began = perf_counter()
@@ -206,7 +206,7 @@ class Compositing:
             self._compositor = None
 
     def _open(self, run: Run, work: RankWork) -> Compositor:
-        cluster, size, channel = work.scene.cluster, work.scene.image.size, run.channel
+        cluster, size, channel = work.scene.cluster, _canvas_size(work), run.channel
         with run.collective("kernels", "kernels"):
             compile_kernels(channel)
         with run.collective("composite"):
@@ -258,7 +258,7 @@ def _check(
     with run.collective("check", "check"):
         channel, pixel = run.channel, work.scene.quality.pixel
         piece, _ = composite(partials, order, channel, "serial", "raw", _operator(work))
-        expected = _finished(run, work, collect(piece, work.scene.image.size, channel))
+        expected = _finished(run, work, collect(piece, _canvas_size(work), channel))
     with run.local("check", "check"):
         if image is not None and expected is not None:
             bound = 0.0 if pixel == "float32" else rounding_bound(pixel, len(order))
@@ -279,6 +279,10 @@ def _provenance(run: Run, drawn: DrawnFrame) -> Provenance:
 
 def _operator(work: RankWork) -> Operator:
     return work.plan.blend_mode.operator if work.plan else "over"
+
+
+def _canvas_size(work: RankWork) -> tuple[int, int]:
+    return work.plan.canvas_size if work.plan else work.scene.image.size
 
 
 class AsyncCompositing:

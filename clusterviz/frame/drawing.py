@@ -155,7 +155,7 @@ class Drawing:
                 counts = replace(counts, passes=passes.passes, brick_memory_bytes=passes.most_bytes)
             before, self._read = self._read, (self._reader.bricks_read, self._reader.bytes_read)
             counts = replace(counts, bricks_read=self._read[0] - before[0], bytes_read=self._read[1] - before[1])
-            self.sample_counts = [(each.partial.rect, each.work) for each in drawn]
+            self.sample_counts = [(work.plan.on_screen(each.partial.rect), each.work) for each in drawn]
             self.fragments = [each.fragments for each in drawn]
             for each in drawn:
                 began = run.clock.add_span("render", began, each.seconds_render)

@@ -23,6 +23,10 @@ Pixels = NDArray[np.float32]
 Layers = Mapping[str, NDArray[Any]]
 """Layers beside the colours by name, (h, w) or (h, w, 3)."""
 LAYERED = (".exr", ".npz")
+LINEAR = (".exr", ".npy", ".npz")
+"""Files in which the colours of spectral pictures are linear."""
+SPECTRAL_KEYS = {"R_front", "R_back", "T", "wavelengths"}
+"""Names of the layers of a spectral picture."""
 CHANNELS = {"depth": ("Z",), "normal": ("X", "Y", "Z"), "opacity": ("A",), "object": ("ID",)}
 """Names of a layer's channels in .exr files, behind the layer's own and a dot."""
 TEXT_KEY, RECORD_KEY = "clusterviz scene", "clusterviz record"
@@ -44,7 +48,8 @@ def write_image(
     rgba : float32 (h, w, 4), premultiplied
     background : (r, g, b) in [0, 1] or None for transparent; unused by .npy, .npz and .exr
     text : description of the picture, or several by their keywords, kept in a .png for `read_text`
-    layers : other layers; for .exr and .npz
+    layers : other layers; for .exr and .npz. Those of a spectral picture are written to .npz only, and its colours are
+        linear in `LINEAR` ones, those of sRGB in others
 
     Raises
     ------
@@ -53,6 +58,13 @@ def write_image(
     InputError
         `rgba` is not (h, w, 4), or has no pixels.
     """
+    if layers and layers.keys() >= SPECTRAL_KEYS:
+        from clusterviz.image.spectral.colour import decoded
+
+        extension = Path(path).suffix.lower()
+        if extension in LINEAR:
+            rgba = np.concatenate([decoded(np.asarray(rgba[..., :3])), rgba[..., 3:]], axis=-1)
+        layers = layers if extension == ".npz" else None
     write = _WRITERS[_extension(path, bool(layers))]
     if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.size == 0:
         raise InputError("not a picture", where=str(path), found=f"shape {rgba.shape}", allowed="(h, w, 4)")

@@ -8,9 +8,11 @@ need not be sent. Otherwise they are:
 - `sum`: the sum of opacity × scalar × slabs, 0, 0, and the number of slabs with samples, cut slabs by their share.
 - `run`: the largest scalar of the first run of samples at or above a threshold, the largest scalar of all, the
   state of the run (a sum of `STARTS`, `CLOSED`, `EXISTS`), 1.
+- `two-flux`: reflectance seen from the front, reflectance seen from behind, transmittance, 1.
 
-Scalars are in units of clim. All operators are associative, `sum` up to rounding. `over` and `run` need the order
-from front to back, the others (`ORDER_FREE`) do not. `render/projection.py` makes the picture from merged pixels.
+Scalars are in units of clim. All operators are associative, `sum` and `two-flux` up to rounding. `over`, `run` and
+`two-flux` need the order from front to back, the others (`ORDER_FREE`) do not. `finish_projection` in
+`render/render_result.py` makes the picture from merged pixels.
 
 References
 ----------
@@ -27,7 +29,7 @@ from numpy.typing import NDArray
 
 from clusterviz.image.partial import PartialImage
 
-Operator = Literal["over", "maximum", "minimum", "sum", "run"]
+Operator = Literal["over", "maximum", "minimum", "sum", "run", "two-flux"]
 Pixels = NDArray[Any]
 ORDER_FREE: frozenset[Operator] = frozenset(("maximum", "minimum", "sum"))
 STARTS, CLOSED, EXISTS = 1, 2, 4
@@ -68,12 +70,21 @@ def first_run(front: Pixels, behind: Pixels) -> Pixels:
     return _where_both(front, behind, pixels)
 
 
+def two_flux(front: Pixels, behind: Pixels) -> Pixels:
+    """Fluxes of two stacks of layers, with the light that is reflected between them."""
+    from clusterviz.image.spectral.two_flux import Fluxes, stacked
+
+    fluxes = stacked(*(Fluxes(*np.moveaxis(pixels, -1, 0)[:3]) for pixels in (front, behind)))
+    return _where_both(front, behind, np.stack([*fluxes, np.ones_like(fluxes.front)], axis=-1))
+
+
 MERGES: dict[Operator, Callable[[Pixels, Pixels], Pixels]] = {
     "over": over,
     "maximum": maximum,
     "minimum": minimum,
     "sum": total,
     "run": first_run,
+    "two-flux": two_flux,
 }
 
 

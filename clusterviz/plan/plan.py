@@ -17,6 +17,7 @@ from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError
+from clusterviz.image.partial import Rect
 from clusterviz.plan.adaptive_step import AdaptiveStep, make_adaptive_step
 from clusterviz.plan.blend_mode import (
     LONGEST_SLAB,
@@ -41,6 +42,7 @@ from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
+from clusterviz.plan.spectrum import Spectrum, make_spectrum
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.report.decisions import Change, Detail
 from clusterviz.scene.blend_modes import BLEND_MODES
@@ -110,6 +112,7 @@ class Plan:
         bricks are the domain's, and encoding, transfer function and segments are the first volume's
     times : time steps of the volumes
     detail : levels of the volumes that are drawn by those of a store
+    spectrum : wavelengths of a volume with optics, whose first one is that of `segments`; else None
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
 
@@ -126,6 +129,23 @@ class Plan:
     layers: tuple[LayeredContent, ...] = ()
     times: tuple[int | str | None, ...] = ()
     detail: tuple[Detail, ...] = ()
+    spectrum: Spectrum | None = None
+
+    @property
+    def canvas_size(self) -> tuple[int, int]:
+        """Width and height of what is composited: the picture, or the tall picture of all wavelengths."""
+        width, height = self.view.size
+        return width, height * (self.spectrum.count if self.spectrum else 1)
+
+    def on_screen(self, rect: Rect) -> Rect:
+        """Return the rectangle of the picture that a rectangle of the canvas belongs to."""
+        return self.spectrum.on_screen(rect) if self.spectrum else rect
+
+    def at_wavelength(self, number: int) -> Plan:
+        """Return the plan of one wavelength of a spectral volume."""
+        assert self.spectrum, "there are wavelengths"
+        only = self.spectrum.only(number)
+        return replace(self, spectrum=only, segments=only.segments[0])
 
     @property
     def crossing(self) -> Plan:
@@ -182,6 +202,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             allowed=needed,
         )
     transfer = transfer_function(volume)
+    spectrum = make_spectrum(scene)
     planes = clip_planes(scene.clip, grid)
     unit = transfer.unit_distance
     shading = make_shading(volume, scene.lights, grid, unit, planes, scene.clip.cap) if is_lit(volume) else None
@@ -191,6 +212,10 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     step_world = slab_length(step_of(volume, scene.quality.step, classification), grid)
     units = slab_units(step_world, unit)
     preintegrated = is_preintegrated(volume, classification)
+    if spectrum:
+        segments = spectrum.segments[0]
+    else:
+        segments = make_preintegrated(transfer) if preintegrated else make_segments(transfer, units)
     return Plan(
         make_view(scene.camera, scene.image.size, grid),
         March(
@@ -210,11 +235,12 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         planes,
         make_encoding(dtype, transfer.domain),
         transfer,
-        make_preintegrated(transfer) if preintegrated else make_segments(transfer, units),
+        segments,
         layout,
         brick_cost(layout, hidden),
         layers=make_layers(scene, [grid], [blend_mode]),
         times=(volume.time,),
+        spectrum=spectrum,
     )
 
 

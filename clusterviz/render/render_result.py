@@ -106,11 +106,11 @@ def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
 
     Scalars get their colour and opacity, not corrected for any length. An average is the mean of opacity × scalar along
     the ray through valid voxels, a sum is that times the length of the ray in opacity unit distances; both are grey and
-    opaque, and scalars are clamped to clim, as in VTK.
+    opaque, and scalars are clamped to clim, as in VTK. Of spectral volumes it is an `Image`, see `illuminated`.
 
     Parameters
     ----------
-    merged : float32 (h, w, 4), see `image/merge.py`
+    merged : float32 (h, w, 4), see `image/merge.py`; with a spectrum the tall picture of all wavelengths
 
     Returns
     -------
@@ -119,6 +119,11 @@ def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
     resolve = plan.blend_mode.traits.resolve
     if resolve == "none":
         return merged
+    if resolve == "light":
+        from clusterviz.render.spectrum import illuminated
+
+        assert plan.spectrum, "there are wavelengths"
+        return illuminated(plan.spectrum, merged)
     rgba = np.zeros(merged.shape, np.float32)
     hit = merged[..., 3] > 0
     pixels = merged[hit].astype(np.float64)

@@ -7,6 +7,7 @@ another transfer function may need another program, or bricks that were hidden b
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, MutableMapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -130,7 +131,12 @@ class RendererCache:
         """Draw this rank's pieces of a frame; they are blank if it never had a brick. See `Raycaster.draw`."""
         if self._caster is None:
             return [RenderResult(blank()) for _ in pieces]
-        return self._caster.draw(plan, pieces, progress, passes=passes)
+        caster = self._caster
+        if plan.spectrum:
+            from clusterviz.render.spectrum import draw_wavelengths
+
+            return draw_wavelengths(partial(caster.draw, passes=passes), plan, pieces, progress)
+        return caster.draw(plan, pieces, progress, passes=passes)
 
     def find_layers(
         self,

@@ -11,7 +11,7 @@ from typing import Literal
 
 from clusterviz.image.merge import Operator
 
-Resolve = Literal["none", "colour", "colour of run", "mean", "integral"]
+Resolve = Literal["none", "colour", "colour of run", "mean", "integral", "light"]
 Skip = Literal["nothing", "transparent", "transparent below", "transparent above", "below threshold", "all"]
 
 
@@ -22,7 +22,7 @@ class BlendModeTraits:
     Attributes
     ----------
     pixel : what a pixel shows, in one line of the documentation
-    shader : file in `shaders/` that blends samples
+    shader : file in `shaders/` that blends samples, behind those that it needs
     operator : merge operator of partial images, see `image/merge.py`
     resolve : how merged pixels become colours, see `render/render_result.py`
     skip : samples that change no pixel. "transparent": those of opacity 0; "transparent below" and "transparent above":
@@ -34,11 +34,12 @@ class BlendModeTraits:
         be sampled by an adaptive step
     lit : samples and surfaces can be shaded by the gradient
     threshold : the mode uses the key `threshold`
+    spectral : the mode uses the key `optics` in place of a transfer function, and is drawn for each wavelength
     shows_transparent : transparent parts of a volume change the picture, so the automatic camera shows all of it
     """
 
     pixel: str
-    shader: str
+    shader: str | tuple[str, ...]
     operator: Operator = "over"
     resolve: Resolve = "none"
     skip: Skip = "nothing"
@@ -47,6 +48,7 @@ class BlendModeTraits:
     absorbs: bool = False
     lit: bool = False
     threshold: bool = False
+    spectral: bool = False
     shows_transparent: bool = False
 
     @property
@@ -65,7 +67,9 @@ class BlendModeTraits:
         return self.resolve == "none"
 
 
-Blending = Literal["composite", "maximum", "minimum", "average", "additive", "local-maximum", "first-hit", "isosurface"]
+Blending = Literal[
+    "composite", "maximum", "minimum", "average", "additive", "local-maximum", "first-hit", "isosurface", "two-flux"
+]
 """Names of the table, for type checkers."""
 BLEND_MODES: dict[Blending, BlendModeTraits] = {
     "composite": BlendModeTraits(
@@ -127,6 +131,14 @@ BLEND_MODES: dict[Blending, BlendModeTraits] = {
         skip="all",
         surfaces="required",
         lit=True,
+    ),
+    "two-flux": BlendModeTraits(
+        "light that optics scatter and absorb, at each wavelength",
+        ("kubelka_munk.glsl", "two_flux.glsl"),
+        "two-flux",
+        "light",
+        skip="transparent",
+        spectral=True,
     ),
 }
 DEFAULT_BLENDING: Blending = "composite"

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import compress
 from typing import Any
 
+from clusterviz.scene.background import background_rgb
 from clusterviz.scene.blend_modes import BLEND_MODES, Blending
 from clusterviz.scene.checks import InvalidValueError
 
@@ -32,6 +33,44 @@ def check_surfaces(blending: Blending, isosurfaces: tuple[object, ...]) -> None:
     if isosurfaces and surfaces == "refused":
         allowed = f"this key with blending: {_names(mode.surfaces != 'refused' for mode in BLEND_MODES.values())}"
         raise InvalidValueError(f"not for blending: {blending}", allowed, key="isosurfaces")
+
+
+NOT_WITH_OPTICS = ("preset", "cmap", "clim", "opacity", "opacity_unit_distance")
+
+
+def check_optics(volume: Any, blending: Blending) -> None:
+    """Require optics for spectral modes only, and refuse a transfer function beside them.
+
+    Parameters
+    ----------
+    volume : section of a scene
+    """
+    spectral = BLEND_MODES[blending].spectral
+    if spectral and volume.optics is None:
+        raise InvalidValueError("missing", f"materials or coefficients, for blending: {blending}", key="optics")
+    if volume.optics is not None and not spectral:
+        allowed = _names(mode.spectral for mode in BLEND_MODES.values())
+        raise InvalidValueError("not with optics", allowed, key="blending", found=blending)
+    for key in NOT_WITH_OPTICS if spectral else ():
+        if (found := getattr(volume, key)) is not None:
+            raise InvalidValueError("not with optics", "null, or no optics", key=key, found=found)
+
+
+def check_spectral(volumes: Sequence[Any], quality: Any, background: Any) -> None:
+    """Refuse a transparent background of spectral volumes, which light passes back and forth, and an error bound.
+
+    Parameters
+    ----------
+    volumes, quality : sections of a scene
+    background : as in `image`
+    """
+    if any(BLEND_MODES[volume.blending].spectral for volume in volumes):
+        if background_rgb(background) is None:
+            text, allowed = "not with optics, which let through and reflect the background's light", "an opaque colour"
+            raise InvalidValueError(text, allowed, key="image.background", found=background)
+        if quality.max_error is not None:
+            text = "not with optics: there is no bound on their error"
+            raise InvalidValueError(text, "null", key="quality.max_error", found=quality.max_error)
 
 
 def check_gradient(kernel: str, interpolation: str) -> None:

@@ -25,6 +25,7 @@ from clusterviz.scene.geometry import (
     is_arrows,
 )
 from clusterviz.scene.grids import GridInfo, GridSection
+from clusterviz.scene.optics import optical_function
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
 from clusterviz.scene.values import Scene, Volume
@@ -148,7 +149,9 @@ def box_corners(box: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def complete_volume(volume: Volume, info: VolumeInfo) -> Volume:
-    """Return a volume with colour map, clim, opacity and unit distance."""
+    """Return a volume with colour map, clim, opacity and unit distance, unless it has optics in their place."""
+    if volume.optics is not None:
+        return volume
     clim = volume.clim or default_clim(info)
     cmap = DEFAULT_CMAP if volume.cmap is None else volume.cmap
     found: dict[str, object] = {"clim": clim, "cmap": cmap}
@@ -207,7 +210,8 @@ def transfer_function(volume: Volume | GridSection) -> TransferFunction:
     """Return the transfer function of a completed volume or unstructured grid.
 
     For a two-dimensional table, the opacity of a scalar is the maximum over all magnitudes. If clim is a single value,
-    colours and opacity presets have a step there, and the domain is a range around it.
+    colours and opacity presets have a step there, and the domain is a range around it. Of optics, it is that of the
+    first wavelength, see `OpticalFunction.at`.
 
     Raises
     ------
@@ -216,6 +220,8 @@ def transfer_function(volume: Volume | GridSection) -> TransferFunction:
     ValueError
         The volume is not completed.
     """
+    if isinstance(volume, Volume) and volume.optics is not None:
+        return optical_function(volume.optics).at(0)
     clim, unit, cmap, opacity = volume.clim, volume.opacity_unit_distance, volume.cmap, volume.opacity
     table = volume.transfer_2d if isinstance(volume, Volume) else None
     if clim is None or unit is None or cmap is None:

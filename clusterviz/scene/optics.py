@@ -16,7 +16,8 @@ from clusterviz.scene.background import background_rgb
 from clusterviz.scene.checks import InvalidValueError, check_points, to_builtin
 from clusterviz.scene.field_types import FINITE, NotNegative, Number, Positive, Section
 from clusterviz.scene.materials import MATERIALS, material, material_of_colour
-from clusterviz.scene.transfer import interpolate
+from clusterviz.scene.transfer import TransferFunction, distinct, interpolate
+from clusterviz.scene.volume_info import range_around
 
 Floats = NDArray[np.float64]
 WAVELENGTH_SETS: dict[str, tuple[float, ...]] = {
@@ -172,6 +173,29 @@ class OpticalFunction:
     absorption: Floats
     scattering_values: Floats
     scattering: Floats
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """Range of the control points, or one around a single value."""
+        values = distinct(self.absorption_values, self.scattering_values)
+        return (float(values[0]), float(values[-1])) if len(values) > 1 else range_around(float(values[0]))
+
+    def at(self, number: int) -> TransferFunction:
+        """Return the coefficients at one wavelength as a transfer function.
+
+        Its colours are (K, S, 0) per world unit, and its opacity is 0 where nothing is absorbed or scattered at any
+        wavelength, else 1. It is linear between the same values for all wavelengths.
+        """
+        knots = distinct(self.absorption_values, self.scattering_values)
+        tables = (self.absorption_values, self.absorption), (self.scattering_values, self.scattering)
+        after = np.concatenate([interpolate(knots, *table) for table in tables], axis=1)
+        # Mirrored, so that of two equal control points the earlier one counts: the limit from below.
+        before = np.concatenate([interpolate(-knots, -values[::-1], rows[::-1]) for values, rows in tables], axis=1)
+        both = np.stack([before, after], axis=1).reshape(2 * len(knots), -1)
+        colours = np.zeros((len(both), 3))
+        colours[:, :2] = both[:, [number, len(self.wavelengths) + number]]
+        values = np.repeat(knots, 2)
+        return TransferFunction(values, colours, values, both.any(axis=1).astype(float), 1.0, self.domain)
 
     def coefficients(self, s: ArrayLike) -> tuple[Floats, Floats]:
         """Return K and S, float64 (…, n) each, of scalars (…)."""

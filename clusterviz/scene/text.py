@@ -103,6 +103,9 @@ def _key_lines(section: Section, indent: str) -> list[str]:
 
 def _volume_summary(volume: Volume) -> str:
     opacity: Any = volume.opacity
+    if volume.optics is not None:
+        at = volume.optics.wavelengths
+        return f"optics at {len(at)} wavelengths, {at[0]:g} to {at[-1]:g} nm"
     if volume.transfer_2d is not None:
         opacity = "of transfer_2d"
     elif BLEND_MODES[volume.blending].only_surfaces:

@@ -33,8 +33,10 @@ from clusterviz.scene.compatibility import (
     check_gradient,
     check_gradient_opacity,
     check_layers,
+    check_optics,
     check_pixel_format,
     check_several_volumes,
+    check_spectral,
     check_surface_lic,
     check_surfaces,
 )
@@ -66,6 +68,7 @@ from clusterviz.scene.field_types import (
 from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.geometry import GEOMETRY_SECTIONS, GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.grids import MOST_GRIDS, GridSection
+from clusterviz.scene.optics import Optics
 from clusterviz.scene.presets import PRESETS, PresetName
 from clusterviz.scene.transfer_2d import Transfer2d
 
@@ -229,6 +232,11 @@ class Volume(Section):
         + "; ".join(f"{name}: {mode.pixel.replace('; ', ', ')}" for name, mode in BLEND_MODES.items())
         + ".",
     )
+    optics: Optics | None = Field(
+        default=None,
+        description="Absorption and scattering at several wavelengths, in place of cmap and opacity; blending is "
+        "two-flux then. An .npz holds the reflectances and transmittances, other pictures show them in daylight.",
+    )
     isosurfaces: Annotated[tuple[Isosurface, ...], Field(max_length=16), BeforeValidator(to_builtin)] = Field(
         default=(),
         examples=[[[90, 0.5], 120]],
@@ -256,8 +264,16 @@ class Volume(Section):
         "shade is true, and not with gradient_opacity, transfer_2d or shader.",
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _blends_fluxes(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("optics") is not None:
+            return {"blending": "two-flux", **data}
+        return data
+
     @model_validator(mode="after")
     def _has_surfaces(self) -> Volume:
+        check_optics(self, self.blending)
         check_gradient(self.gradient, self.interpolation)
         check_surfaces(self.blending, self.isosurfaces)
         check_gradient_opacity(
@@ -527,6 +543,7 @@ class Scene(Section):
         painting = {f"flows[{n}].show": flow.show for n, flow in enumerate(self.flows) if flow.show == "surface-lic"}
         check_layers(self.volumes, self.grids, self.quality, wanted | painting)
         check_surface_lic(self.flows, self.surface_keys)
+        check_spectral(self.volumes, self.quality, self.image.background)
         return self
 
     @field_serializer("volumes", "lines", "points", mode="wrap")

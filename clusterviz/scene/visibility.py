@@ -138,6 +138,9 @@ def _unseen_volume(volume: Volume, info: VolumeInfo) -> str:
 def _unseen_scalars(section: Volume | GridSection, low: float, high: float, has_surfaces: bool = False) -> str:
     """Return why the transfer function shows nothing, or one colour, of a range of scalars, or ""."""
     data, clim = f"the data's range {_span(low, high)}", section.clim
+    if isinstance(section, Volume) and section.optics is not None:
+        empty = transfer_function(section).is_transparent(low, high).all()
+        return f"optics absorb and scatter nothing all over {data}: nothing is drawn" if empty else ""
     if clim is None:
         return ""
     beyond = clim[0] > high or clim[1] < low

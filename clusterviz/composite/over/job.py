@@ -42,7 +42,7 @@ FIRST, COUNT, X, Y, COLUMNS, ROWS = range(6)
 FLOAT, BYTE, HALF = range(3)
 
 # Merge operators; all but over are for floats only.
-OVER, MAXIMUM, MINIMUM, SUM, FIRST_RUN = range(5)
+OVER, MAXIMUM, MINIMUM, SUM, FIRST_RUN, TWO_FLUX = range(6)
 
 # Modes: merge layers behind or before the target, begin with an empty target, or merge the first layer over the second.
 BEHIND, BEFORE, FRESH, INTO = range(4)
@@ -57,6 +57,7 @@ _OPERATORS: dict[Operator, int] = {
     "minimum": MINIMUM,
     "sum": SUM,
     "run": FIRST_RUN,
+    "two-flux": TWO_FLUX,
 }
 _KINDS: dict[np.dtype[Any], int] = {np.dtype(np.float32): FLOAT, np.dtype(np.uint8): BYTE, np.dtype(np.float16): HALF}
 # Pixel types by number.

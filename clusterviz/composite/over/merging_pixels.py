@@ -1,4 +1,4 @@
-"""Merge operators of projections: LLVM code for vectors of float pixels, and the compiled loops around it."""
+"""Merge operators other than over: LLVM code for vectors of float pixels, and the compiled loops around it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 
 from clusterviz.composite.over import vector_code
 from clusterviz.composite.over.intrinsics import PixelLoop, choose_loop
-from clusterviz.composite.over.job import FIRST_RUN, FLOAT, MAXIMUM, MINIMUM, SUM
+from clusterviz.composite.over.job import FIRST_RUN, FLOAT, MAXIMUM, MINIMUM, SUM, TWO_FLUX
 from clusterviz.composite.over.vector_code import splat
 from clusterviz.image.merge import CLOSED, EXISTS, STARTS
 
@@ -48,6 +48,24 @@ def first_run(builder: Any, front: Any, behind: Any) -> Any:
     pixels = _put_component(builder, larger, 0, first)
     pixels = _put_component(builder, pixels, 2, builder.sitofp(known, front.type))
     return _where_both(builder, front, behind, pixels)
+
+
+def two_flux(builder: Any, front: Any, behind: Any) -> Any:
+    """Return the fluxes of two stacks, in the order of operations of `image.spectral.two_flux.stacked`."""
+    (f1, b1, t1), (f2, b2, t2) = ([_component(builder, pixels, n) for n in range(3)] for pixels in (front, behind))
+    one, zero = (splat(_FLOAT, value, front.type.count) for value in (1.0, 0.0))
+
+    def at_least(value: Any, least: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", least, value), least, value)
+
+    within = at_least(builder.fsub(one, b1), t1)
+    between = builder.fadd(within, builder.fmul(b1, at_least(builder.fsub(one, f2), t2)))
+    series = builder.select(builder.fcmp_ordered(">", between, zero), builder.fdiv(one, between), zero)
+    through, back = builder.fmul(t1, series), builder.fmul(t2, series)
+    pixels = builder.fadd(f1, builder.fmul(t1, builder.fmul(through, f2)))
+    pixels = _put_component(builder, pixels, 1, builder.fadd(b2, builder.fmul(t2, builder.fmul(back, b1))))
+    pixels = _put_component(builder, pixels, 2, builder.fmul(through, t2))
+    return _where_both(builder, front, behind, _put_component(builder, pixels, 3, one))
 
 
 def _larger(builder: Any, front: Any, behind: Any) -> Any:
@@ -90,5 +108,5 @@ def _merger(merge: Callable[[Any, Any, Any], Any]) -> PixelLoop:
 
 
 # merge_pixels(operator, target, front, behind, count), of float pixels
-_OPERATORS = {MAXIMUM: maximum, MINIMUM: minimum, SUM: add, FIRST_RUN: first_run}
+_OPERATORS = {MAXIMUM: maximum, MINIMUM: minimum, SUM: add, FIRST_RUN: first_run, TWO_FLUX: two_flux}
 merge_pixels = choose_loop({operator: _merger(merge) for operator, merge in _OPERATORS.items()})

@@ -9,6 +9,7 @@ import os
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -21,6 +22,7 @@ from clusterviz.image.spectral.two_flux import Fluxes
 
 KEYS = ("R_front", "R_back", "T")
 """Names in files of what `Fluxes` holds, in its order."""
+WAVELENGTHS = "wavelengths"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,12 @@ class SpectralPicture:
     fluxes: Fluxes
     wavelengths: Floats
     where: str = "spectral picture"
+
+    @property
+    def layers(self) -> dict[str, NDArray[Any]]:
+        """Arrays of the file by their names."""
+        arrays = zip(KEYS, self.fluxes, strict=True)
+        return {**{key: np.asarray(values, np.float32) for key, values in arrays}, WAVELENGTHS: self.wavelengths}
 
     def __post_init__(self) -> None:
         at = check_wavelengths(self.wavelengths, self.where)
@@ -66,9 +74,8 @@ def write_spectral(path: str | os.PathLike[str], picture: SpectralPicture) -> No
     OutputError
         Missing or unwritable folder, disk full. No file is left behind.
     """
-    arrays = {key: np.asarray(values, np.float32) for key, values in zip(KEYS, picture.fluxes, strict=True)}
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays, wavelengths=np.asarray(picture.wavelengths, np.float64))  # type: ignore[arg-type]
+        np.savez_compressed(file, **picture.layers)  # type: ignore[arg-type]
 
 
 def read_spectral(path: str | os.PathLike[str]) -> SpectralPicture:
@@ -81,12 +88,12 @@ def read_spectral(path: str | os.PathLike[str]) -> SpectralPicture:
     """
     try:
         with np.load(Path(path), allow_pickle=False) as file:
-            missing = [key for key in (*KEYS, "wavelengths") if key not in file]
+            missing = [key for key in (*KEYS, WAVELENGTHS) if key not in file]
             if missing:
                 allowed = "a .npz with R_front, R_back, T and wavelengths"
                 raise InputError("not a spectral picture", where=str(path), found=f"no {missing[0]}", allowed=allowed)
             arrays: list[NDArray[np.float32]] = [np.ascontiguousarray(file[key], np.float32) for key in KEYS]
-            wavelengths = np.asarray(file["wavelengths"], np.float64)
+            wavelengths = np.asarray(file[WAVELENGTHS], np.float64)
     except (OSError, ValueError, EOFError, TypeError, AttributeError, BadZipFile, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "damaged, or not an .npz"
         raise InputError("cannot be read as a spectral picture", where=str(path), found=reason) from error

@@ -1,0 +1,74 @@
+"""Spectrum of a spectral volume: what differs from wavelength to wavelength.
+
+A volume with optics is drawn once for each wavelength, by the same program and from the same bricks; only the records
+of the transfer function differ. Row y of the picture at wavelength n is row y · wavelengths + n of one tall picture, so
+that partial images of all wavelengths are composited together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.image.partial import Rect
+from clusterviz.image.spectral.from_rgb import reflectance_of
+from clusterviz.plan.segments import RECORD, Segments, indexed, outline
+from clusterviz.scene.background import background_rgb
+from clusterviz.scene.optics import optical_function
+from clusterviz.scene.transfer import TransferFunction
+from clusterviz.scene.values import Scene
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Wavelengths of a plan.
+
+    Attributes
+    ----------
+    wavelengths : float64 (n,), nm
+    segments : absorption and scattering at each, as the colour of segments
+    background : float64 (n,), reflectance of the background
+    """
+
+    wavelengths: Floats
+    segments: tuple[Segments, ...]
+    background: Floats
+
+    @property
+    def count(self) -> int:
+        """Number of wavelengths."""
+        return len(self.wavelengths)
+
+    def only(self, number: int) -> Spectrum:
+        """Return one wavelength of the spectrum."""
+        one = slice(number, number + 1)
+        return Spectrum(self.wavelengths[one], self.segments[one], self.background[one])
+
+    def tall(self, rect: Rect) -> Rect:
+        """Return the rows of the tall picture that hold a rectangle of the picture at all wavelengths."""
+        return replace(rect, y_begin=rect.y_begin * self.count, y_end=rect.y_end * self.count)
+
+    def on_screen(self, tall: Rect) -> Rect:
+        """Return the rectangle of the picture that rows of the tall picture hold."""
+        return replace(tall, y_begin=tall.y_begin // self.count, y_end=tall.y_end // self.count)
+
+
+def make_spectrum(scene: Scene) -> Spectrum | None:
+    """Return the spectrum of a scene's first volume; None without optics."""
+    optics = scene.volumes[0].optics
+    if optics is None:
+        return None
+    function, background = optical_function(optics), background_rgb(scene.image.background)
+    assert background is not None, "an opaque one is required"
+    segments = tuple(_segments(function.at(number)) for number in range(len(function.wavelengths)))
+    return Spectrum(function.wavelengths, segments, reflectance_of(background, function.wavelengths))
+
+
+def _segments(transfer: TransferFunction) -> Segments:
+    """Return segments that are not cut, as K and S are linear in the scalar."""
+    records, starts = outline(transfer)
+    return indexed(records, starts, (records["unit_opacity"] > 0) | (records["unit_slope"] > 0), RECORD)
