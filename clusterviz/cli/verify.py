@@ -399,6 +399,7 @@ def run_all(
         always requires
     """
     for_volumes = ["gradient_opacity=[]", "transfer_2d=null", "opacity_unit_distance=null", "blending=composite"]
+    for_volumes.append("optics=null")
     more = {"volumes": for_volumes, "grids": ["opacity_unit_distance=null"]}
     transparent = [f"{key}.opacity={FAINT_OPACITY}" for key in faint]
     transparent += [f"{key}.{setting}" for key in faint for setting in more.get(key.partition(".")[0], [])]

@@ -1,4 +1,4 @@
-"""Reference of projections: maximum, minimum, local maximum, first hit, average, sum."""
+"""Reference of projections: maximum, minimum, local maximum, first hit, average, sum, two fluxes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.reference.rays import Floats
+from clusterviz.reference.two_flux import TwoFlux
+from clusterviz.scene.background import RGB
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Volume
 
@@ -101,15 +103,17 @@ class Sum:
         return np.where(hit[:, None], rgba, 0)
 
 
-Projection = Extreme | LocalMaximum | FirstHit | Sum
+Projection = Extreme | LocalMaximum | FirstHit | Sum | TwoFlux
 
 
-def projection_of(volume: Volume, rays: int, classify: TransferFunction) -> Projection:
-    """Return the projection for a completed volume's blending."""
+def projection_of(volume: Volume, rays: int, classify: TransferFunction, background: RGB = (1.0,) * 3) -> Projection:
+    """Return the projection for a completed volume's blending, before a background that light passes to."""
     if volume.blending == "local-maximum":
         return LocalMaximum(rays, float(volume.threshold))  # type: ignore[arg-type]
     if volume.blending == "first-hit":
         return FirstHit(rays, float(volume.threshold))  # type: ignore[arg-type]
+    if volume.optics is not None:
+        return TwoFlux(rays, volume.optics, background)
     if volume.blending in ("maximum", "minimum"):
         return Extreme(rays, 1 if volume.blending == "maximum" else -1)
     return Sum(rays, classify, None if volume.blending == "average" else classify.unit_distance)

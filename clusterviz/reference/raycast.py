@@ -39,6 +39,7 @@ from clusterviz.reference.rays import (
 )
 from clusterviz.reference.slabs import slabs
 from clusterviz.reference.surfaces import march_surfaces
+from clusterviz.scene.background import background_rgb
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene
 
@@ -213,7 +214,8 @@ def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid
     """Return the colours of rays, (n, 4), in a projection or of isosurfaces."""
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
-    projection = projection_of(volume, len(rays.direction), classify)
+    background = background_rgb(scene.image.background) or (0.0, 0.0, 0.0)
+    projection = projection_of(volume, len(rays.direction), classify, background)
     for slab in slabs(rays, voxels.shape, length, lambda: True):
         scalar, valid = sample(voxels, *slab.point.T)
         valid &= kept(slab.point, scene.clip, grid)

@@ -9,6 +9,9 @@ here, I loses and J, read against its direction, gains. A layer takes (I, J) at 
 matrix exponential. The layers are cut until that is well conditioned, and one linear system has the fluxes at all
 interfaces, with the light at the front and none at the back. Nothing is composed, and no closed form is used.
 
+`TwoFlux` draws pictures: it composes the slabs of each ray front to back, three numbers a wavelength, with R and T by
+equation 3.20 as it is printed.
+
 `symmetrical_front_to_back` is the thesis's composition, equation 3.21, beside it: it takes the reflectance of the stack
 so far for the same from both sides. Of four layers with K = 0.14, 0.11, 0.6, 0.06, S = 1.44, 0.76, 0.05, 2.49 and
 length 1 it makes R = 0.6054 and T = 0.0506; the equations have R = 0.6005 and T = 0.0346.
@@ -22,7 +25,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.image.spectral.two_flux import Fluxes
+from clusterviz.image.spectral.from_rgb import reflectance_of
+from clusterviz.image.spectral.illuminate import illuminate
+from clusterviz.image.spectral.lights import illuminant
+from clusterviz.image.spectral.picture import SpectralPicture
+from clusterviz.image.spectral.two_flux import Fluxes, stacked
+from clusterviz.scene.background import RGB
+from clusterviz.scene.optics import Optics, optical_function
+from clusterviz.scene.transfer import TransferFunction
 
 Floats = NDArray[np.float64]
 THICKEST = 1.0
@@ -72,6 +82,42 @@ def _lit(layers: Floats) -> tuple[float, float]:
         system[rows, 2 * number + 2 : 2 * number + 4] = -np.eye(2)
     fluxes = np.linalg.solve(system, right)
     return float(fluxes[1]), float(fluxes[-2])
+
+
+class TwoFlux:
+    """Fluxes of rays at all wavelengths of optics.
+
+    Parameters
+    ----------
+    rays : number of rays
+    optics : of the volume
+    background : sRGB of the background, for `finish`
+    """
+
+    def __init__(self, rays: int, optics: Optics, background: RGB) -> None:
+        self.function, self.background = optical_function(optics), background
+        shape = rays, len(self.function.wavelengths)
+        self.fluxes = Fluxes(np.zeros(shape), np.zeros(shape), np.ones(shape))
+
+    def take(self, rays: NDArray[np.int64], scalar: Floats, valid: NDArray[np.bool_], length: Floats) -> None:
+        """Add the next samples of rays."""
+        k, s = (np.where(valid, length, 0)[:, None] * each for each in self.function.coefficients(scalar))
+        x = np.sqrt(k * (k + 2 * s))
+        # Beyond 700 cosh overflows, and T is less than any number.
+        growth, ratio = np.minimum(x, 700), np.where(x > 0, x, 1)
+        sinh, cosh = np.where(x > 0, np.sinh(growth) / ratio, 1), np.cosh(growth)
+        slab = Fluxes(
+            s * sinh / (cosh + (k + s) * sinh), s * sinh / (cosh + (k + s) * sinh), 1 / (cosh + (k + s) * sinh)
+        )
+        for whole, part in zip(self.fluxes, stacked(Fluxes(*(one[rays] for one in self.fluxes)), slab), strict=True):
+            whole[rays] = part
+
+    def finish(self, _: TransferFunction) -> Floats:
+        """Return rgba, float64 (rays, 4), in daylight before the background."""
+        picture = SpectralPicture(Fluxes(*(one[None] for one in self.fluxes)), self.function.wavelengths)
+        behind = reflectance_of(self.background, picture.wavelengths)
+        rgba: Floats = illuminate(picture, illuminant("D65"), behind)[0].astype(np.float64)
+        return rgba
 
 
 def symmetrical_front_to_back(layers: Sequence[tuple[float, float]]) -> tuple[float, float]:

@@ -106,7 +106,8 @@ def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
 
     Scalars get their colour and opacity, not corrected for any length. An average is the mean of opacity × scalar along
     the ray through valid voxels, a sum is that times the length of the ray in opacity unit distances; both are grey and
-    opaque, and scalars are clamped to clim, as in VTK. Of spectral volumes it is an `Image`, see `illuminated`.
+    opaque, and scalars are clamped to clim, as in VTK. Of spectral volumes it is an
+    `Image` in daylight, with the arrays of `SpectralPicture` as its layers.
 
     Parameters
     ----------
@@ -120,10 +121,7 @@ def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
     if resolve == "none":
         return merged
     if resolve == "light":
-        from clusterviz.render.spectrum import illuminated
-
-        assert plan.spectrum, "there are wavelengths"
-        return illuminated(plan.spectrum, merged)
+        return _in_daylight(plan, merged)
     rgba = np.zeros(merged.shape, np.float32)
     hit = merged[..., 3] > 0
     pixels = merged[hit].astype(np.float64)
@@ -139,3 +137,13 @@ def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
     alpha = plan.transfer.opacity(scalars)[:, None]
     rgba[hit] = np.append(plan.transfer.colour(scalars) * alpha, alpha, axis=1)
     return rgba
+
+
+def _in_daylight(plan: Plan, merged: Pixels) -> Pixels:
+    """Return the picture of merged fluxes over the background."""
+    from clusterviz.image.picture import Image
+    from clusterviz.image.spectral import SpectralPicture, illuminant, illuminate
+
+    assert plan.spectrum, "there are wavelengths"
+    picture = SpectralPicture.of_pixels(merged, plan.spectrum.wavelengths)
+    return Image(illuminate(picture, illuminant("D65"), plan.spectrum.background), layers=picture.layers)

@@ -1,4 +1,4 @@
-"""Drawing of spectral volumes: each piece once for each wavelength, and the light of their fluxes."""
+"""Drawing of spectral volumes: each piece once for each wavelength."""
 
 from __future__ import annotations
 
@@ -9,11 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.image.partial import PartialImage
-from clusterviz.image.picture import Image
-from clusterviz.image.spectral.illuminate import illuminate
-from clusterviz.image.spectral.lights import illuminant
-from clusterviz.image.spectral.picture import SpectralPicture
-from clusterviz.image.spectral.two_flux import Fluxes
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.spectrum import Spectrum
@@ -40,20 +35,6 @@ def draw_wavelengths(draw: Draw, plan: Plan, pieces: Iterable[Piece], progress: 
         results = [draw(one, [piece], PartOf(progress, number, len(each)))[0] for number, one in enumerate(each)]
         drawn.append(_joined(plan.spectrum, results))
     return drawn
-
-
-def illuminated(spectrum: Spectrum, merged: NDArray[np.float32]) -> Image:
-    """Return a picture in daylight over the background, with the fluxes as its layers.
-
-    Parameters
-    ----------
-    merged : float32 (h · wavelengths, w, 4), pixels of the operator two-flux
-    """
-    fluxes = np.moveaxis(merged.reshape(-1, spectrum.count, merged.shape[1], 4), 1, 2)
-    front, back, through, has_layers = np.moveaxis(fluxes, -1, 0)
-    every = [np.ascontiguousarray(one) for one in (front, back, np.where(has_layers > 0, through, np.float32(1)))]
-    picture = SpectralPicture(Fluxes(*every), spectrum.wavelengths)
-    return Image(illuminate(picture, illuminant("D65"), spectrum.background), layers=picture.layers)
 
 
 def _joined(spectrum: Spectrum, drawn: Sequence[RenderResult]) -> RenderResult:

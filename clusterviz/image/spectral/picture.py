@@ -44,6 +44,19 @@ class SpectralPicture:
     wavelengths: Floats
     where: str = "spectral picture"
 
+    @classmethod
+    def of_pixels(cls, merged: NDArray[np.float32], wavelengths: Floats) -> SpectralPicture:
+        """Return the picture of merged pixels.
+
+        Parameters
+        ----------
+        merged : float32 (h · n, w, 4), pixels of the operator two-flux; row y · n + k is row y at wavelength k
+        """
+        pixels = np.moveaxis(merged.reshape(-1, len(wavelengths), merged.shape[1], 4), 1, 2)
+        front, back, through, has_layers = np.moveaxis(pixels, -1, 0)
+        transmitted = np.where(has_layers > 0, through, np.float32(1))
+        return cls(Fluxes(*map(np.ascontiguousarray, (front, back, transmitted))), wavelengths)
+
     @property
     def layers(self) -> dict[str, NDArray[Any]]:
         """Arrays of the file by their names."""
