@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from clusterviz.scene.flows import Lic, Order, Seeds, Show, Trace
     from clusterviz.scene.geometry import Edges
     from clusterviz.scene.grids import KBuffer
+    from clusterviz.scene.optics import Optics
     from clusterviz.scene.presets import PresetName
     from clusterviz.scene.transfer_2d import Transfer2d
     from clusterviz.scene.values import (
@@ -274,6 +275,7 @@ class Settings(TypedDict, total=False):
     ambient_occlusion: AmbientOcclusion | Mapping[str, Any] | None
     interpolation: Interpolation
     blending: Blending
+    optics: Optics | Mapping[str, Any] | None
     isosurfaces: Sequence[float | Sequence[float]] | NDArray[Any]
     threshold: float | None
     shade: bool

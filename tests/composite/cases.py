@@ -15,10 +15,10 @@ from clusterviz.image.merge import CLOSED, EXISTS, STARTS, Operator, merge_parti
 from clusterviz.image.partial import PartialImage, Rect
 
 SIZE = (23, 17)
-OPERATORS: tuple[Operator, ...] = ("maximum", "minimum", "sum", "run")
+OPERATORS: tuple[Operator, ...] = ("maximum", "minimum", "sum", "run", "two-flux")
 DTYPES = (np.dtype(np.uint8), np.dtype(np.float16), np.dtype(np.float32))
 KINDS = ("float32", "uint8", *OPERATORS)
-"""Colours of these types, merged by over, or scalars of projections."""
+"""Colours of these types, merged by over, scalars of projections, or fluxes."""
 
 
 def random_pixels(rng: np.random.Generator, count: int, kind: Any) -> NDArray[Any]:
@@ -49,6 +49,9 @@ def _random_scalars(rng: np.random.Generator, count: int, operator: str, run: sl
         pixels[:, 0] = np.where(exists, scalars[0], 0)
         pixels[:, 1] = np.where(exists, scalars.max(axis=0), scalars[1])
         pixels[:, 2] = np.where(exists, flags, 0)
+    if operator == "two-flux":
+        pixels[:, :2] = rng.choice(np.float32([0, 1e-8, 0.3, 1 - 2.0**-24, 1]), (count, 2))
+        pixels[:, 2] = rng.choice(np.float32([0, 1e-8, 0.5, 1]), count) * (1 - pixels[:, :2].max(axis=1))
     pixels[~seen] = 0
     return pixels
 
@@ -92,6 +95,7 @@ class Case:
             assert made.dtype == np.float32
             # n additions, each rounded, of terms of one sign.
             bound = len(self.images) * 2.0**-23 * np.abs(wanted) if self.kind == "sum" else 0.0
+            bound = len(self.images) * 2.0**-21 if self.kind == "two-flux" else bound
             assert np.all(np.abs(made - wanted) <= bound)
             return
         assert made.dtype == self.kind

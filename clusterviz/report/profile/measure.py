@@ -92,6 +92,8 @@ def measure(scene: Scene, ranks: int, on_cpu: bool, step: Step) -> Report:
     step("read")
     work, bricks = prepare(Run(open_channel(), Options("cpu" if on_cpu else None)), scene)
     plan = work.plan
+    if plan is not None and plan.spectrum:
+        plan = plan.at_wavelength(0)  # the others cost the same
     pieces: tuple[Piece, ...] = ()
     if plan is not None:
         pieces = leaf_pieces(build_tree(plan.cost, ranks), plan.cost, plan.eye_in_bricks(), plan.view.forward)

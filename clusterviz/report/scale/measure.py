@@ -184,6 +184,7 @@ def _covered_rect(drawn: DrawnFrame) -> tuple[int, int, int, int]:
     rect = EMPTY
     for partial in drawn.partials:
         rect = rect.unite(partial.rect)
+    rect = drawn.work.plan.on_screen(rect) if drawn.work.plan else rect
     return rect.x_begin, rect.y_begin, rect.x_end, rect.y_end
 
 
@@ -197,7 +198,7 @@ def _count(channel: Channel, drawn: DrawnFrame, plan: Plan) -> tuple[str, list[t
     with abort_on_failure(channel, drawn.number, "count"):
         algorithm, operator = share.scene.cluster.compositing, plan.blend_mode.operator
         named: dict[str, Any] = {"algorithm": algorithm, "codec": "raw", "transport": "messages", "operator": operator}
-        compositor = Compositor(channel, share.scene.image.size, **named)
+        compositor = Compositor(channel, plan.canvas_size, **named)
         _, counters = compositor.composite(drawn.partials, share.order)
         compositor.close()
     return counters.algorithm, [(stage.messages_sent, stage.pixels_sent) for stage in counters.stages]
