@@ -210,7 +210,8 @@ def probe_cost(
     with run.unreported("choose") as unreported:
         partials, _ = drawing.draw(unreported, replace(work, plan=coarse_plan(plan, scale)))
         numbers = [number for number, box in enumerate(boxes) if box.rank == channel.rank]
-        found = list(map(_found, numbers, partials, drawing.sample_counts))
+        rows = plan.canvas_size[1] // plan.view.size[1]
+        found = [_found(rows, *piece) for piece in zip(numbers, partials, drawing.sample_counts, strict=True)]
         part = replace(work, pieces=_busiest_part(plan, channel, found, scale))
         seconds, samples = _measured(unreported, drawing, part) if seconds_per_sample is None else (0.0, 0)
     with run.collective("plan", "choose"):
@@ -242,10 +243,10 @@ def leaf_bricks(plan: Plan, rank: int, ranks: int) -> frozenset[Index]:
     return frozenset((z, y, x) for z, y, x in bricks.tolist())
 
 
-def _found(number: int, partial: PartialImage, work: tuple[Rect, NDArray[np.uint32]]) -> _Piece:
-    """Return the optical depth and the samples of a drawn piece."""
+def _found(rows: int, number: int, partial: PartialImage, work: tuple[Rect, NDArray[np.uint32]]) -> _Piece:
+    """Return the optical depth and the samples of a drawn piece, whose image has so many rows for one of the screen."""
     with np.errstate(divide="ignore"):
-        depth = -np.log(np.maximum(0.0, 1.0 - partial.rgba[..., 3].astype(np.float64)))
+        depth = -np.log(np.maximum(0.0, 1.0 - partial.rgba[::rows, :, 3].astype(np.float64)))
     return _Piece(number, *work, np.minimum(depth, DEEPEST).astype(np.float16))
 
 

@@ -35,6 +35,7 @@ LOW, HIGH = np.array([0.0, 1.0, 6.0, 0.0, np.inf]), np.array([1.5, 3.0, 8.0, 9.0
         ("additive", [False, False, False, False, True]),
         ("local-maximum", [False, False, False, False, True]),
         ("first-hit", [True, False, False, False, True]),
+        ("two-flux", [True, False, True, False, True]),
     ],
 )
 def test_only_what_cannot_matter_is_hidden(blending: str, hidden: list[bool]) -> None:

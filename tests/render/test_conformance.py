@@ -88,7 +88,7 @@ MODES = {
             samples=traits.operator in ORDER_FREE, unit=30.0, blending=name, **(THRESHOLD if traits.threshold else {})
         )
         for name, traits in BLEND_MODES.items()
-        if not traits.composited
+        if not traits.composited and not traits.spectral  # whose pictures are those of test_spectral.py
     },
     "surfaces": mode(1e-4, 2, **LAMPS, **SURFACES, blending="isosurface"),
     "surfaces within": mode(1e-4, 2, voxels=smooth, **LAMPS, **SURFACES, clip="both"),
