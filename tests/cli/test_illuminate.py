@@ -11,7 +11,7 @@ import pytest
 
 from clusterviz.image import read_image
 from clusterviz.image.files import read_text
-from clusterviz.image.spectral import Fluxes, SpectralPicture, write_spectral
+from clusterviz.image.spectral import Fluxes, SpectralPicture, read_spectral, write_spectral
 from clusterviz.image.spectral.colour import decoded
 
 
@@ -53,6 +53,27 @@ def test_floating_point_files_are_linear(cli: Callable[..., Any], picture: Path)
     np.testing.assert_allclose(read_image("a.exr")[0, 0], [*[decoded(np.float64(128 / 255))] * 3, 1], rtol=1e-4)
     assert cli("illuminate", "a.spectral.npz", "--background", "#808080", "-o", "a.png").status == 0
     np.testing.assert_allclose(read_image("a.png")[0, 0, :3], 128 / 255)
+
+
+def test_render_writes_fluxes_or_their_light(
+    cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = "volumes: [{path: 'field:gaussian:16', optics: {wavelengths: rgb, materials: [[0.1, air], [1, blood]]}}]\n"
+    Path("scene.yaml").write_text(text)
+    for name in ("a.npz", "a.png", "a.exr"):
+        assert cli("render", "scene.yaml", "--size", "16x12", "-o", name).status == 0
+    assert read_spectral("a.npz").fluxes.front.shape == (12, 16, 3)
+    for name in ("b.png", "b.exr"):
+        assert cli("illuminate", "a.npz", "-o", name).status == 0
+    np.testing.assert_array_equal(read_image("a.png"), read_image("b.png"))
+    np.testing.assert_allclose(read_image("a.exr"), read_image("b.exr"), atol=2e-6)
+    red, green, blue, alpha = read_image("a.png")[6, 8]
+    assert red > max(green, blue)
+    assert alpha == 1
+    np.testing.assert_array_equal(read_image("a.png")[0, 0], 1)  # the background
+    assert "rendered again" not in cli("replay", "a.png", "-o", "c.png").err
+    np.testing.assert_array_equal(read_image("a.png"), read_image("c.png"))
 
 
 @pytest.mark.parametrize(
