@@ -59,11 +59,11 @@ def write_image(
         `rgba` is not (h, w, 4), or has no pixels.
     """
     if layers and layers.keys() >= SPECTRAL_KEYS:
-        from clusterviz.image.spectral.colour import decoded
+        from clusterviz.image.spectral.illuminate import linear_picture
 
         extension = Path(path).suffix.lower()
         if extension in LINEAR:
-            rgba = np.concatenate([decoded(np.asarray(rgba[..., :3])), rgba[..., 3:]], axis=-1)
+            rgba = linear_picture(rgba, layers, background or (0.0, 0.0, 0.0))
         layers = layers if extension == ".npz" else None
     write = _WRITERS[_extension(path, bool(layers))]
     if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.size == 0:

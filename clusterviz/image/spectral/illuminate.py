@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.image.spectral.colour import encoded, into_gamut, srgb_weights
-from clusterviz.image.spectral.lights import Light
+from clusterviz.image.spectral.colour import decoded, encoded, into_gamut, srgb_weights
+from clusterviz.image.spectral.from_rgb import reflectance_of
+from clusterviz.image.spectral.lights import Light, illuminant
 from clusterviz.image.spectral.picture import SpectralPicture
 from clusterviz.image.spectral.two_flux import Fluxes, over_background
 
@@ -51,3 +55,22 @@ def illuminate(
         rgb = over_background(fluxes, behind[y] if behind.ndim == 3 else behind) @ weights
         rgba[y, :, :3] = rgb if linear else encoded(into_gamut(rgb))
     return rgba
+
+
+def linear_picture(
+    rgba: NDArray[np.float32], layers: Mapping[str, NDArray[Any]], background: Sequence[float]
+) -> NDArray[np.float32]:
+    """Return a picture in daylight with linear colours; what was drawn over it, such as annotations, is decoded.
+
+    Parameters
+    ----------
+    rgba : float32 (h, w, 4), encoded
+    layers : of the picture, see `SpectralPicture.layers`
+    background : its colour, sRGB
+    """
+    picture = SpectralPicture.of_layers(layers)
+    behind, rgba = reflectance_of(background, picture.wavelengths), np.asarray(rgba)
+    shown, found = (illuminate(picture, illuminant("D65"), behind, linear=linear) for linear in (False, True))
+    over = (rgba != shown).any(axis=-1)
+    found[over] = np.append(decoded(rgba[over, :3]), rgba[over, 3:], axis=-1)
+    return found

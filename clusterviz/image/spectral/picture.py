@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,11 @@ class SpectralPicture:
         front, back, through, has_layers = np.moveaxis(pixels, -1, 0)
         transmitted = np.where(has_layers > 0, through, np.float32(1))
         return cls(Fluxes(*map(np.ascontiguousarray, (front, back, transmitted))), wavelengths)
+
+    @classmethod
+    def of_layers(cls, layers: Mapping[str, NDArray[Any]]) -> SpectralPicture:
+        """Return the picture of `layers`."""
+        return cls(Fluxes(*(layers[key] for key in KEYS)), layers[WAVELENGTHS])
 
     @property
     def layers(self) -> dict[str, NDArray[Any]]:
