@@ -71,28 +71,36 @@ def scene_of(
 
 
 def drawn(
-    where: moderngl.Context | None, scene: Scene, voxels: np.ndarray, grid: Grid, parts: int = 1, brick: int = 7
+    where: moderngl.Context | None, scene: Scene, voxels: np.ndarray, grid: Grid, brick: int = 7, parts: int = 1
 ) -> list[np.ndarray]:
     """R_front, R_back and T of a caster, float64 (rays, wavelengths) each."""
-    prepared = prepare(scene, voxels, grid, brick)
+    return drawn_in(where, scene, voxels, grid, brick, (parts,))[0]
+
+
+def drawn_in(
+    where: moderngl.Context | None, scene: Scene, voxels: np.ndarray, grid: Grid, brick: int, numbers: tuple[int, ...]
+) -> list[list[np.ndarray]]:
+    """What `drawn` returns for each of several numbers of parts, by one program."""
+    prepared, pictures = prepare(scene, voxels, grid, brick), []
     plan = prepared.plan
     caster = Raycaster(where, plan) if where else VectorCaster(plan)
     caster.load(plan, prepared.shown)
-    results = draw_wavelengths(caster.draw, plan, pieces_of(prepared, parts), no_progress)
+    for parts in numbers:
+        results = draw_wavelengths(caster.draw, plan, pieces_of(prepared, parts), no_progress)
+        merged = merge_partials([one.partial for one in results], plan.canvas_size, plan.blend_mode.operator)
+        layers = finish_projection(plan, merged).layers  # type: ignore[attr-defined]
+        found = [layers[name].astype(np.float64) for name in ("R_front", "R_back", "T")]
+        pictures.append([each.reshape(-1, each.shape[-1]) for each in found])
     caster.release()
-    merged = merge_partials([one.partial for one in results], plan.canvas_size, plan.blend_mode.operator)
-    layers = finish_projection(plan, merged).layers  # type: ignore[attr-defined]
-    found = [layers[name].astype(np.float64) for name in ("R_front", "R_back", "T")]
-    return [each.reshape(-1, each.shape[-1]) for each in found]
+    return pictures
 
 
-FLAT = Grid(SHAPE, (1.3, 0.6, 2.0), (100.0, -50.0, 3.0))
+CUT = {"clip": "both", "jitter": True, "step": 0.4}
 ROWS: list[tuple[str, str, Grid, dict[str, Any]]] = [
     ("outside", "uint8", Grid(SHAPE), {"step": 0.7}),
-    ("inside", "float32", FLAT, {"interpolation": "cubic", "jitter": True}),
-    ("along-an-axis", "uint8", FLAT, {"clip": "both", "step": 2.2}),
-    ("parallel", "float32", Grid(SHAPE, (1e-9, 1.5e-9, 1e-9)), {"step": 0.26}),
-    ("on-a-face", "float32", Grid(SHAPE, (1e9, 1.5e9, 1e9), (3e9, 0.0, 1e10)), {"invalid": True}),
+    ("along-an-axis", "uint8", Grid(SHAPE, (1e9, 1.5e9, 1e9), (3e9, 0.0, 1e10)), {"step": 2.2}),
+    ("inside", "float32", Grid(SHAPE, (1.3, 0.6, 2.0), (100.0, -50.0, 3.0)), {"invalid": True} | CUT),
+    ("parallel", "float32", Grid(SHAPE, (1e-9, 1.5e-9, 1e-9)), CUT),
 ]
 
 
@@ -111,8 +119,8 @@ def test_pictures_solve_the_two_flux_equations_through_all_layers(
     assert expected.fluxes.front.max() > 0.3
     assert expected.fluxes.transmitted.min() < 0.5
     for where in (context, None):
-        for parts in (1, 3):
-            for found, exact in zip(drawn(where, scene, voxels, grid, parts), expected.fluxes, strict=True):
+        for picture in drawn_in(where, scene, voxels, grid, 7, (1, 3)):
+            for found, exact in zip(picture, expected.fluxes, strict=True):
                 np.testing.assert_allclose(found, exact, atol=1e-5)
     for ray in (0, 31, 45):
         depths = np.stack(expected.layers[ray]) if expected.layers[ray] else np.zeros((1, 2, len(AT)))
