@@ -17,10 +17,16 @@ from PIL import Image
 
 import clusterviz
 from clusterviz.data.samples import fetch_sample
+from clusterviz.image.spectral import SpectralPicture, illuminate, light_of
 
 ROOT = Path(__file__).parents[1]
 SIZE = (480, 360)
-SIZES = {"annotated": (800, 600), "flow": (640, 480), "reactor_flow": (640, 480)}  # text and lines
+SIZES = {
+    "spectral": (320, 240),
+    "annotated": (800, 600),
+    "flow": (640, 480),
+    "reactor_flow": (640, 480),
+}  # text and lines
 COLOURS = 128  # of a picture's palette: a tenth of the bytes, and no difference that the eye sees
 OBJECTS = np.array([(0.9, 0.6, 0.2), (0.6, 0.2, 0.6), (0.9, 0.2, 0.3), (0.3, 0.6, 0.9)])
 SCENES: dict[str, tuple[str, ...]] = {
@@ -34,6 +40,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "layers": (),
     "folds": ("mni152",),
     "annotated": ("mni152",),
+    "spectral": ("cranium",),
     "flow": (),
     "surface_flow": (),
     "reactor_flow": ("flows.0.path=disk-out", "grids.0.path=disk-out"),
@@ -62,6 +69,13 @@ def as_colours(layers: Mapping[str, np.ndarray]) -> list[np.ndarray]:
     return [np.round(255 * np.where(there[..., None], one, 1)).astype(np.uint8) for one in colours]
 
 
+def under_lights(picture: clusterviz.Image) -> np.ndarray:
+    """Return a spectral picture under four lights before black, uint8 (2 h, 2 w, 3)."""
+    spectral = SpectralPicture.of_layers(picture.layers)
+    shown = [illuminate(spectral, light_of(name), 0.0)[..., :3] for name in ("D65", "A", "F11", "laser:650")]
+    return np.round(255 * np.vstack([np.hstack(shown[:2]), np.hstack(shown[2:])])).astype(np.uint8)
+
+
 def draw(name: str, samples: tuple[str, ...]) -> Path:
     """Render one example, and write its picture."""
     pairs = [each.partition("=")[::2] for each in samples]
@@ -76,7 +90,9 @@ def draw(name: str, samples: tuple[str, ...]) -> Path:
     path.parent.mkdir(exist_ok=True)
     picture = clusterviz.render(scene)
     picture.save(path)
-    if picture.layers:
+    if "T" in picture.layers:
+        Image.fromarray(under_lights(picture)).save(path)
+    elif picture.layers:
         Image.fromarray(np.concatenate([np.asarray(Image.open(path)), *as_colours(picture.layers)], axis=1)).save(path)
     found = Image.open(path).convert("RGB")
     # Normals and scalar bars have more colours than a palette.
