@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import OutputError
-from clusterviz.image.files import LAYERED, Layers, write_image
+from clusterviz.image.files import LAYERED, SPECTRAL_KEYS, Layers, write_image
 from clusterviz.image.finish import Colour, finish
 
 
@@ -36,7 +36,8 @@ class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
     Attributes
     ----------
     background : (r, g, b) in [0, 1], or None for transparent; `show`, `save` and notebooks blend the pixels over it
-    layers : further layers by name (depth, normal, opacity, object), arrays (h, w) or (h, w, 3); of a crop, empty
+    layers : further layers by name (depth, normal, opacity, object), arrays (h, w) or (h, w, 3), or what `.npz` files of
+        spectral volumes hold; of a crop, empty
     """
 
     background: Colour | None
@@ -60,7 +61,8 @@ class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
         OutputError
             Unknown extension, missing or unwritable folder, disk full. No file is left behind.
         """
-        layers = self.layers if str(path).lower().endswith(LAYERED) else None
+        keeps_layers = str(path).lower().endswith(LAYERED) or SPECTRAL_KEYS <= self.layers.keys()
+        layers = self.layers if keeps_layers else None
         write_image(path, np.asarray(self), self.background, layers=layers)
 
     def show(self) -> None:

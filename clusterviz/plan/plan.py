@@ -132,10 +132,15 @@ class Plan:
     spectrum: Spectrum | None = None
 
     @property
+    def wavelengths(self) -> int:
+        """Number of pictures that are drawn: one, or one for each wavelength of a spectral volume."""
+        return self.spectrum.count if self.spectrum else 1
+
+    @property
     def canvas_size(self) -> tuple[int, int]:
         """Width and height of what is composited: the picture, or the tall picture of all wavelengths."""
         width, height = self.view.size
-        return width, height * (self.spectrum.count if self.spectrum else 1)
+        return width, height * self.wavelengths
 
     def on_screen(self, rect: Rect) -> Rect:
         """Return the rectangle of the picture that a rectangle of the canvas belongs to."""
