@@ -36,8 +36,8 @@ class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
     Attributes
     ----------
     background : (r, g, b) in [0, 1], or None for transparent; `show`, `save` and notebooks blend the pixels over it
-    layers : further layers by name (depth, normal, opacity, object), arrays (h, w) or (h, w, 3), or what `.npz` files of
-        spectral volumes hold; of a crop, empty
+    layers : further layers by name (depth, normal, opacity, object), arrays (h, w) or (h, w, 3), or those of
+        `SpectralPicture`; of a crop, empty
     """
 
     background: Colour | None
@@ -61,7 +61,7 @@ class Image(np.ndarray[tuple[int, ...], np.dtype[np.float32]]):
         OutputError
             Unknown extension, missing or unwritable folder, disk full. No file is left behind.
         """
-        keeps_layers = str(path).lower().endswith(LAYERED) or SPECTRAL_KEYS <= self.layers.keys()
+        keeps_layers = str(path).lower().endswith(LAYERED) or self.layers.keys() >= SPECTRAL_KEYS
         layers = self.layers if keeps_layers else None
         write_image(path, np.asarray(self), self.background, layers=layers)
 
