@@ -1,6 +1,7 @@
 // Two fluxes of one wavelength, towards the eye and away from it: (R from the front, R from behind, T, 1), or zeros for a ray without layers.
 // The transfer function's colour holds absorption and scattering per world unit.
 // Needs kubelka_munk.glsl.
+const float THICKEST = 1e15; // K d and S d
 
 bool is_seen(float s) {
     return s >= buckets.w; // nothing absorbs or scatters below, and NaN compares false
@@ -12,8 +13,11 @@ void put_layer(inout vec4 sum, vec3 layer) {
 
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!is_seen(s)) return;
-    vec2 depths = max(segment_at(s).colour.xy, vec2(0.0)) * (frame.optics.x * share);
-    if (depths.x + depths.y > 0.0) put_layer(sum, slab_fluxes(depths.x, depths.y).xxy);
+    vec2 coefficients = max(segment_at(s).colour.xy, vec2(0.0));
+    float most = max(coefficients.x, coefficients.y);
+    // Thicker slabs look the same, and might leave the range of float32.
+    vec2 depths = coefficients * min(frame.optics.x * share, THICKEST / max(most, 1e-30));
+    if (most > 0.0) put_layer(sum, slab_fluxes(depths.x, depths.y).xxy);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {

@@ -137,6 +137,7 @@ OPTICS: dict[str, tuple[float, float]] = {
     "dense": (1e6, 1e6),
     "white and thick": (0.0, 1e6),
     "almost white": (1e-6, 1e6),
+    "beyond float32": (1e300, 1e300),
 }
 """K and S, whose volume is 25 long."""
 
