@@ -8,7 +8,8 @@ need not be sent. Otherwise they are:
 - `sum`: the sum of opacity × scalar × slabs, 0, 0, and the number of slabs with samples, cut slabs by their share.
 - `run`: the largest scalar of the first run of samples at or above a threshold, the largest scalar of all, the
   state of the run (a sum of `STARTS`, `CLOSED`, `EXISTS`), 1.
-- `two-flux`: reflectance seen from the front, reflectance seen from behind, transmittance, 1.
+- `two-flux`: reflectance seen from the front, reflectance seen from behind, transmittance, and a number that is not 0:
+  what is not transmitted as it was drawn, 1 as it was merged.
 
 Scalars are in units of clim. All operators are associative, `sum` and `two-flux` up to rounding. `over`, `run` and
 `two-flux` need the order from front to back, the others (`ORDER_FREE`) do not. `finish_projection` in

@@ -1,4 +1,4 @@
-// Two fluxes of one wavelength, towards the eye and away from it: (R from the front, R from behind, T, 1), or zeros for a ray without layers.
+// Two fluxes of one wavelength, towards the eye and away from it: (R from the front, R from behind, T, 1 - T), or zeros for a ray without layers.
 // The transfer function's colour holds absorption and scattering per world unit.
 // Needs kubelka_munk.glsl.
 const float THICKEST = 1e15; // K d and S d
@@ -7,9 +7,7 @@ bool is_seen(float s) {
     return s >= buckets.w; // nothing absorbs or scatters below, and NaN compares false
 }
 
-void put_layer(inout vec4 sum, vec3 layer) {
-    sum = vec4(sum.w > 0.0 ? stacked(sum.xyz, layer) : layer, 1.0);
-}
+const vec4 NOTHING_IN_FRONT = vec4(0.0, 0.0, 1.0, 0.0);
 
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!is_seen(s)) return;
@@ -17,7 +15,7 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     float most = max(coefficients.x, coefficients.y);
     // Thicker slabs look the same, and might leave the range of float32.
     vec2 depths = coefficients * min(frame.optics.x * share, THICKEST / max(most, 1e-30));
-    if (most > 0.0) put_layer(sum, slab_fluxes(depths.x, depths.y).xxy);
+    if (depths.x + depths.y > 0.0) sum = stacked(sum.w > 0.0 ? sum : NOTHING_IN_FRONT, slab_fluxes(depths.x, depths.y));
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
@@ -25,7 +23,14 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond) {
 }
 
 void add_run(inout Sum sum, vec4 run) {
-    put_layer(sum.high, run.xyz);
+    if (sum.high.w == 0.0) sum.high = NOTHING_IN_FRONT;
+    bool is_dense;
+    vec3 dense;
+    add(sum, change_behind(sum.high, run, is_dense, dense));
+    if (is_dense) {
+        sum.high.yzw = dense;
+        sum.low.yzw = vec3(0.0);
+    }
 }
 
 bool is_done(Sum sum) {

@@ -1,18 +1,32 @@
 // Reflectance and transmittance of a homogeneous slab, and of stacks, after Kubelka and Munk; as plan/kubelka_munk.py and image/spectral/two_flux.py,
-// which say more. Needs opacity.glsl.
+// which say more. Fluxes of a stack are (R from the front, R from behind, T, 1 - T): of thin layers the last one has the digits, of thick ones T.
+// Needs opacity.glsl.
 
-// (R, T) of a slab with absorption k = K d and scattering s = S d, both at least 0: R to 1e-6 of itself, T to 1e-6.
-vec2 slab_fluxes(float k, float s) {
+// Fluxes of a slab with absorption k = K d and scattering s = S d, both at least 0; each to 1e-6 of itself, or 1e-6 if it is T.
+vec4 slab_fluxes(float k, float s) {
     float x = max(sqrt(k) * sqrt(k + 2.0 * s), 1e-30);
     float gone = absorbed(x), rest = 1.0 - gone, cosh_2 = 1.0 + rest * rest;
     float u = gone * (1.0 + rest) / (x * cosh_2); // tanh(x) / x
-    return vec2(s * u, 2.0 * rest / cosh_2) / (1.0 + (k + s) * u);
+    return vec4(s * u, s * u, 2.0 * rest / cosh_2, gone * gone / cosh_2 + (k + s) * u) / (1.0 + (k + s) * u);
 }
 
-// (R from the front, R from behind, T) of two stacks, the first in front; (0, 0, 1) is the identity.
-vec3 stacked(vec3 first, vec3 second) {
-    float between = max(1.0 - first.y, first.z) + first.y * max(1.0 - second.x, second.z);
+// What a second stack, behind the first, adds to its fluxes. Sums of many such changes lose no more than any sums; a factor that is nearly 1 would,
+// in each of 10^4 thin layers, be off by its last bit. Where the two stacks are dense, `dense` has all but R from the front in place of sums.
+vec4 change_behind(vec4 first, vec4 second, out bool is_dense, out vec3 dense) {
+    float open = max(1.0 - first.y, first.z);
+    float between = open + first.y * max(1.0 - second.x, second.z);
     float series = between > 0.0 ? 1.0 / between : 0.0;
-    vec2 through = vec2(first.z, second.z) * series;
-    return vec3(first.x + first.z * (through.x * second.x), second.y + second.z * (through.y * first.y), through.x * second.z);
+    // Of the light that the first stack lets through, the share that does not leave the second one behind.
+    float taken = (max(second.w - second.x, 0.0) + second.x * open) * series, through = second.z * series;
+    is_dense = taken >= 0.5 || between < 0.5;
+    dense = vec3(second.y + second.z * through * first.y, first.z * through, 1.0 - first.z * through);
+    return vec4(first.z * first.z * series * second.x, second.y - first.y * (taken + second.w * through), -first.z * taken, first.z * taken);
+}
+
+vec4 stacked(vec4 first, vec4 second) {
+    bool is_dense;
+    vec3 dense;
+    vec4 both = first + change_behind(first, second, is_dense, dense);
+    if (is_dense) both.yzw = dense;
+    return both;
 }
