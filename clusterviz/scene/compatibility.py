@@ -14,6 +14,7 @@ from clusterviz.scene.blend_modes import BLEND_MODES, Blending
 from clusterviz.scene.checks import InvalidValueError
 
 NO_COMMON_SCALE = "their values have no scale in common, of which a ray could show one"
+ONE_SPECTRUM = "light is scattered back and forth in one volume only"
 SINGLE_VOLUME_QUALITY = {
     "borders": "what each brick needs of a volume is cut out of it already",
     "filter": "the texture unit samples one volume a brick",
@@ -133,7 +134,8 @@ def check_several_volumes(
     elif flows:
         with_what, allowed = "with flows", "one volume alone with it"
     projections = [(n, volume.blending) for n, volume in enumerate(volumes) if not BLEND_MODES[volume.blending].mixed]
-    keys = [(f"volumes[{n}].blending", blending, NO_COMMON_SCALE) for n, blending in projections]
+    reasons = [ONE_SPECTRUM if BLEND_MODES[blending].spectral else NO_COMMON_SCALE for _, blending in projections]
+    keys = [(f"volumes[{n}].blending", mode, why) for (n, mode), why in zip(projections, reasons, strict=True)]
     keys += [(f"quality.{name}", getattr(quality, name), why) for name, why in SINGLE_VOLUME_QUALITY.items()]
     keys.append(("cluster.largest_brick", cluster.largest_brick, "bricks of their domain are of one size"))
     for key, found, why in keys:

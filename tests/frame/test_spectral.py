@@ -102,5 +102,5 @@ def test_what_has_no_meaning_with_optics_is_refused(keys: dict[str, Any], said: 
 
 def test_several_volumes_are_refused() -> None:
     data = SCENE.model_dump(mode="json", exclude_unset=True)
-    with pytest.raises(SceneError, match=r"volumes\[0\].blending: not for several volumes"):
+    with pytest.raises(SceneError, match=r"volumes\[0\].blending: not for several volumes: light is scattered"):
         Scene(**data | {"volumes": [*data["volumes"], {"path": "field:gaussian:16"}]})
