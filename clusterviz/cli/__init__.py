@@ -66,7 +66,7 @@ COMMANDS: dict[str, Command] = {
     "illuminate": Command(
         "clusterviz.cli.illuminate",
         "Show a spectral picture under another light, without rendering again.",
-        "clusterviz illuminate head.spectral.npz --light F11 -o head.png",
+        "clusterviz illuminate head.npz --light F11 -o head.png",
     ),
     "verify": Command(
         "clusterviz.cli.verify",

@@ -387,7 +387,7 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
     if quality.filter == "hardware" and volumes[0].interpolation == "nearest":
         yield Change("quality.filter", "hardware", "exact", "nearest voxels are not weighted")
     if quality.early_termination > 0 and not any(BLEND_MODES[one.blending].composited for one in volumes):
-        yield Change("quality.early_termination", quality.early_termination, 0.0, "a projection hides nothing")
+        yield Change("quality.early_termination", quality.early_termination, 0.0, "there is no opacity that ends a ray")
 
 
 def _in_a_box(scene: Scene) -> Iterator[Change]:
