@@ -97,14 +97,10 @@ def scene_of(
         clim = (low + 0.1 * (high - low), high - 0.1 * (high - low))
     spread = lambda points: tuple((clim[0] + p[0] * (clim[1] - clim[0]), *p[1:]) for p in points)  # noqa: E731
     look, quality = ({key: keys.pop(key) for key in model.model_fields if key in keys} for model in (Volume, Quality))
-    volume = Volume(
-        path="in memory",
-        cmap=spread(cmap),
-        clim=clim,
-        opacity=spread(opacity) if isinstance(opacity, tuple) else opacity,
-        opacity_unit_distance=unit,
-        **look,
-    )
+    if "optics" not in look:
+        look |= {"cmap": spread(cmap), "clim": clim, "opacity_unit_distance": unit}
+        look["opacity"] = spread(opacity) if isinstance(opacity, tuple) else opacity
+    volume = Volume(path="in memory", **look)
     return Scene(volumes=(volume,), camera=camera, image=ImageSettings(size=size), quality=Quality(**quality), **keys)
 
 

@@ -42,6 +42,7 @@ IN_VOLUME = {"isosurfaces": [50.0, 100.0]}
 LOCAL = {"blending": "local-maximum", "threshold": 9.0}
 PLACE = {"lights": (Light(position=(1, 2, 3), positional=True),)}
 SHADE = {"shade": True}
+OPTICS = {"wavelengths": [500, 600], "absorption": [[0, 0, 0], [1, 1, 2]]}
 SMOOTH = {"gradient": "smooth"}
 FADED = {"gradient_opacity": [[0.0, 0.0], [9.0, 1.0]]}
 
@@ -99,6 +100,7 @@ CASES = {
         buffers=1,
         side=19,
     ),
+    "optics": Case({"optics": OPTICS}, "composite over", "kubelka_munk two_flux"),
     "clip": Case(CLIP, "unclipped", "clip kept", buffers=1),
     "isosurfaces": Case(SURFACES, "samples", "surfaces extremes root cell_linear", buffers=1, side=19),
     "isosurfaces in a volume": Case(IN_VOLUME, "samples", "surfaces extremes root cell_linear", buffers=1, side=19),

@@ -42,6 +42,11 @@ SIZE = (8, 8)
 SURFACES = {"isosurfaces": ((100.0, 0.4), (160.0, 0.7))}
 INTEGRATED = {"classification": "pre-integrated"}
 STEEP = {"gradient_opacity": ((0.0, 0.0), (40.0, 0.7), (60.0, 0.2), (120.0, 1.0))}
+OPTICS = {
+    "wavelengths": [500, 600],
+    "absorption": [[60, 0, 0], [255, 0.2, 0.4]],
+    "scattering": [[60, 0, 0], [255, 1, 2]],
+}
 CLIP = clip_of(GRID)
 LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "jittered uint16": (
@@ -78,6 +83,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "cubic hardware": ("float32", {"filter": "hardware", "interpolation": "cubic"}, "cubic_hardware"),
     "gradient opacity": ("uint8", STEEP, "faded magnitude"),
     "table": ("uint8", {"transfer_2d": {}}, "composite_2d table"),
+    "spectral": ("uint8", {"optics": OPTICS}, "kubelka_munk two_flux"),
     "user's look": ("uint8", {"shader": "examples/looks/octants.glsl"}, "look"),
     "occluded": ("uint8", LIT | {"ambient_occlusion": {"radius": 1.1}, "step": 5.0}, "ambient_occlusion density"),
     "occluded, pre-integrated": (
