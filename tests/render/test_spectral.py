@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from itertools import pairwise
 from typing import Any
 
 import moderngl
@@ -11,6 +13,8 @@ from render.scenes import camera_at, clip_of, noise, pieces_of, prepare
 
 from clusterviz.data.source import Grid
 from clusterviz.image.merge import merge_partials
+from clusterviz.image.spectral import Fluxes
+from clusterviz.image.spectral.two_flux import stacked
 from clusterviz.plan.kubelka_munk import slab
 from clusterviz.reference import projections, render_reference
 from clusterviz.reference.two_flux import TwoFlux, solve_layers
@@ -162,6 +166,22 @@ def test_a_constant_field_is_one_slab(name: str) -> None:
                 np.testing.assert_allclose(front + through, 1, atol=1e-5)
             if k == s == 1e-8:  # what is faint keeps its digits
                 np.testing.assert_allclose(front, whole.reflected, rtol=1e-5)
+
+
+def test_errors_fall_with_the_square_of_the_step() -> None:
+    """Along a ramp, whose coefficients are linear in the depth."""
+    voxels, grid = np.tile(np.arange(0, 260, 10, dtype=np.uint8), (9, 9, 1)), Grid((9, 9, 26))
+    camera = Camera(position=(-9, 4.1, 4.2), focal_point=(12, 4.1, 4.2), view_up=(0, 0, 1), parallel_scale=2.0)
+    optics = {"wavelengths": [550], "absorption": [[0, 0.1], [250, 0]], "scattering": [[0, 0], [250, 0.5]]}
+    depths = (np.arange(4000) + 0.5) / 4000
+    parts = slab(0.1 * (1 - depths) * 25 / 4000, 0.5 * depths * 25 / 4000)
+    exact = reduce(stacked, [Fluxes(r, r, t) for r, t in zip(*parts, strict=True)])
+    errors = []
+    for step in (5.0, 2.5, 1.25):
+        found = drawn(None, scene_of(voxels, camera, size=(1, 1), step=step, optics=optics), voxels, grid, brick=8)
+        errors.append(np.abs(np.ravel(found) - exact))
+    for coarse, fine in pairwise(errors):
+        np.testing.assert_allclose(coarse / fine, 4, rtol=0.1)
 
 
 def test_each_wavelength_is_drawn_as_if_alone() -> None:
