@@ -12,7 +12,7 @@ layout(std430, binding = 10) readonly buffer ListsBlock { uint tile_row[]; };   
 layout(std430, binding = 3) readonly buffer OffsetsBlock { int brick_offset[]; }; // as in buffers.glsl
 ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 
-#include <SHIFT>
+#include <LATTICE>
 #include "ray.glsl"
 #include <CLIP>
 #include <GEOMETRY>

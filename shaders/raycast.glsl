@@ -17,7 +17,7 @@ ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = 
 ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.xyz;
 int slabs_in_batch = frame.cells.w;
 
-#include <SHIFT>
+#include <LATTICE>
 #include "ray.glsl"
 #include <CLIP>
 #include "opacity.glsl"

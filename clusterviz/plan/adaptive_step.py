@@ -120,6 +120,7 @@ def what_has_no_bound(volume: Volume, quality: Quality) -> str:
         "opacity by the gradient": is_graded(volume),
         f"interpolation {volume.interpolation}": volume.interpolation != "linear",
         "jitter": quality.jitter,
+        "slices": quality.renderer == "slices",
         "pre-integrated classification": quality.classification != "post",
     }
     return next((name for name, is_one in problems.items() if is_one), "")

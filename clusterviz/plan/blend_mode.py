@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +19,7 @@ from clusterviz.scene.values import Quality, Volume
 
 Classification = Literal["post", "pre-integrated"]
 Borders = Literal["overlap", "split"]
+Lattice = Literal["rays", "jittered", "slices"]
 
 LONGEST_SLAB = 2.0
 """Voxels, if the field is sampled at the ends of slabs, so that these lie in their brick's margin."""
@@ -143,9 +145,13 @@ def is_preintegrated(volume: Volume, classification: Classification) -> bool:
     return classification == "pre-integrated" and BLEND_MODES[volume.blending].absorbs
 
 
-def is_jittered(volume: Volume, jitter: bool) -> bool:
-    """Return True if each pixel has its own lattice of slabs; isosurfaces need none, as they are not sampled."""
-    return jitter and not has_surfaces(volume)
+def lattice_of(volumes: Sequence[Volume], quality: Quality) -> Lattice:
+    """Return where slabs begin; isosurfaces need rays alone, as they are not sampled."""
+    if not volumes or any(has_surfaces(volume) for volume in volumes):
+        return "rays"
+    if quality.renderer == "slices":
+        return "slices"
+    return "jittered" if quality.jitter else "rays"
 
 
 def reach_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:

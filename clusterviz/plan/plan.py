@@ -22,11 +22,12 @@ from clusterviz.plan.adaptive_step import AdaptiveStep, make_adaptive_step
 from clusterviz.plan.blend_mode import (
     LONGEST_SLAB,
     BlendMode,
+    Lattice,
     has_surfaces,
     is_graded,
-    is_jittered,
     is_lit,
     is_preintegrated,
+    lattice_of,
     make_blend_mode,
     margin_of,
     reach_of,
@@ -42,6 +43,7 @@ from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
+from clusterviz.plan.slices.planes import SlicePlanes, slice_planes
 from clusterviz.plan.spectrum import Spectrum, make_spectrum
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.report.decisions import Change, Detail
@@ -69,7 +71,8 @@ class March:
     reach : cells beyond its own in which a brick samples the field
     spread : samples beyond a cell's corners on which its pixels depend
     preintegrated : slabs are classified between their ends, not at their midpoints
-    jittered : every pixel has its own lattice of slabs
+    lattice : where slabs begin: where the ray enters the volume (rays), by a hash of the pixel (jittered), or on planes
+        perpendicular to the view direction (slices)
     adaptive_step : the adaptive step; None: all slabs are equally long
     split : slabs are cut where they leave a brick
     frame_coherence : slabs between a ray's start and the last frame's hit; None: rays start where they enter the volume
@@ -85,7 +88,7 @@ class March:
     reach: int
     spread: int
     preintegrated: bool = False
-    jittered: bool = False
+    lattice: Lattice = "rays"
     adaptive_step: AdaptiveStep | None = None
     split: bool = False
     frame_coherence: int | None = None
@@ -166,6 +169,11 @@ class Plan:
         z, y, x = (float(n - 1) for n in self.layout.shape_zyx)
         return x, y, z
 
+    @property
+    def slice_planes(self) -> SlicePlanes:
+        """The planes between the slabs of `quality.renderer: slices`."""
+        return slice_planes(self.view, self.extent, self.march.step_world)
+
     def eye_in_bricks(self, first_zyx: Index = (0, 0, 0)) -> Vector | None:
         """The eye (x, y, z) in units of bricks, relative to brick `first_zyx`; None for parallel projection."""
         eye, layout = self.view.eye_point, self.layout
@@ -214,7 +222,9 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     grading = make_grading(volume, transfer.domain, grid) if is_graded(volume) else None
     blend_mode = make_blend_mode(volume, transfer, shading, grading)
     hidden = blend_mode.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
-    step_world = slab_length(step_of(volume, scene.quality.step, classification), grid)
+    view, lattice = make_view(scene.camera, scene.image.size, grid), lattice_of([volume], scene.quality)
+    shortest = view.corner_cosine if lattice == "slices" else 1.0
+    step_world = slab_length(step_of(volume, scene.quality.step, classification), grid, shortest)
     units = slab_units(step_world, unit)
     preintegrated = is_preintegrated(volume, classification)
     if spectrum:
@@ -222,7 +232,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
     else:
         segments = make_preintegrated(transfer) if preintegrated else make_segments(transfer, units)
     return Plan(
-        make_view(scene.camera, scene.image.size, grid),
+        view,
         March(
             step_world,
             units,
@@ -231,10 +241,10 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
             reach_of(volume, classification, borders) + around,
             spread_of(volume, classification, borders),
             preintegrated,
-            is_jittered(volume, scene.quality.jitter),
+            lattice,
             make_adaptive_step(volume, scene.quality, grid, transfer),
             preintegrated and borders == "split",
-            make_frame_coherence(scene, [grid], step_world),
+            make_frame_coherence(scene, [grid], shortest * step_world),
         ),
         blend_mode,
         planes,
@@ -279,7 +289,10 @@ def make_content_plan(
     """
     quality = scene.quality
     steps = [step_of(volume, quality.step, quality.classification) for volume in scene.volumes]
-    step_world = slab_length(min(steps, default=quality.step), domain_of(scene, volumes, geometry, grids).grid)
+    domain, lattice = domain_of(scene, volumes, geometry, grids).grid, lattice_of(scene.volumes, quality)
+    view = make_view(scene.camera, scene.image.size, domain)
+    shortest = view.corner_cosine if lattice == "slices" else 1.0
+    step_world = slab_length(min(steps, default=quality.step), domain, shortest)
     content, cost = make_content(scene, volumes, geometry, grids, step_world)
     first = content.volume_layers[0] if volumes else _no_volume()
     grid, layout = content.domain.grid, content.layout
@@ -288,7 +301,7 @@ def make_content_plan(
     beyond = planes.copy()
     beyond[:, 3] += (content.reach if geometry or grids else 0) * np.linalg.norm(planes[:, :3], axis=1)
     return Plan(
-        make_view(scene.camera, scene.image.size, grid),
+        view,
         March(
             step_world,
             first.slab_units,
@@ -296,10 +309,10 @@ def make_content_plan(
             scene.quality.early_termination,
             reach=0,
             spread=0,
-            jittered=all(is_jittered(volume, scene.quality.jitter) for volume in scene.volumes) and bool(volumes),
+            lattice=lattice,
             frame_coherence=None
             if geometry or grids
-            else make_frame_coherence(scene, [known.grid for known in volumes], step_world),
+            else make_frame_coherence(scene, [known.grid for known in volumes], shortest * step_world),
             discard_margin=scene.quality.early_discarding if geometry and not grids else None,
         ),
         BlendMode(),
@@ -384,6 +397,8 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
         yield Change("quality.borders", "split", "overlap", "only pre-integrated slabs are cut")
     if quality.jitter and any(has_surfaces(volume) for volume in volumes):
         yield Change("quality.jitter", True, False, "isosurfaces are found, not sampled")
+    if quality.renderer == "slices" and any(has_surfaces(volume) for volume in volumes):
+        yield Change("quality.renderer", "slices", "raycast", "isosurfaces are found, not sampled")
     if quality.filter == "hardware" and volumes[0].interpolation == "nearest":
         yield Change("quality.filter", "hardware", "exact", "nearest voxels are not weighted")
     if quality.early_termination > 0 and not any(BLEND_MODES[one.blending].composited for one in volumes):

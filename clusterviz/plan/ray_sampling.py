@@ -23,13 +23,14 @@ MOST_SLABS = 1 << 30
 """On the diagonal of a volume; a jittered ray has one more, and the last batch of slabs may end behind them."""
 
 
-def slab_length(step: float, grid: Grid) -> float:
+def slab_length(step: float, grid: Grid, shortest: float = 1.0) -> float:
     """Return the length of a slab in world units.
 
     Parameters
     ----------
     step : length of a slab in units of the smallest spacing
     grid : of the volume, or of the box around several
+    shortest : length of the shortest slab of all rays over the longest one
 
     Raises
     ------
@@ -37,12 +38,12 @@ def slab_length(step: float, grid: Grid) -> float:
         A ray would have more than `MOST_SLABS` slabs.
     """
     diagonal, spacing = math.dist(*grid.corners[[0, 7]].tolist()), min(grid.spacing)
-    if diagonal > MOST_SLABS * (step * spacing):
+    if diagonal > MOST_SLABS * (step * spacing * shortest):
         raise InputError(
             "too short for this volume: a ray would have more than 2³⁰ slabs",
             where="quality.step",
             found=step,
-            allowed=f"at least {diagonal / MOST_SLABS / spacing:.2g}",
+            allowed=f"at least {diagonal / MOST_SLABS / spacing / shortest:.2g}",
         )
     return step * spacing
 

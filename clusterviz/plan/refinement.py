@@ -194,7 +194,9 @@ def with_detail(
             raise SceneError(text, where=f"volumes[{number}].detail.error", found=asked.error, allowed=allowed)
         grid, brick, field = known.grid, part.levels.brick, known.errors
         drawn = _drawn_bricks(plan, part.cut, part.levels)
-        whole = content.domain.volume is not None and not plan.march.jittered and scene.quality.borders == "overlap"
+        whole = (
+            content.domain.volume is not None and plan.march.lattice == "rays" and scene.quality.borders == "overlap"
+        )
         bound = PictureBound(part.transfer, part.slab_units, field, drawn, brick, whole=whole, ramps=part.preintegrated)
         view = make_view(scene.camera, scene.image.size, grid)
         rays = Rays(view, grid.shape_zyx, plan.march.step_world, clip_planes(scene.clip, grid))

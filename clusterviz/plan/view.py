@@ -6,6 +6,7 @@ from the world is affine. All numbers are float64.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +46,15 @@ class View:
     def eye_point(self) -> Vector | None:
         """Common origin of all rays; None in parallel projection."""
         return None if self.parallel else self.eye
+
+    @property
+    def corner_cosine(self) -> float:
+        """Cosine of the angle between the view direction and the ray through the picture's corner."""
+        return 1.0 if self.parallel else 1 / math.hypot(1.0, *(0.5 * self.pixel * pixels for pixels in self.size))
+
+    def depths(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distances (n,) of points (n, 3) ahead of the eye along the view direction, in world units."""
+        return self._camera_coordinates(points)[0]
 
     def footprint(self, begin_cells: Vector, end_cells: Vector) -> Rect:
         """Return the pixels whose rays may meet the box of cells [begin, end], (x, y, z).

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
 from clusterviz.reference.lighting import lit, lit_line
 from clusterviz.reference.preintegrated import integrate
-from clusterviz.reference.rays import Floats, Rays, inside, kept, to_index_space
+from clusterviz.reference.rays import Floats, Rays, inside, kept, on_slices, to_index_space
 from clusterviz.reference.slabs import Slab, slabs_in
 from clusterviz.reference.surfaces import Crossings, RayField
 from clusterviz.scene.complete import transfer_function
@@ -337,6 +338,10 @@ def march_mixture(
     length = min(step, most) * spacing
     # World lengths from the box's low corner.
     box = Grid((1, 1, 1), origin=(float(low[0]), float(low[1]), float(low[2])))
+    placed_rays = to_index_space(rays, box)
+    if scene.quality.renderer == "slices" and not any(placed.volume.isosurfaces for placed in volumes):
+        around = np.array(list(product(*zip(low, high, strict=True))))
+        placed_rays = on_slices(placed_rays, rays.direction, high - low, around, length, scene)
     rgba, transmittance = np.zeros((len(rays.direction), 4)), np.ones(len(rays.direction))
     passages = [
         VolumeRays(rays, placed, scene, first, [each.voxels for each in volumes[max(0, number - 3) : number]])
@@ -344,7 +349,7 @@ def march_mixture(
         if placed.has_extent
     ]
     mixed, crossed = list[UniformSlabs](), list[Fragments]()
-    for slab in slabs_in(to_index_space(rays, box), high - low, length, lambda: transmittance > DARK):
+    for slab in slabs_in(placed_rays, high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
         each = [passage.absorbing(slab, seen) for passage in passages]

@@ -33,6 +33,7 @@ from clusterviz.reference.rays import (
     Rays,
     camera_rays,
     kept,
+    on_slices,
     pixel_shifts,
     to_index_space,
     view_direction,
@@ -72,7 +73,8 @@ def render_reference(
 
     Along a ray through a pixel's centre, slab k is [t0 + k·h, t0 + (k+1)·h), the last one cut where the ray leaves the
     box [first sample, last sample]. With jitter, t0 lies a fraction of h in front of the box, and the first slab is cut
-    as well. The scalar is interpolated at the midpoint and then classified. A slab of length d adds T · c · (1 −
+    as well. With slices, slabs lie between planes, see `on_slices`. The scalar is interpolated at the midpoint and then
+    classified. A slab of length d adds T · c · (1 −
     e^{−κd}) and multiplies the transmittance T by e^{−κd}. See `projections.py` and `surfaces.py` for other blend
     modes. The volume is transparent next to NaN and infinite voxels (in the cells that they touch; for `nearest`, where
     they are the nearest), and where a midpoint is clipped.
@@ -116,7 +118,8 @@ def render_reference(
     rgba = np.zeros((width * height, 4))
     if scene.volumes and min(grid.shape_zyx) > 1:
         voxels = np.ascontiguousarray(voxels)
-        rays = to_index_space(camera_rays(scene.camera, (width, height)), grid)
+        placed = camera_rays(scene.camera, (width, height))
+        rays = to_index_space(placed, grid)
         shifts = pixel_shifts((width, height))
         for begin in range(0, len(rgba), RAYS_AT_ONCE):
             part = slice(begin, begin + RAYS_AT_ONCE)
@@ -125,12 +128,16 @@ def render_reference(
             jittered = scene.quality.jitter and not has_surfaces
             some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
             most, passed = 2 * min(grid.spacing), met and met.part(part)
+            length = min(length, most) if _is_preintegrated(scene) else length
+            if scene.quality.renderer == "slices" and not has_surfaces:
+                last = np.array(voxels.shape[::-1]) - 1.0
+                some = on_slices(some, placed.direction[part], last, grid.corners, length, scene)
             if has_surfaces:
                 # Surfaces alone are the same, however long slabs are.
                 each = most if volume.blending == "isosurface" else min(length, most)
                 rgba[part] = march_surfaces(some, voxels, each, scene, grid, passed)
             elif _is_preintegrated(scene):
-                rgba[part] = march_preintegrated(some, voxels, min(length, most), scene, grid, passed)
+                rgba[part] = march_preintegrated(some, voxels, length, scene, grid, passed)
             elif volume.blending == "composite":
                 rgba[part] = _march(some, voxels, length, scene, grid, passed)
             else:

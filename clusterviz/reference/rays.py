@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
-from clusterviz.scene.values import Camera, Clip
+from clusterviz.scene.values import Camera, Clip, Scene
 
 Floats = NDArray[np.float64]
 
@@ -24,11 +24,13 @@ class Rays:
     start : float64 (n, 3), (x, y, z): the eye, or for parallel projection a point of the plane through it
     direction : float64 (n, 3); of unit length in the world
     shift : float64 (n,) or one for all: fraction of a slab by which the first one begins before the volume
+    thickness : float64 (n,) or one for all: length of a slab over the longest one of all rays
     """
 
     start: Floats
     direction: Floats
     shift: Floats | float = 0.0
+    thickness: Floats | float = 1.0
 
 
 def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
@@ -83,13 +85,36 @@ def pixel_shifts(size: tuple[int, int]) -> Floats:
     return shift.reshape(-1)
 
 
+def on_slices(rays: Rays, directions: Floats, last: Floats, corners: Floats, length: float, scene: Scene) -> Rays:
+    """Return rays whose slabs lie between planes perpendicular to the view direction.
+
+    Parameters
+    ----------
+    rays : rays in the units of a box
+    directions : float64 (n, 3), of the same rays in the world
+    last : far corner (x, y, z) of the box [0, last] in its units
+    corners : float64 (8, 3), the box's corners in the world; the planes begin at the nearest
+    length : of a slab on the ray through the picture's corner, world units; on others slabs are shorter
+    """
+    camera, (width, height) = scene.camera, scene.image.size
+    forward = view_direction(camera)
+    cosines = directions @ forward
+    half = 0.0 if camera.parallel_scale is not None else math.tan(math.radians(camera.view_angle) / 2)
+    distance = length / math.hypot(1.0, half, half * width / height)
+    front = ((corners - _given(camera.position, "position")) @ forward).min()
+    entry = inside(rays, last)[0]
+    passed = (np.where(np.isfinite(entry), entry, 0.0) * cosines - front) / distance
+    return Rays(rays.start, rays.direction, passed - np.floor(passed), distance / (cosines * length))
+
+
 def to_index_space(rays: Rays, grid: Grid) -> Rays:
     """Return rays in index space (x, y, z); t remains the world length."""
     world_from_index = grid.world_from_index[:3, :3]
     if np.linalg.matrix_rank(world_from_index / np.linalg.norm(world_from_index, axis=0)) < 3:
         raise InputError("the grid's axes lie in one plane", where="grid: direction", found=grid.direction)
     index_from_world = np.linalg.inv(world_from_index)
-    return Rays((rays.start - grid.origin) @ index_from_world.T, rays.direction @ index_from_world.T, rays.shift)
+    start, direction = (rays.start - grid.origin) @ index_from_world.T, rays.direction @ index_from_world.T
+    return Rays(start, direction, rays.shift, rays.thickness)
 
 
 def inside(rays: Rays, last: Floats) -> tuple[Floats, Floats]:

@@ -38,7 +38,7 @@ def slabs(
     ----------
     rays : rays in index space
     shape_zyx : samples of the volume
-    length : length of a slab, world units
+    length : length of the longest slabs, world units
     goes_on : called before each slab; returns the rays that continue, bool (n,) or one for all
     """
     yield from slabs_in(rays, np.array(shape_zyx[::-1], np.float64) - 1, length, goes_on)
@@ -49,16 +49,17 @@ def slabs_in(
 ) -> Iterator[Slab]:
     """Yield the slabs in the box [0, last], (x, y, z) in the rays' own units."""
     entry, leave = inside(rays, last)
-    first = entry - rays.shift * length
+    own = np.broadcast_to(rays.thickness * length, entry.shape)
+    first = entry - rays.shift * own
     alive, k = np.flatnonzero(leave > entry), 0
     while alive.size:
-        begin = np.maximum(first[alive] + k * length, entry[alive])
-        end = np.minimum(first[alive] + (k + 1) * length, leave[alive])
+        begin = np.maximum(first[alive] + k * own[alive], entry[alive])
+        end = np.minimum(first[alive] + (k + 1) * own[alive], leave[alive])
         point = rays.start[alive] + (begin + (end - begin) / 2)[:, None] * rays.direction[alive]
         yield Slab(alive, begin, end, point)
         k += 1
         wanted = np.ones(len(entry), bool) & goes_on()
-        alive = alive[(first[alive] + k * length < leave[alive]) & wanted[alive]]
+        alive = alive[(first[alive] + k * own[alive] < leave[alive]) & wanted[alive]]
 
 
 def pieces_of(slab: Slab, rays: Rays, shape_zyx: tuple[int, ...], brick: int | None) -> Iterator[Slab]:

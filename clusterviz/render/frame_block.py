@@ -20,9 +20,9 @@ from clusterviz.render.storage import Slot
 FRAME = np.dtype(
     [
         ("eye", "f8", 4),  # position in index space
-        ("right", "f8", 4),
+        ("right", "f8", 4),  # slices: length of a slab along the view direction over the longest one
         ("up", "f8", 4),
-        ("forward", "f8", 4),
+        ("forward", "f8", 4),  # slices: view depth of the first plane, in distances of planes
         ("lens", "f8", 4),  # pixel distance, half the width, half the height in pixels, 1 for parallel projection
         ("extent", "f8", 4),  # the volume's last sample in x, y, z; the length of a slab in world units
         ("cells", "i4", 4),  # the volume's cells in x, y, z; slabs of a batch
@@ -61,6 +61,9 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     view, layout, segments = plan.view, plan.layout, plan.segments
     for member in ("eye", "right", "up", "forward"):
         record[member][0, :3] = getattr(view, member)
+    if plan.march.lattice == "slices":
+        planes = plan.slice_planes
+        record["right"][0, 3], record["forward"][0, 3] = planes.distance / plan.march.step_world, planes.first
     record["lens"] = view.pixel, view.size[0] / 2, view.size[1] / 2, float(view.parallel)
     record["extent"] = *plan.extent, plan.march.step_world
     record["cells"] = *layout.cells_zyx[::-1], _batch(plan)

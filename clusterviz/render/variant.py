@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.plan.blend_mode import Lattice
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
@@ -23,6 +24,7 @@ from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, PACKETS, SIZES, SIZE
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import (
     EXACT,
+    LATTICES,
     MOST_ROWS,
     TABLES_BINDING,
     VolumeVariant,
@@ -99,7 +101,7 @@ class Variant:
     fading : number of pieces of the gradient opacity; 0: there is none
     near : some lights have a place
     smooth : gradients are those of cubic B-splines, with any filter
-    jittered : every pixel has its own lattice of slabs
+    lattice : where slabs begin
     split : slabs are cut where they leave a brick
     table : content of the 2-D transfer function; "" without one
     volumes : variants of several volumes; empty for one volume
@@ -127,7 +129,7 @@ class Variant:
     table: Table = ""
     near: bool = False
     smooth: bool = False
-    jittered: bool = False
+    lattice: Lattice = "rays"
     split: bool = False
     volumes: tuple[VolumeVariant, ...] = ()
     caps: int = 0
@@ -186,7 +188,7 @@ class Variant:
             "GRADIENT": self._gradient,
             "STEP": "adaptive_step.glsl" if self.slot.adaptive else "fixed_step.glsl",
             "STARTS": self._starts,
-            "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
+            "LATTICE": LATTICES[self.lattice],
             "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",
             "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
             "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
@@ -500,7 +502,7 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         grading.table_holds if grading else "",
         bool(plan.blend_mode.shading and plan.blend_mode.shading.has_places),
         plan.blend_mode.smooth,
-        plan.march.jittered,
+        plan.march.lattice,
         plan.march.split,
         volumes,
         len(plan.blend_mode.shading.caps) if plan.blend_mode.shading else 0,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
-from clusterviz.plan.blend_mode import BlendMode
+from clusterviz.plan.blend_mode import BlendMode, Lattice
 from clusterviz.plan.content import Content
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SUM_ROWS
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 EXACT: dict[Filter, Filter] = {"hardware": "linear", "cubic-hardware": "cubic"}
 """Filters of the texture unit, and what they approximate."""
+LATTICES: dict[Lattice, str] = {"rays": "unjittered.glsl", "jittered": "jitter.glsl", "slices": "slices.glsl"}
+"""Files that say where slabs begin."""
 
 
 def voxel_files(slot: Slot, on_cpu: bool = False) -> tuple[str, ...]:

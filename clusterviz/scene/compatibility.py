@@ -167,6 +167,18 @@ def check_flows(volumes: Sequence[Any], flows: Sequence[Any]) -> None:
         raise InvalidValueError("too many with show: lic", f"at most {most}{beside}", key="flows", found=found)
 
 
+def check_renderer(quality: Any) -> None:
+    """Refuse jitter of slices, whose planes are those of all pixels.
+
+    Parameters
+    ----------
+    quality : section of a scene
+    """
+    if quality.renderer == "slices" and quality.jitter:
+        allowed = "raycast, or jitter: false"
+        raise InvalidValueError("not with quality.jitter", allowed, key="quality.renderer", found="slices")
+
+
 def check_frame_coherence(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
     """Refuse frame coherence with projections, which have no first hit, and where bricks are not drawn whole.
 

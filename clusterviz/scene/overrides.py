@@ -61,6 +61,7 @@ if TYPE_CHECKING:
         LightType,
         PixelFormat,
         Quality,
+        RendererName,
         View,
     )
 
@@ -308,6 +309,7 @@ class Settings(TypedDict, total=False):
     step: float
     classification: Classification
     borders: Borders
+    renderer: RendererName
     jitter: bool
     filter: Filter
     early_termination: float

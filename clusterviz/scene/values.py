@@ -35,6 +35,7 @@ from clusterviz.scene.compatibility import (
     check_layers,
     check_optics,
     check_pixel_format,
+    check_renderer,
     check_several_volumes,
     check_spectral,
     check_surface_lic,
@@ -78,6 +79,7 @@ LightType = Literal["headlight", "scene"]
 Classification = Literal["post", "pre-integrated"]
 Borders = Literal["overlap", "split"]
 Filter = Literal["exact", "hardware"]
+RendererName = Literal["raycast", "slices"]
 PixelFormat = Literal["float32", "float16", "uint8"]
 Fill = Literal["auto", "fixed", "dynamic", "lists", "pages"]
 Resolve = Literal["auto", "static", "optimised", "peeling", "both"]
@@ -445,6 +447,11 @@ class Quality(Section):
         description="Pre-integrated slabs at brick faces: bricks have a ghost voxel more on every side (overlap), or "
         "slabs are cut there (split), which needs less memory, but pictures depend a little on cluster.brick.",
     )
+    renderer: RendererName = Field(
+        default="raycast",
+        description="Samples at equal distances along each ray from where it enters the volume (raycast), or where "
+        "rays meet equidistant planes perpendicular to the view direction (slices); not with isosurfaces.",
+    )
     jitter: Flag = Field(
         default=False,
         description="Begin each pixel's slabs up to one slab before its ray enters the volume, by a hash of the pixel: "
@@ -537,6 +544,7 @@ class Scene(Section):
     def _can_be_mixed(self) -> Scene:
         check_several_volumes(self.volumes, self.geometry, self.grids, self.flows, self.quality, self.cluster)
         check_flows(self.volumes, self.flows)
+        check_renderer(self.quality)
         check_frame_coherence(self.volumes, self.quality, self.cluster)
         check_pixel_format(self.volumes, self.quality.pixel)
         wanted = {"image.layers": list(self.image.layers)} if self.image.layers else {}

@@ -7,12 +7,12 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     if (!is_seen(s)) return;
     Segment segment = segment_at(s);
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
-    float opacity = slab_opacity(segment.unit_opacity, frame.optics.x * share * faded(gradient));
+    float opacity = slab_opacity(segment.unit_opacity, thickness * frame.optics.x * share * faded(gradient));
     sum += ((1.0 - sum.a) * opacity) * lit(vec4(segment.colour, 1.0), gradient, place, beyond, true);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
-    if (FADED) {
+    if (FADED || SLICED) {
         take_share(sum, s, place, beyond, 1.0);
     } else if (is_seen(s)) {
         Segment segment = slab_at(s);

@@ -7,7 +7,7 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     if (!is_seen(s)) return;
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
     vec4 entry = classified(s, gradient, place, beyond);
-    float opacity = slab_opacity(entry.a, frame.optics.x * share * faded(gradient));
+    float opacity = slab_opacity(entry.a, thickness * frame.optics.x * share * faded(gradient));
     sum += ((1.0 - sum.a) * opacity) * lit(vec4(entry.rgb, 1.0), gradient, place, beyond, true);
 }
 

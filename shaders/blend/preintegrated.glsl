@@ -5,7 +5,7 @@ const float WITHIN = 0.5 - 1e-6;
 // The slab between a front and a scalar, which becomes the next one's front.
 void take_next(inout vec4 sum, inout Class front, float s, int origin, int at, Place place, vec3 slab) {
     Class back = class_at(s);
-    take_slab(sum, front, back, frame.optics.x, place, place.beyond + float(at) * slab);
+    take_slab(sum, front, back, thickness * frame.optics.x, place, place.beyond + float(at) * slab);
     note(origin + at, WHOLE_SLAB, sum.a, 0);
     front = back;
 }
@@ -32,6 +32,6 @@ vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
     vec4 sum = vec4(0.0);
     Class front = class_at(scalar_at(place.brick, place.cell, place.beyond - WITHIN * share * slab));
     Class back = class_at(scalar_at(place.brick, place.cell, place.beyond + WITHIN * share * slab));
-    take_slab(sum, front, back, frame.optics.x * share, place, place.beyond);
+    take_slab(sum, front, back, thickness * frame.optics.x * share, place, place.beyond);
     return sum;
 }

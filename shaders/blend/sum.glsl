@@ -5,7 +5,7 @@ bool is_seen(float s) {
 
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!is_seen(s)) return;
-    sum += share * vec4(segment_at(s).unit_opacity * clamp(s, 0.0, 1.0), 0.0, 0.0, 1.0);
+    sum += share * thickness * vec4(segment_at(s).unit_opacity * clamp(s, 0.0, 1.0), 0.0, 0.0, 1.0);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {

@@ -23,6 +23,7 @@ void main() {
         Ray ray = ray_through(inside + frame.rect.xy);
         cut(ray, WHOLE_SLABS);
         face(ray);
+        set_thickness(ray.thickness);
         bool begins = frame.first_dispatch != 0;
         Sum sum = Sum(vec4(0.0), vec4(0.0));
         if (!begins || frame.first_box == 0) sum = Sum(pixels[pixel], pixels[lost]);

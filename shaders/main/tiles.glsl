@@ -80,6 +80,7 @@ void draw(ivec2 corner) {
                 Packet packet = packets[n];
                 take_start(n);
                 face(packet.ray);
+                set_thickness(packet.ray.thickness);
                 begin_share(number_of(pixel_of(corner, n)));
                 go_on(packet.ray, packet.sum, packet.slab, packet.samples);
                 end_share();

@@ -17,7 +17,7 @@ ivec2 kept_slabs(Ray ray, dvec4 plane) {
         if (end < whole && is_kept(at, by, end)) ++end;
         else if (end > 0 && !is_kept(at, by, end - 1)) --end;
     } else if (at < 0.0LF) end = 0;
-    if (JITTERED && whole > 0) { // nor is the first one's
+    if (ENTRY_CUTS && whole > 0) { // nor is the first one's
         bool first_kept = dot(plane.xyz, ray.entered) + plane.w >= 0.0LF;
         if (by > 0.0LF && begin == 1 && first_kept) begin = 0;
         if (by < 0.0LF && end == 1 && !first_kept) end = 0;

@@ -136,7 +136,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
     int last = min(ray.slabs - (LAST_IN_RUN ? 0 : 1), ray.end), iterations = 0;
     run_iterations = 0;
-    if (JITTERED && k == 0 && last > 0) {
+    if (ENTRY_CUTS && k == 0 && last > 0) {
         Place place = place_of(ray, 0, slab);
         if (place.brick >= 0) {
             in_front = sum.high.a;

@@ -10,6 +10,7 @@ struct Ray {
     dvec2 kept;       // unclipped part of the ray in slabs, with midpoints at integers
     float last_share; // length of the last slab over that of a full one, in (0, 1]
     float first_share; // the same of slab 0, where the entry cuts it
+    float thickness; // length of a slab over the longest one's
 };
 
 // Entry and exit of a line between two planes, for one axis. A line between the planes and parallel to them never leaves.
@@ -34,7 +35,7 @@ Ray ray_through(ivec2 pixel) {
     double entry = max(max(x.x, y.x), max(z.x, 0.0LF));
     double leave = min(min(x.y, y.y), z.y);
 
-    double step_world = frame.extent.w, shift = shift_of(pixel);
+    double thick = thickness_of(across, above), step_world = frame.extent.w * thick, shift = shift_of(pixel, entry / step_world);
     double length_in_slabs = (leave - entry) / step_world;
     Ray ray;
     ray.slabs = length_in_slabs > 0.0LF ? int(ceil(length_in_slabs + shift)) : 0;
@@ -45,6 +46,7 @@ Ray ray_through(ivec2 pixel) {
     double last_share = length_in_slabs - begin_of_last;
     ray.last_share = float(last_share);
     ray.first_share = float(1.0LF - shift);
+    ray.thickness = float(thick);
     ray.slab = direction * step_world;
     ray.first = origin + direction * (entry + (0.5LF - shift) * step_world);
     ray.last = origin + direction * (entry + (begin_of_last + 0.5LF * last_share) * step_world);
@@ -55,7 +57,7 @@ Ray ray_through(ivec2 pixel) {
 // Midpoint of slab k: the only expression by which boxes decide which slabs they own.
 dvec3 midpoint(Ray ray, int k) {
     if (k == ray.slabs - 1) return ray.last;
-    return JITTERED && k == 0 ? ray.entered : fma(dvec3(k), ray.slab, ray.first);
+    return ENTRY_CUTS && k == 0 ? ray.entered : fma(dvec3(k), ray.slab, ray.first);
 }
 
 // The cell that holds a midpoint; rounding may put one on the volume's far faces, which belong to the last cells.

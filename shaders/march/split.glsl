@@ -59,7 +59,7 @@ int first_slab(Ray ray) {
 
 // Begin of the part of a ray in this box, from slab k on.
 double begin_in_box(Ray ray, int k, dvec2 box) {
-    return max(max(double(k), JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF), box.x);
+    return max(max(double(k), ENTRY_CUTS ? 1.0LF - double(ray.first_share) : 0.0LF), box.x);
 }
 
 // A slab belongs to the box in which it begins.
@@ -70,7 +70,7 @@ ivec2 slabs_in_box(Ray ray, int k) {
 
 void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
-    double shift = JITTERED ? 1.0LF - double(ray.first_share) : 0.0LF;
+    double shift = ENTRY_CUTS ? 1.0LF - double(ray.first_share) : 0.0LF;
     dvec2 box = in_box(ray);
     double s = begin_in_box(ray, k, box);
     double past = (ray.slabs > 1 ? double(ray.slabs - 1) : shift) + double(ray.last_share), end = min(past, min(double(ray.end), box.y));
@@ -128,7 +128,7 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
             } else {
                 Class back = class_at(s_back);
                 vec3 beyond = place.beyond + float(0.5LF * (s + to) - counted_from) * slab;
-                take_slab(batch, front, back, frame.optics.x * float(to - s), place, beyond);
+                take_slab(batch, front, back, thickness * frame.optics.x * float(to - s), place, beyond);
                 note(int(s), WHOLE_SLAB, batch.a, 0);
                 front = back;
             }

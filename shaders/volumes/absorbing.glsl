@@ -6,7 +6,7 @@ bool is_inside(int k) {
 vec4 absorption(float s, vec3 beyond, float length) {
     vec3 gradient = gradient_at(here.brick, here.cell, beyond);
     vec4 entry = classified(s, gradient, here, beyond);
-    float depth = frame.optics.x * length * optical_depth(entry.a) * faded(gradient);
+    float depth = thickness * frame.optics.x * length * optical_depth(entry.a) * faded(gradient);
     return depth * lit(vec4(entry.rgb, 1.0), gradient, here, beyond, true);
 }
 

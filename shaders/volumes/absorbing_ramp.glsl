@@ -9,7 +9,7 @@ vec4 absorption(int at, double middle, float length) {
     if (!find_ends(at, middle, length, part, ends)) return vec4(0.0);
     if (is_valid(ends.x) && is_valid(ends.y) && max(ends.x, ends.y) < buckets.w) return vec4(0.0);
     vec4 sum = vec4(0.0);
-    take_slab(sum, class_at(ends.x), class_at(ends.y), frame.optics.x * (part.y - part.x), here,
+    take_slab(sum, class_at(ends.x), class_at(ends.y), thickness * frame.optics.x * (part.y - part.x), here,
               here.beyond + (float(at) + 0.5 * (part.x + part.y)) * stride);
     return sum;
 }

@@ -101,6 +101,7 @@ BY_OPENGL: dict[str, Case] = {
     "three, lit, clipped": ((WORDS, SMOOTH, ROUNDED), LIGHTS | CUT, ("outside", "inside", "parallel")),
     "one within another": ((BYTES, WITHIN), {}, ("outside", "inside", "parallel")),
     "by gradients": ((STEEP, FLOATS, WORDS), LIGHTS, ("outside", "inside", "parallel")),
+    "slices": (PAIR, {"quality": {"renderer": "slices"}} | CUT, ("outside",)),
     "jittered": (PAIR, JITTERED | CUT, ("outside", "inside", "parallel")),
     "coarse and fine": ((COARSE, WITHIN), NEAR, ("outside", "inside", "parallel")),
     "integrals beside nearest voxels": ((BYTES, FLOATS, WORDS), INTEGRATED, ("inside",)),

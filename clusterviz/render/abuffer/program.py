@@ -12,6 +12,7 @@ from typing import Literal
 from clusterviz.data.primitives import Kind
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.plan.blend_mode import Lattice
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.shading import Shading
@@ -21,7 +22,7 @@ from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BLOCK, GPU_TILE
 from clusterviz.render.cells.table import GRID, GRIDS_BINDING
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
-from clusterviz.render.volume_layers import MOST_ROWS, chain_of, define, light_files, undefine
+from clusterviz.render.volume_layers import LATTICES, MOST_ROWS, chain_of, define, light_files, undefine
 from clusterviz.scene.grids import KBuffer
 
 LIGHTING_BINDING, COUNTED_BINDING, INTEGRALS_BINDING = 2, 16, 24
@@ -216,7 +217,7 @@ def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
     brick = 0 if lanes else plan.layout.brick
     in_order, discards = bool(layers) and is_sorted(plan.content), plan.march.discard_margin is not None
     grids = bool(plan.content and plan.content.cells)
-    common = plan.march.jittered, planes, kinds_of(plan), which, brick, in_order, lanes, discards, grids
+    common = plan.march.lattice, planes, kinds_of(plan), which, brick, in_order, lanes, discards, grids
     finds = plan.content and layers and not plan.content.kbuffer
     return [FindVariant(step, *common) for step in (PASSES[plan.content.fill] if plan.content and finds else ())]
 
@@ -228,7 +229,7 @@ class FindVariant:
     Attributes
     ----------
     step : what is done with them
-    jittered, planes : as in `Variant`
+    lattice, planes : as in `Variant`
     kinds : as in `GeometryVariant`
     opaque : which layers are opaque
     brick : cells along the side of a brick; on a CPU a variable
@@ -239,7 +240,7 @@ class FindVariant:
     """
 
     step: Pass
-    jittered: bool
+    lattice: Lattice
     planes: int
     kinds: tuple[Kind, ...]
     opaque: Literal["no", "some", "all"]
@@ -276,7 +277,7 @@ class FindVariant:
             {
                 "CONSTANTS": "\n".join(lines) + "\n",
                 "FRAME": FRAME_BLOCK,
-                "SHIFT": "jitter.glsl" if self.jittered else "unjittered.glsl",
+                "LATTICE": LATTICES[self.lattice],
                 "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
                 "GEOMETRY": (GEOMETRY_BLOCK, "strict_side.glsl"),
                 "STORE": ("sort.glsl", STORES[self.step]),

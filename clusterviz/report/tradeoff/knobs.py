@@ -60,6 +60,7 @@ SCHEMES = (
 KNOBS = (
     Knob("step", "distance between samples along a ray, in voxels", (4.0, 2.0, 1.0, 0.5, 0.25)),
     Knob("classification", "where the transfer function is applied", exact="post"),
+    Knob("renderer", "whether samples lie on rays or on slices", together=("raycast",), exact="raycast"),
     Knob("jitter", "whether each pixel's slabs begin elsewhere", (False, True), (False,), False),
     Knob("filter", "who interpolates the voxels", exact="exact"),
     Knob(
@@ -167,6 +168,7 @@ def changed(scene: Scene, setting: Setting) -> Scene:
 def _idle(scene: Scene) -> set[str]:
     """Return the names of settings without effect on the scene."""
     volumes = scene.volumes
+    is_sampled = bool(volumes) and not any(has_surfaces(volume) for volume in volumes)
     works = {
         # Geometry alone is where its rays meet it, and is not sampled.
         "step": bool(volumes),
@@ -175,7 +177,8 @@ def _idle(scene: Scene) -> set[str]:
         "abuffer": bool(scene.geometry),
         "early_discarding": bool(scene.geometry),
         "classification": any(is_preintegrated(volume, "pre-integrated") for volume in volumes),
-        "jitter": bool(volumes) and not any(has_surfaces(volume) for volume in volumes),
+        "jitter": is_sampled,
+        "renderer": is_sampled,
         "filter": any(volume.interpolation != "nearest" for volume in volumes),
         "early_termination": not volumes or any(BLEND_MODES[volume.blending].composited for volume in volumes),
     }

@@ -15,6 +15,7 @@ const QUALITY_ROWS = [
   (form) => form.select("quality.filter", "Filter"),
   (form) => form.number("quality.max_error", "Largest error", {empty: true}),
   (form) => form.select("quality.pixel", "Pixel format"),
+  (form) => form.select("quality.renderer", "Renderer"),
   (form) => form.check("quality.jitter", "Jitter"),
   (form) => form.check("quality.frame_coherence", "Frame coherence"),
 ];
