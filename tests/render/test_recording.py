@@ -61,7 +61,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
         "ambient cells clip gradient kept lights lights_near linear_u8 phong units unjittered voxel_u8",
     ),
     "maximum of float32": ("float32", {"blending": "maximum"}, "extreme voxel_f32"),
-    "average": ("uint8", {"blending": "average"}, "sum"),
+    "average of slices": ("uint8", {"blending": "average", "renderer": "slices"}, "slices sum"),
     "first hit": ("uint8", {"blending": "first-hit"}, "first_hit"),
     "local maximum": ("uint8", {"blending": "local-maximum"}, "local_maximum"),
     "nearest, lit": ("uint8", LIT | {"interpolation": "nearest"}, "gradient_nearest lights_far nearest"),

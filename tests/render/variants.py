@@ -61,9 +61,10 @@ def _looks() -> Iterator[tuple[str, Variant]]:
 def _rays() -> Iterator[tuple[str, Variant]]:
     """Variants of where samples lie, and of several volumes."""
     slot = Slot(CELLS, "u8", False, 2, 1, 2)
-    for jittered, split, coherent in product((False, True), repeat=3):
-        ways = {"jittered": jittered, "split": split, "preintegrated": split, "frame_coherence": coherent}
-        yield f"jittered {jittered}, split {split}, coherent {coherent}", Variant("linear", slot, 33, 0, 0, **ways)
+    lattices = (*product(("rays", "jittered"), (False, True), (False, True)), ("slices", False, False))
+    for lattice, split, coherent in lattices:
+        ways = {"lattice": lattice, "split": split, "preintegrated": split, "frame_coherence": coherent}
+        yield f"{lattice}, split {split}, coherent {coherent}", Variant("linear", slot, 33, 0, 0, **ways)
     adaptive = Slot(CELLS, "u8", False, adaptive=True)
     yield "adaptive step", Variant("linear", adaptive, 33, 0, 0)
     for profile, split in product(("counts", "clock"), (False, True)):

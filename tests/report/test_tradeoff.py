@@ -166,7 +166,7 @@ def test_of_geometry_only_what_applies_is_tried(tmp_path: Path) -> None:
     assert tried == controls | {"early_termination", "pixel"}
     beside = alone.model_copy(update={"volumes": SCENE.volumes})
     more = {name for setting in settings_of(beside, 2, ALL, 99)[0] for name in setting.changes}
-    assert more - tried == {"step", "classification", "jitter", "max_error"}
+    assert more - tried == {"step", "classification", "renderer", "jitter", "max_error"}
     named = [str(setting) for setting in settings_of(alone, 1, ["abuffer"], 99)[0]]
     assert named[1:3] == ["abuffer dynamic and static", "abuffer fixed and optimised"]
     drawn = measure(changed(alone, settings_of(alone, 1, ["abuffer"], 99)[0][1]), LoopbackChannel(), 1, 0)
