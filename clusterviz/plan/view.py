@@ -56,6 +56,23 @@ class View:
         """Return the distances (n,) of points (n, 3) ahead of the eye along the view direction, in world units."""
         return self._camera_coordinates(points)[0]
 
+    @property
+    def depth_gradient(self) -> NDArray[np.float64]:
+        """Change of the depth for each voxel along x, y and z, (3,), in world units."""
+        return np.asarray(np.linalg.inv(self._axes)[2])
+
+    @property
+    def clip_from_index(self) -> NDArray[np.float64]:
+        """Matrix (4, 4) from homogeneous points in index space to OpenGL's clip coordinates, whose z is 0."""
+        to_camera = np.linalg.inv(self._axes)
+        width, height = self.size
+        rows = np.zeros((4, 4))
+        rows[0, :3], rows[1, :3] = to_camera[0] * 2 / (width * self.pixel), to_camera[1] * 2 / (height * self.pixel)
+        rows[3, :3] = 0.0 if self.parallel else to_camera[2]
+        rows[:, 3] = -rows[:, :3] @ np.array(self.eye)
+        rows[3, 3] += float(self.parallel)
+        return rows
+
     def footprint(self, begin_cells: Vector, end_cells: Vector) -> Rect:
         """Return the pixels whose rays may meet the box of cells [begin, end], (x, y, z).
 
@@ -83,10 +100,14 @@ class View:
         rects[beside] = (0, 0, *self.size)
         return rects
 
+    @property
+    def _axes(self) -> NDArray[np.float64]:
+        """The camera's axes as columns of a matrix (3, 3)."""
+        return np.array([self.right, self.up, self.forward]).T
+
     def _camera_coordinates(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the distances ahead (n,) and to the right and up (n, 2) of the eye, in world units."""
-        axes = np.array([self.right, self.up, self.forward]).T
-        coordinates = np.linalg.solve(axes, (points - np.array(self.eye)).T).T
+        coordinates = np.linalg.solve(self._axes, (points - np.array(self.eye)).T).T
         return coordinates[:, 2], coordinates[:, :2]
 
 

@@ -8,12 +8,16 @@ on the ray through the picture's corner, and shorter on all others, so that boun
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.plan.view import Vector, View
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -41,3 +45,33 @@ def slice_planes(view: View, extent: Vector, step_world: float) -> SlicePlanes:
     distance = step_world * view.corner_cosine
     corners = np.array(list(product(*((0.0, length) for length in extent))))
     return SlicePlanes(float(view.depths(corners).min()) / distance, distance)
+
+
+@dataclass(frozen=True)
+class PlaneLevels:
+    """The planes in the middle of slabs, in index space: points p with normal · p = first + k, for k = 0, 1, …
+
+    Attributes
+    ----------
+    normal : float64 (3,)
+    first : level of the first plane
+    eye : level of the eye's own plane; what lies behind is not seen
+    """
+
+    normal: Floats
+    first: float
+    eye: float
+
+    def between(self, low: Floats, high: Floats) -> Floats:
+        """Return the levels of the planes that meet a box [low, high], float64 (n,)."""
+        corners = np.where(self.normal < 0, [high, low], [low, high]) @ self.normal
+        begin = math.ceil(max(float(corners[0]), self.eye) - self.first)
+        end = math.ceil(float(corners[1]) - self.first)
+        return self.first + np.arange(float(begin), float(max(begin, end)))
+
+
+def plane_levels(view: View, planes: SlicePlanes) -> PlaneLevels:
+    """Return the levels of the planes of a view in its index space."""
+    normal: Floats = view.depth_gradient / planes.distance
+    eye = float(normal @ np.array(view.eye))
+    return PlaneLevels(normal, eye + planes.first + 0.5, eye)
