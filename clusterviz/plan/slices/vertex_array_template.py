@@ -37,15 +37,20 @@ class Moves:
     offset: Floats
 
 
-def moves_of(cuts: Cuts) -> Moves:
-    """Return the planes of a template for planes in boxes of its size."""
+def moves_of(cuts: Cuts, beyond: float = 0.0) -> Moves:
+    """Return the planes of a template for planes in boxes of its size.
+
+    Parameters
+    ----------
+    beyond : length by which the template's box is larger on all sides, as rasterisers round
+    """
     normal = np.broadcast_to(cuts.normal, cuts.low.shape)
     ahead = normal / (normal**2).sum(axis=1, keepdims=True)  # one distance
     size = cuts.far - cuts.near
-    beyond = cuts.level - cuts.corner_levels[:, 0]
-    level = np.floor(beyond)
-    template = Cuts(np.minimum(-ahead, size), np.maximum(-ahead, size), normal, level)
-    return Moves(template, cuts.near + (beyond - level)[:, None] * ahead)
+    passed = cuts.level - cuts.corner_levels[:, 0]
+    level = np.floor(passed)
+    low, high = np.minimum(-ahead, size) - beyond, np.maximum(-ahead, size) + beyond
+    return Moves(Cuts(low, high, normal, level), cuts.near + (passed - level)[:, None] * ahead)
 
 
 def vertex_array_template(cuts: Cuts) -> Polygons:

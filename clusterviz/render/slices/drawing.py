@@ -214,7 +214,7 @@ class SliceDrawing:
         self._buffers[0].bind_to_storage_buffer(0)
         self._program["clip_from_index"] = tuple(plan.view.clip_from_index.T.ravel().tolist())
         self._set("normal", self._levels.normal)
-        self._set("slack", np.array(self._pixel_voxels / 8))
+        self._set("slack", np.array(self._slack))
         return [frame, rows, table]
 
     def _clip(self, switch: Callable[[int], None]) -> None:
@@ -246,16 +246,16 @@ class SliceDrawing:
         normal, side = self._levels.normal, float(self._plan.layout.brick)
         box = Cuts(np.zeros((1, 3)), np.full((1, 3), side), normal, np.zeros(1))
         count = math.ceil(float(box.corner_levels[0, 7] - box.corner_levels[0, 0])) + 1
-        first = moves_of(Cuts(box.low, box.high, normal, box.corner_levels[:, 0])).template
+        first = moves_of(Cuts(box.low, box.high, normal, box.corner_levels[:, 0]), 2 * self._slack).template
         low, high = (np.tile(corner, (count, 1)) for corner in (first.low, first.high))
         return marching_cubes_table(Cuts(low, high, normal, np.arange(float(count)))).vertices.astype(np.float32)
 
     @property
-    def _pixel_voxels(self) -> float:
-        """Voxels across the largest pixel of the volume, at most."""
+    def _slack(self) -> float:
+        """Voxels that cover an eighth of the largest pixel of the volume, more than rasterisation rounds."""
         view, extent = self._plan.view, np.array(self._plan.extent)
         farthest = 1.0 if view.parallel else float(view.depths(CORNERS * extent).max())
-        return view.pixel * farthest * float(np.abs([view.right, view.up]).sum())
+        return view.pixel / 8 * farthest * float(np.abs([view.right, view.up]).sum())
 
     def _depth(self, index: Index) -> tuple[float, ...]:
         """Return a key that sorts bricks of one grid front to back."""
