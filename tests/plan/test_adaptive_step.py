@@ -72,6 +72,7 @@ def test_groups_with_an_invalid_voxel_are_sampled_slab_by_slab() -> None:
         ({"interpolation": "cubic"}, {}, "interpolation cubic"),
         ({}, {"classification": "pre-integrated"}, "pre-integrated classification"),
         ({}, {"jitter": True}, "jitter"),
+        ({}, {"renderer": "slices"}, "slices"),
     ],
 )
 def test_looks_without_a_bound_are_refused(volume: dict[str, Any], quality: dict[str, Any], said: str) -> None:

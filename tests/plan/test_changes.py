@@ -38,6 +38,7 @@ def scene_of(**settings: Any) -> Scene:
         ({"blending": "maximum", **PREINTEGRATED}, 1, {"quality.classification": "post"}),
         ({"borders": "split"}, 1, {"quality.borders": "overlap"}),
         ({"jitter": True, **SURFACES}, 1, {"quality.jitter": False}),
+        ({"renderer": "slices", **SURFACES}, 1, {"quality.renderer": "raycast"}),
         ({"jitter": True}, 1, {}),
         ({"filter": "hardware", "interpolation": "nearest"}, 1, {"quality.filter": "exact"}),
         ({"blending": "average", "early_termination": 0.01}, 1, {"quality.early_termination": 0.0}),

@@ -261,7 +261,11 @@ SPECIAL = [
     *rows("pre-integrated lit", keys=[CUBIC, GRADED], dtype="float32"),
     *rows("split", keys=[{"jitter": True, "clip": "both"}, CUBIC | LAMPS | {"size": (9, 7)}], step=1.5),
     *rows("jittered", keys=[{"clip": "both"}, LAMPS, {"step": 100.0}], step=1.7),
-    *rows("slices", keys=[{"clip": "both"}, {"blending": "additive"}, PREINTEGRATED | {"borders": "split"}], step=1.7),
+    *rows(
+        "slices",
+        keys=[{"clip": "both", "size": (1, 17)}, {"blending": "additive"}, PREINTEGRATED | {"borders": "split"}],
+        step=1.7,
+    ),
     Row("slices", "inside", "axes exchanged", keys=PREINTEGRATED),
     *rows("gradient opacity", keys=[CUBIC, NEAREST, LAMPS, {"isosurfaces": ((0.5, 0.6),)}], dtype="float32"),
     *rows("table", keys=[{"transfer_2d": TABLE[:n, 9 - m :, 3]} for n, m in ((5, 9), (1, 9), (5, 1), (1, 1))]),

@@ -176,6 +176,12 @@ BAD = [
     (volume(blending="maximum") | COHERENT, f"{NOT_WITH} blending: maximum", "true", "false"),
     (COHERENT | {"cluster": {"mode": "sort-first"}}, f"{NOT_WITH} cluster.mode: sort-first", "", "false"),
     (COHERENT | {"cluster": {"groups": 2}}, f"{NOT_WITH} cluster.groups", "", "false"),
+    (
+        {"quality": {"renderer": "slices", "jitter": True}},
+        "quality.renderer: not with quality.jitter",
+        "slices",
+        "raycast",
+    ),
     ({"quality": {"frame_coherence": True, "adaptive": 0.01}}, f"{NOT_WITH} quality.adaptive", "", "false"),
     ({"quality": {"frame_coherence": True, "max_error": 0.01}}, f"{NOT_WITH} settings", "", "false"),
     (volume(opacity=1.5), "volumes[0].opacity", "1.5", "at most 1"),
