@@ -45,6 +45,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "pre-integrated": {"scene": {"quality": {"classification": "pre-integrated"}}},
     "pre-integrated, split": {"scene": {"quality": {"classification": "pre-integrated", "borders": "split"}}},
     "jitter": {"scene": {"quality": {"jitter": True}}},
+    "slices": {"scene": {"quality": {"renderer": "slices"}}},
     "shade": {"volume": {"shade": True}},
     "shade, 3 lights": {"volume": {"shade": True}, "scene": {"lights": (LIGHT, LIGHT, LIGHT)}},
     "shade, light in a place": {"volume": {"shade": True}, "scene": {"lights": ({**LIGHT, "positional": True},)}},

@@ -37,6 +37,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "two_volumes": (),
     "shells": (),
     "orbital": (),
+    "slices": (),
     "layers": (),
     "folds": ("mni152",),
     "annotated": ("mni152",),
