@@ -1,12 +1,17 @@
-"""Oracle of the sampling distance: how far apart samples around a point may be.
+"""Oracles of the sampling distance: how far apart samples around a point of a volume may be.
 
-In blocks of cells where the transfer function changes by more than a tolerance over the range of the scalars, samples
-are as close as possible; elsewhere as far apart as the distance to the nearest such block. That distance changes by at
-most one for each step aside, so no skipped sample lies in such a block.
+Each gives every block of cells a distance of its own. Around a point, samples may be as far apart as is allowed there,
+and in every other block by as much more as it is away: so skipped samples never reach into a block that needs more of
+them. Distances are in cells.
+
+- `distance_to_change`: the transfer function changes by no more than a tolerance over the block's scalars, as in [1].
+  Nothing is assumed of the field but its range.
+- `distance_by_bend`: interpolating the field linearly over the distance changes opacity and emission by no more than
+  a tolerance, by its second differences and the steepest slope of the transfer function over the block's scalars.
 
 References
 ----------
-M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 4.3.1.
+[1] M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 4.3.1.
 """
 
 from __future__ import annotations
@@ -24,6 +29,8 @@ BLOCK = 4
 BINS = 2048
 FARTHEST = 64.0
 """Cells."""
+LINEAR_ERROR = 3 / 8
+"""Largest error of linear interpolation along three axes, in second differences over the square of the distance."""
 Floats = NDArray[np.float64]
 
 
@@ -42,22 +49,62 @@ class SamplingOracle:
 
 
 def distance_to_change(voxels: NDArray[Any], transfer: TransferFunction, tolerance: float) -> SamplingOracle:
-    """Return the oracle of a transfer function.
+    """Return the oracle of the change of the transfer function over a block.
 
     Parameters
     ----------
     voxels : (z, y, x), finite
-    tolerance : change of opacity over a unit distance, or of opacity times colour, within a block, up to which samples
-        may be far apart
+    tolerance : largest change of opacity over a unit distance, or of opacity times colour
     """
-    low, high = (_of_blocks(voxels, reduce) for reduce in (np.minimum, np.maximum))
-    busy = _changes(transfer, low.ravel(), high.ravel()).reshape(low.shape) > tolerance
-    distances = np.where(busy, 0.0, FARTHEST)
-    for passed in range(int(FARTHEST) // BLOCK):
-        busy = _grown(busy)
-        # Of points in the nearest cells of the block.
-        distances = np.where(busy, np.minimum(distances, max(1.0, float(BLOCK * passed))), distances)
-    return SamplingOracle(distances.astype(np.float32))
+    low, high = _range_of_blocks(voxels)
+    least, most = _extremes(_rows(transfer), *_bins(transfer, low, high))
+    return _enveloped(np.where((most - least).max(axis=-1) > tolerance, 0.0, FARTHEST))
+
+
+def distance_by_bend(voxels: NDArray[Any], transfer: TransferFunction, tolerance: float) -> SamplingOracle:
+    """Return the oracle of the error of linear interpolation.
+
+    Parameters
+    ----------
+    voxels : (z, y, x), finite
+    tolerance : largest error of opacity over a unit distance, or of opacity times colour, above 0
+    """
+    low, high = _range_of_blocks(voxels)
+    values = voxels.astype(np.float64)
+    bends = np.zeros(voxels.shape)
+    for axis in range(3):
+        inner = np.abs(np.diff(values, 2, axis=axis))
+        bends = np.maximum(bends, np.pad(inner, [(1, 1) if axis == one else (0, 0) for one in range(3)], mode="edge"))
+    bend = _of_blocks(bends, np.maximum)
+    rows, edges = _rows(transfer), _edges(transfer)
+    slopes = np.abs(np.diff(rows, axis=0)) / (edges[1] - edges[0])
+    slope = _extremes(np.concatenate([slopes, slopes[-1:]]), *_bins(transfer, low - bend, high + bend))[1].max(axis=-1)
+    error = LINEAR_ERROR * slope * bend
+    return _enveloped(np.sqrt(np.minimum(tolerance / np.maximum(error, 1e-300), FARTHEST**2)))
+
+
+def _enveloped(allowed: Floats) -> SamplingOracle:
+    """Return the largest distances that reach into no block by more than it allows."""
+    nearest = found = allowed
+    for blocks in range(int(FARTHEST) // BLOCK):
+        nearest = _least_beside(nearest)
+        # Of two blocks that touch, no cell may lie between the points.
+        found = np.minimum(found, nearest + BLOCK * blocks)
+    return SamplingOracle(found.astype(np.float32))
+
+
+def _least_beside(values: Floats) -> Floats:
+    """Return the least of each block and its 26 neighbours."""
+    found = values
+    for axis in range(3):
+        padded = np.pad(found, [(int(axis == other),) * 2 for other in range(3)], mode="edge")
+        found = np.min([np.take(padded, np.arange(found.shape[axis]) + shift, axis=axis) for shift in range(3)], axis=0)
+    return found
+
+
+def _range_of_blocks(voxels: NDArray[Any]) -> tuple[Floats, Floats]:
+    """Return the least and the greatest sample of each block."""
+    return _of_blocks(voxels, np.minimum), _of_blocks(voxels, np.maximum)
 
 
 def _of_blocks(voxels: NDArray[Any], reduce: np.ufunc) -> Floats:
@@ -72,32 +119,36 @@ def _of_blocks(voxels: NDArray[Any], reduce: np.ufunc) -> Floats:
     return found
 
 
-def _changes(transfer: TransferFunction, low: Floats, high: Floats) -> Floats:
-    """Return the largest change of opacity, or of opacity times colour, between two scalars each, float64 (n,)."""
+def _edges(transfer: TransferFunction) -> Floats:
+    """Return scalars over the range of the control points."""
     knots = np.concatenate([transfer.opacity_values, transfer.colour_values])
-    edges = np.linspace(knots.min(), knots.max(), BINS + 1)
-    opacity = transfer.opacity(edges)[:, None]
-    rows = np.concatenate([opacity, opacity * transfer.colour(edges)], axis=1)
-    first, last = (np.clip(np.searchsorted(edges, values) + shift, 0, BINS) for values, shift in ((low, -1), (high, 0)))
+    return np.linspace(knots.min(), knots.max(), BINS + 1)
+
+
+def _rows(transfer: TransferFunction) -> Floats:
+    """Return opacity and premultiplied colour at the edges, float64 (BINS + 1, 4)."""
+    opacity = transfer.opacity(_edges(transfer))[:, None]
+    return np.concatenate([opacity, opacity * transfer.colour(_edges(transfer))], axis=1)
+
+
+def _bins(transfer: TransferFunction, low: Floats, high: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first and the last edge around two scalars each."""
+    edges = _edges(transfer)
+    return np.clip(np.searchsorted(edges, low) - 1, 0, BINS), np.clip(np.searchsorted(edges, high), 0, BINS)
+
+
+def _extremes(rows: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    """Return the least and the greatest of each column over rows `first` to `last`, float64 (…, columns)."""
     least, most = rows, rows
-    found = np.zeros(len(low))
+    found = np.empty((2, *first.shape, rows.shape[1]))
     doublings = np.frexp(last - first + 1)[1] - 1
     for doubling in range(int(doublings.max(initial=0)) + 1):
-        some = np.flatnonzero(doublings == doubling)
+        some = doublings == doubling
         ends = first[some], last[some] - (1 << doubling) + 1
-        change = np.maximum(*(most[end] for end in ends)) - np.minimum(*(least[end] for end in ends))
-        found[some] = change.max(axis=1)
-        behind = np.minimum(np.arange(BINS + 1) + (1 << doubling), BINS)
+        found[0][some], found[1][some] = (
+            np.minimum(*(least[end] for end in ends)),
+            np.maximum(*(most[end] for end in ends)),
+        )
+        behind = np.minimum(np.arange(len(rows)) + (1 << doubling), len(rows) - 1)
         least, most = np.minimum(least, least[behind]), np.maximum(most, most[behind])
-    return found
-
-
-def _grown(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return blocks that are set or beside one that is, across faces, edges or corners."""
-    found = flags.copy()
-    for axis in range(3):
-        one = np.moveaxis(found, axis, 0)
-        before = one.copy()
-        one[1:] |= before[:-1]
-        one[:-1] |= before[1:]
-    return found
+    return found[0], found[1]

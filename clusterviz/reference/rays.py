@@ -46,7 +46,7 @@ def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
     InputError
         The camera is not complete, position = focal_point, or view_up lies along the view direction.
     """
-    right, up, forward = _frame(camera)
+    right, up, forward = camera_frame(camera)
     width, height = size
     column, row = np.arange(width), np.arange(height)
     # In units of half the picture's height, from its centre.
@@ -63,7 +63,7 @@ def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
 
 def view_direction(camera: Camera) -> Floats:
     """Return the unit vector (3,) of a camera's view in the world; errors as of `camera_rays`."""
-    return _frame(camera)[2]
+    return camera_frame(camera)[2]
 
 
 def pixel_shifts(size: tuple[int, int]) -> Floats:
@@ -146,7 +146,7 @@ def inside(rays: Rays, last: Floats) -> tuple[Floats, Floats]:
     return np.maximum(near.max(axis=1), 0), far.min(axis=1)
 
 
-def _frame(camera: Camera) -> tuple[Floats, Floats, Floats]:
+def camera_frame(camera: Camera) -> tuple[Floats, Floats, Floats]:
     """Return unit vectors to the right, up and forward."""
     forward = _unit(_given(camera.focal_point, "focal_point") - _given(camera.position, "position"), "position")
     view_up = _unit(_given(camera.view_up, "view_up"), "view_up")

@@ -2,6 +2,7 @@
 // from the coarser level, or sampled; on the finest level it is composited, too. A pixel is (sampling distance, scalar).
 const float NO_SAMPLE = -1.0; // slice of the last sample
 
+// levels.w: samples are left out along rays only.
 int level = levels.x, level_of_slice = levels.y, coarsest = levels.z;
 
 // Bilinear fetch half-way to the finer level: the synthesis filter of Doo and Sabin.
@@ -69,8 +70,8 @@ void kernel(ivec3 at) {
     vec2 own = finer_at(at);
     float doubled = float(2 << level_of_slice);
     bool is_due = level_of_slice == coarsest || own.x < doubled;
-    if (level < level_of_slice && is_due) own = synthesized(at.xy);
-    if (level == coarsest || own.x < float(2 << level)) {
+    if (levels.w == 0 && level < level_of_slice && is_due) own = synthesized(at.xy);
+    if (levels.w != 0 ? is_due : level == coarsest || own.x < float(2 << level)) {
         vec3 place = position_of(at.xy), inside = clamp(place, vec3(0.0), vec3(voxels_size() - 1)), outside = abs(place - inside);
         float found = distances_at(clamp(ivec3(inside * per_block), ivec3(0), distances_size() - 1));
         found = found > 1.0 ? min(found, 65536.0) : 1.0; // NaN compares false

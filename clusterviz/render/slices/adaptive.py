@@ -88,7 +88,7 @@ def advance_level(
 
 
 def draw_adaptively(
-    plan: Plan, voxels: NDArray[Any], oracle: SamplingOracle, coarsest: int = COARSEST
+    plan: Plan, voxels: NDArray[Any], oracle: SamplingOracle, coarsest: int = COARSEST, along_rays: bool = False
 ) -> AdaptivePicture:
     """Return the picture of a whole volume.
 
@@ -98,6 +98,7 @@ def draw_adaptively(
     voxels : (z, y, x), finite
     oracle : of the same volume; distances that are not numbers, or too short, are 1
     coarsest : the coarsest level; 0: all samples are taken
+    along_rays : samples are left out along rays only, and none are synthesized
     """
     view, planes = plan.view, plan.slice_planes
     width, height = view.size
@@ -121,11 +122,19 @@ def draw_adaptively(
     for number in range(-(-_count(plan) >> coarsest << coarsest) + 1):
         depth = (planes.first + number + 0.5) * planes.distance
         level_of_slice = min(coarsest, (number & -number).bit_length() - 1 if number else coarsest)
-        for level in range(level_of_slice, -1, -1):
-            coarser = pyramid[level + 1] if level < coarsest else np.zeros((1, 1, 2), np.float32)
+        for level in (0,) if along_rays else range(level_of_slice, -1, -1):
+            coarser = pyramid[level + 1] if level < coarsest and not along_rays else np.zeros((1, 1, 2), np.float32)
             advance_level[sides[level]](
                 *(field, distances, pyramid[level], coarser, passed, rgba),
-                *(samples[level], spans, table, *camera, lens, (low, per_bin), (level, level_of_slice, coarsest)),
+                *(
+                    samples[level],
+                    spans,
+                    table,
+                    *camera,
+                    lens,
+                    (low, per_bin),
+                    (level, level_of_slice, coarsest, int(along_rays)),
+                ),
                 *(float(number), depth, planes.distance / plan.transfer.unit_distance, 1 / oracle.block, cell / unit),
             )
     return AdaptivePicture(rgba, tuple(int(each.sum()) for each in samples), uniform)
