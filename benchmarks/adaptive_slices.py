@@ -1,9 +1,9 @@
 """Adaptive sampling in three dimensions: `python benchmarks/adaptive_slices.py [DATA …] [--size N] [--json F]`.
 
 For each volume and each largest error that a pixel may have, against all samples on the same slices: the least share of
-samples, by the tolerance of each oracle that is found by halving; in three dimensions, and along rays alone. Beside it the
-ray caster's samples with empty-space skipping, and with `quality.adaptive` at the same bound. `vessels` is made here:
-branching tubes in an empty cube, as of an angiography.
+samples, by the tolerance of each oracle that is found by halving; in three dimensions, and along rays alone. Beside it
+the ray caster's samples with empty-space skipping, and with `quality.adaptive` at the same bound. `vessels` is made
+here: branching tubes in an empty cube, as of an angiography.
 
 References
 ----------
@@ -49,11 +49,12 @@ LOOKS: dict[str, dict[str, Any]] = {
 def vessels(side: int = 256) -> NDArray[np.float32]:
     """Tubes that branch, 1 inside and 0 outside, with soft walls."""
     rng, found = np.random.default_rng(7), np.full((side,) * 3, 1e9, np.float32)
-    branches = [(np.array([0.5, 0.5, 0.05]) * side, np.array([0.0, 0.0, 1.0]), 0.02 * side)]
+    branches = [(np.array([0.5, 0.5, 0.1]) * side, np.array([0.0, 0.0, 1.0]), 0.02 * side)]
     while branches:
         at, way, radius = branches.pop()
-        for _ in range(int(14 * radius)):
-            way = way + 0.15 * rng.normal(size=3)
+        for _ in range(36):
+            # Back to the middle from the border.
+            way = way + 0.15 * rng.normal(size=3) + 0.3 * (0.5 - at / side) ** 3 * 8
             way /= np.linalg.norm(way)
             at = at + 0.5 * radius * way
             low, high = (np.clip(np.round(at + sign * 3 * radius), 0, side).astype(int) for sign in (-1, 1))
