@@ -9,6 +9,7 @@ import pytest
 from render.scenes import Prepared, camera_at, prepare, scene_of
 
 from clusterviz.data.source import Grid
+from clusterviz.errors import InputError
 from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.plan.sampling_oracle import BLOCK, SamplingOracle, distance_by_bend, distance_to_change
 from clusterviz.reference.adaptive_slices import render_adaptively
@@ -24,7 +25,8 @@ def prepared(
     """A planned scene in which most is empty, its voxels and the scene."""
     z, y, x = np.indices(SHAPE)
     voxels = np.exp(-((x - 14) ** 2 + 0.6 * (y - 17) ** 2 + (z - 12) ** 2) / 40).astype(np.float32)
-    scene = scene_of(voxels, camera_at(camera, Grid(SHAPE)), renderer="slices", size=size, opacity=SPARSE, **keys)
+    keys = {"renderer": "slices"} | keys
+    scene = scene_of(voxels, camera_at(camera, Grid(SHAPE)), size=size, opacity=SPARSE, **keys)
     return prepare(scene, voxels, Grid(SHAPE)), voxels, scene
 
 
@@ -88,6 +90,23 @@ def test_distances_never_reach_into_a_block_that_needs_more() -> None:
     assert (found[..., 0] >= 12).all()
     for axis in range(3):
         assert np.abs(np.diff(found, axis=axis)).max() <= BLOCK
+
+
+@pytest.mark.parametrize(
+    ("keys", "found"),
+    [
+        ({"shade": True}, "light"),
+        ({"blending": "maximum"}, "blending: maximum"),
+        ({"clip": {"planes": [[[0, 0, 0], [1, 0, 0]]]}}, "clipping planes"),
+        ({"renderer": "raycast"}, "rays"),
+        ({}, "1 of them not finite"),
+    ],
+)
+def test_what_cannot_be_sampled_adaptively_is_refused(keys: dict[str, Any], found: str) -> None:
+    scene, voxels, _ = prepared(size=(4, 4), **keys)
+    voxels[0, 0, 0] = np.nan if not keys else 0.0
+    with pytest.raises(InputError, match=found):
+        drawn(scene.plan, voxels, SamplingOracle(np.zeros((1, 1, 1), np.float32), 64))
 
 
 @pytest.mark.gl

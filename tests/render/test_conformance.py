@@ -99,7 +99,6 @@ MODES = {
     "table": mode(4e-5, voxels=smooth, samples=False, transfer_2d=TABLE, **LAMPS),
     "clipped": mode(clip="wedge"),
     "jittered": mode(jitter=True),
-    "slices": mode(renderer="slices"),
     "texture unit": mode(0.03, filter="hardware"),
 }
 GRIDS = {
@@ -171,16 +170,6 @@ HEAVY = ("lit", "cubic", "surfaces", "surfaces within", "pre-integrated lit", "g
 """Modes whose programs take seconds to compile; types of voxels and sizes of bricks are constants of programs."""
 
 
-SLICED: dict[str, tuple[Any, ...]] = {
-    "camera": ("outside", "on-a-face", "parallel"),
-    "grid": ("plain", "anisotropic"),
-    "dtype": ("uint8",),
-    "extreme": ("usual",),
-    "step": (0.7, 2.2),
-    "split": SPLITS[:1],
-}
-
-
 def allowed(row: dict[str, Any]) -> bool:
     """Whether a row, or a part of one, has a picture that is known to the last bits, and pays."""
     mode, dtype, split = row.get("mode", "composite"), row.get("dtype", "float64"), row.get("split", SPLITS[0])
@@ -190,8 +179,6 @@ def allowed(row: dict[str, Any]) -> bool:
         or (mode in HEAVY and (dtype == "int16" or split != SPLITS[0]))
         or (mode not in ("composite", "nearest") and split not in SPLITS[:3])
         or (mode == "nearest" and row.get("step") == 40.0)
-        # As of jitter, whose slabs are cut in the same way.
-        or (mode == "slices" and any(name in row and row[name] not in SLICED[name] for name in SLICED))
         # Of a slab that is opaque at its front, the mean colour is known; of planes as near as others, either lights.
         or (mode in ("pre-integrated", "pre-integrated lit", "split") and row.get("extreme") == "opaque at once")
         or (mode in ("pre-integrated lit", "surfaces within") and row.get("extreme") == "hardly anything")
@@ -234,6 +221,7 @@ PEAKS = (
 )
 JUMPS = ((0.0, 0.0), (0.4, 0.0), (0.4, 0.3), (0.6, 0.3), (0.6, 0.0), (1.0, 0.2))
 CUBIC, NEAREST = {"interpolation": "cubic"}, {"interpolation": "nearest"}
+SLICES = {"renderer": "slices"}
 OCCLUDED = {"ambient": 1.0, "diffuse": 0.2, "ambient_occlusion": 3.4}
 LONG = {"opacity": 0.3, "unit": 3.0, "size": (4, 3)}
 SPECIAL = [
@@ -261,12 +249,10 @@ SPECIAL = [
     *rows("pre-integrated lit", keys=[CUBIC, GRADED], dtype="float32"),
     *rows("split", keys=[{"jitter": True, "clip": "both"}, CUBIC | LAMPS | {"size": (9, 7)}], step=1.5),
     *rows("jittered", keys=[{"clip": "both"}, LAMPS, {"step": 100.0}], step=1.7),
-    *rows(
-        "slices",
-        keys=[{"clip": "both", "size": (1, 17)}, {"blending": "additive"}, PREINTEGRATED | {"borders": "split"}],
-        step=1.7,
-    ),
-    Row("slices", "inside", "axes exchanged", keys=PREINTEGRATED),
+    *rows("composite", camera=("outside", "on-a-face", "parallel"), grid="anisotropic", keys=SLICES, step=0.7),
+    *rows("composite", keys=[SLICES | {"clip": "both", "size": (1, 17)}, SLICES | {"blending": "additive"}], step=2.2),
+    Row("split", keys=SLICES, step=1.7),
+    Row("pre-integrated", "inside", "axes exchanged", keys=SLICES),
     *rows("gradient opacity", keys=[CUBIC, NEAREST, LAMPS, {"isosurfaces": ((0.5, 0.6),)}], dtype="float32"),
     *rows("table", keys=[{"transfer_2d": TABLE[:n, 9 - m :, 3]} for n, m in ((5, 9), (1, 9), (5, 1), (1, 1))]),
     # Dense slabs that cross all of the transfer function; an eye between voxels, in a plane beside invalid ones.

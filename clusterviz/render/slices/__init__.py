@@ -1,11 +1,15 @@
-"""Slices drawn as polygons by OpenGL's graphics pipeline, by each of the generators of plan/slices.
+"""Slices of one composited volume, drawn in two ways that are compared with the ray caster.
 
 The renderer of `quality.renderer: slices` is the ray caster, which samples the same planes on CPUs and GPUs, with all
-that a scene may hold. What is here draws one composited volume as the thesis did, to compare the generators.
+that a scene may hold.
+
+- drawing.py   polygons by OpenGL's graphics pipeline, by each of the generators of plan/slices
+- adaptive.py  adaptive sampling in three dimensions, by kernels
 """
 
 from __future__ import annotations
 
+from clusterviz.render.slices.adaptive import AdaptivePicture, draw_adaptively
 from clusterviz.render.slices.drawing import Drawn, SliceDrawing
 
-__all__ = ["Drawn", "SliceDrawing"]
+__all__ = ["AdaptivePicture", "Drawn", "SliceDrawing", "draw_adaptively"]

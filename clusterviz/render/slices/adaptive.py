@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.errors import InputError
 from clusterviz.jobs.kernel import kernel
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.plan.plan import Plan
@@ -99,7 +100,13 @@ def draw_adaptively(
     oracle : of the same volume; distances that are not numbers, or too short, are 1
     coarsest : the coarsest level; 0: all samples are taken
     along_rays : samples are left out along rays only, and none are synthesized
+
+    Raises
+    ------
+    InputError
+        The plan shows something else, or the voxels are not its volume, or not finite.
     """
+    _check(plan, voxels)
     view, planes = plan.view, plan.slice_planes
     width, height = view.size
     spans, uniform = _spans(plan)
@@ -138,6 +145,25 @@ def draw_adaptively(
                 *(float(number), depth, planes.distance / plan.transfer.unit_distance, 1 / oracle.block, cell / unit),
             )
     return AdaptivePicture(rgba, tuple(int(each.sum()) for each in samples), uniform)
+
+
+def _check(plan: Plan, voxels: NDArray[Any]) -> None:
+    """Refuse what is not one composited volume on slices."""
+    mode = plan.blend_mode
+    problems = {
+        "several volumes or geometry": plan.content is not None,
+        f"blending: {mode.blending}": not mode.traits.absorbs,
+        "light, isosurfaces or opacity by the gradient": bool(mode.shading or mode.surfaces or mode.grading),
+        "clipping planes": len(plan.clip) > 0,
+        "rays": plan.march.lattice != "slices",
+    }
+    for name, is_one in problems.items():
+        if is_one:
+            allowed = "one composited volume with quality.renderer: slices"
+            raise InputError("not sampled adaptively", where="adaptive slices", found=name, allowed=allowed)
+    if voxels.shape != plan.layout.shape_zyx or not np.isfinite(voxels).all():
+        found = f"{voxels.shape}, {np.count_nonzero(~np.isfinite(voxels))} of them not finite"
+        raise InputError("wrong voxels", where="adaptive slices", found=found, allowed=plan.layout.shape_zyx)
 
 
 def _count(plan: Plan) -> int:
