@@ -14,7 +14,7 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     vec2 coefficients = max(segment_at(s).colour.xy, vec2(0.0));
     float most = max(coefficients.x, coefficients.y);
     // Thicker slabs look the same, and might leave the range of float32.
-    vec2 depths = coefficients * min(frame.optics.x * share, THICKEST / max(most, 1e-30));
+    vec2 depths = coefficients * min(thickness * frame.optics.x * share, THICKEST / max(most, 1e-30));
     if (depths.x + depths.y > 0.0) sum = stacked(sum.w > 0.0 ? sum : NOTHING_IN_FRONT, slab_fluxes(depths.x, depths.y));
 }
 
