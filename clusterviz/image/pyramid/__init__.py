@@ -6,4 +6,6 @@ analysis/     filters that halve it
 synthesis/    filters that double it
 filters.py    the table of all
 executor.py   any filter on CPU vectors or OpenGL
+blur.py       images blurred by any width
+interpolation.py  holes and scattered values: pull-push
 """

@@ -1,7 +1,7 @@
 """Executor of pyramid filters: any filter by one kernel, a launch a pass, on CPU vectors or OpenGL.
 
 Images are float32 (h, w, c), grids float32 (d, h, w, c), of any number c of channels, filtered alike. Values are those
-of the filter's formula in float32; they may not be beyond 1.7e38 in magnitude, so that differences are finite.
+of the filter's formula in float32; they may not be beyond 4e37 in magnitude (`LARGEST`).
 
 Cost: linear in the pixels. On a GPU each pass sends its source and its result over the bus, which takes longer than
 the fetches; a fetch reads four values from a storage buffer, as texture units have weights of 8 bits only.
@@ -25,8 +25,8 @@ from clusterviz.jobs.kernel import kernel
 Floats = NDArray[np.float32]
 RATES: dict[Step, tuple[int, int]] = {"reduce": (2, 0), "keep": (1, 0), "double": (1, 1)}
 WIDEST = 2**21
-LARGEST = 1.7e38
-"""Magnitude up to which values are filtered."""
+LARGEST = 4e37
+"""Magnitude up to which values are filtered: the sum of eight is finite, which a driver may form."""
 
 
 @dataclass
