@@ -107,10 +107,10 @@ def test_files_of_points(tmp_path: Path) -> None:
     refused(lambda: open_source(tmp_path / "gone.csv", subset=scattering), "no such file")
 
 
-@pytest.mark.parametrize(("kind", "largest"), [("vtp-raw", 8), ("csv", 4), ("vtu-raw", 11)])
-def test_other_files_of_points(kind: str, largest: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kind", "least", "largest"), [("vtp-raw", 1, 8), ("csv", 0, 4), ("vtu-raw", 0, 10)])
+def test_other_files_of_points(kind: str, least: float, largest: float, tmp_path: Path) -> None:
     name, make = (mesh_writers.FILES | grid_writers.FILES)[kind]
     make(tmp_path / name)
     source = open_source(tmp_path / name, subset=Subset(scattered=Scattered(size=(20,))))
     voxels = source.read((0, 0, 0), source.grid.shape_zyx)
-    assert (voxels.min(), voxels.max()) == (0, largest)
+    assert (voxels.min(), voxels.max()) == (least, largest)  # two vertices of the mesh are at one place, with 0 and 4
