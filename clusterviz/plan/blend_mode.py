@@ -160,7 +160,7 @@ def refracts(volume: Volume) -> bool:
 
 
 def reach_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
-    """Return the cells beyond its own in which a brick samples the field: at the ends of pre-integrated or bent slabs."""
+    """Return the cells beyond its own in which a brick samples the field, at the ends of slabs."""
     at_ends = is_preintegrated(volume, classification) and borders == "overlap"
     return int(has_surfaces(volume) or at_ends or refracts(volume))
 

@@ -54,8 +54,8 @@ class Refraction:
     metric: NDArray[np.float64]
     outside: float
     most_slabs: int
-    begin: tuple[int, ...]
-    end: tuple[int, ...]
+    begin: tuple[int, int, int]
+    end: tuple[int, int, int]
 
 
 def make_refraction(
@@ -77,4 +77,5 @@ def make_refraction(
     matrix = grid.world_from_index[:3, :3]
     diagonal = float(np.linalg.norm(grid.corners[7] - grid.corners[0]))
     most = int(min(MOST_DIAGONALS * np.ceil(diagonal / step_world) + 1, 1 << 24))
-    return Refraction(matrix.T @ matrix, volume.optics.outside_index or 1.0, most, begin[::-1], end[::-1])
+    outside = volume.optics.outside_index or 1.0
+    return Refraction(matrix.T @ matrix, outside, most, (begin[2], begin[1], begin[0]), (end[2], end[1], end[0]))

@@ -264,8 +264,8 @@ class Variant:
     @property
     def _gradient(self) -> str:
         """Return the file of the gradient."""
-        needed = self.lights or self.fading or self.table or self.crossing or self.refraction
-        needed = needed or (self.look and self.look.uses_gradient)
+        shaded = self.lights or self.fading or self.table or (self.look and self.look.uses_gradient)
+        needed = shaded or self.crossing or self.refraction
         return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
 
     @property
@@ -411,8 +411,8 @@ class Variant:
         lines = [
             glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.volumes)),
             f"const bool FAR_APART = {str(self.cpu.far).lower()}; // samples, so that caches hold few of them",
-            # With several volumes, and where bricks cut slabs, ends of slabs lie on faces.
-            f"const bool WITHIN_CELLS = {str(not (self.split or self.volumes or self.refraction)).lower()}; // of a brick are samples",
+            # With several volumes, and where bricks cut slabs, ends of slabs lie on faces; lines that bend go beyond.
+            f"const bool WITHIN_CELLS = {str(not (self.split or self.volumes or self.refraction)).lower()};",
             "const int SAMPLE_ITERATIONS = 1; // which nobody counts",
             f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};",
             "int MARGIN = sizes[0].first.y, FIRST_WORD = sizes[0].first.x; // of a brick's first cell",
