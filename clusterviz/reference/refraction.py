@@ -115,7 +115,8 @@ def follow(medium: Medium, start: Floats, direction: Floats, step: float, take: 
     x, v : where it leaves, in index space, and its momentum, in the world, the length of which is the index outside
     leaves : False if it was ended
     """
-    x, side = start.copy(), None
+    x: NDArray[Any] = start.copy()
+    side: int | None = None
     v = medium.outside * (medium.matrix @ direction)
     entry = _entry_axis(x, direction, medium.last)
     n = medium.n(medium.scalar(np.clip(x, 0, medium.last)))
@@ -129,7 +130,7 @@ def follow(medium: Medium, start: Floats, direction: Floats, step: float, take: 
     slabs, reflections = 0, 0
     while slabs < MOST_DIAGONALS * np.ceil(diagonal / step) + 1 and reflections < MOST_REFLECTIONS:
         slabs += 1
-        along: Floats = medium.inverse @ (v / np.linalg.norm(v))
+        along = medium.inverse @ (v / np.linalg.norm(v))
         leave, _ = _to_face(x, along, medium.last)
         is_last, length = leave <= step, min(leave, step)
         cut, side, ends = _cut(medium, x, length * along, side) if len(medium.steps) else (None, None, (0.0, 0.0))
@@ -168,7 +169,7 @@ def _entry_axis(x: Floats, direction: Floats, last: Floats) -> int | None:
     return int(away.argmin()) if away.min() < 1e-9 else None
 
 
-def _to_face(x: Floats, along: Floats, last: Floats) -> tuple[float, int]:
+def _to_face(x: NDArray[Any], along: NDArray[Any], last: Floats) -> tuple[float, int]:
     """Return the length to the volume's faces on a straight line, and the axis of the one that is met."""
     with np.errstate(divide="ignore", invalid="ignore"):
         lengths = np.where(along == 0, np.inf, np.maximum((np.where(along > 0, last, 0.0) - x) / along, 0.0))
@@ -176,7 +177,7 @@ def _to_face(x: Floats, along: Floats, last: Floats) -> tuple[float, int]:
 
 
 def _cut(
-    medium: Medium, x: Floats, slab: Floats, side: int | None
+    medium: Medium, x: Floats, slab: NDArray[Any], side: int | None
 ) -> tuple[float | None, int | None, tuple[float, float]]:
     """Return the share of a slab before a step of the index, the side of its begin, and the scalars at the step."""
 

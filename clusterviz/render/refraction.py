@@ -38,7 +38,7 @@ REFRACTION = np.dtype(
 )
 REFRACTION_BLOCK = glsl_block("refraction", BINDING, REFRACTION)
 PLANES = 19
-STATUS, AWAITED = 0, 4
+STATUS, AWAITED, POSITION, MOMENTUM = 0, 4, 7, 13
 CUT_SHORT = 3
 """As in paths.glsl."""
 

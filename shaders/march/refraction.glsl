@@ -66,15 +66,14 @@ bool is_refracted(inout dvec3 momentum, dvec3 normal, double change) {
 
 // Length of a straight line to the faces of the volume, world units, and the axis of the one that it meets.
 double to_face(dvec3 position, dvec3 along, out int axis) {
+    dvec3 extent = frame.extent.xyz;
     double nearest = 1e300LF;
     axis = 0;
     for (int a = 0; a < 3; ++a) {
-        if (along[a] == 0.0LF) continue;
-        double far = along[a] > 0.0LF ? frame.extent[a] : 0.0LF, length = max((far - position[a]) / along[a], 0.0LF);
-        if (length < nearest) {
-            nearest = length;
-            axis = a;
-        }
+        double by = along[a], far = by > 0.0LF ? extent[a] : 0.0LF;
+        double length = by == 0.0LF ? 1e300LF : max((far - position[a]) / by, 0.0LF);
+        axis = length < nearest ? a : axis;
+        nearest = min(length, nearest);
     }
     return nearest;
 }
@@ -128,9 +127,10 @@ void begin(Ray ray, inout Path path) {
     }
     path.status = UNDER_WAY;
     int entered = -1;
+    dvec3 extent = frame.extent.xyz;
     double nearest = ON_FACE;
     for (int axis = 0; axis < 3; ++axis) {
-        double inside = abs(ray.slab[axis] > 0.0LF ? path.position[axis] : frame.extent[axis] - path.position[axis]) / frame.extent[axis];
+        double inside = abs(ray.slab[axis] > 0.0LF ? path.position[axis] : extent[axis] - path.position[axis]) / extent[axis];
         if (ray.slab[axis] != 0.0LF && inside < nearest) {
             nearest = inside;
             entered = axis;
@@ -142,10 +142,10 @@ void begin(Ray ray, inout Path path) {
 
 // Go on, straight, to the box around all that is shown, by whole slabs.
 void approach(inout Path path, dvec3 along, bool is_last) {
+    dvec3 low = dvec3(refraction.shown_begin.xyz), high = dvec3(refraction.shown_end.xyz);
     dvec2 part = dvec2(-1e300LF, 1e300LF);
     for (int axis = 0; axis < 3; ++axis) {
-        dvec2 own = between(path.position[axis] - double(refraction.shown_begin[axis]), along[axis],
-                            double(refraction.shown_end[axis] - refraction.shown_begin[axis]));
+        dvec2 own = between(path.position[axis] - low[axis], along[axis], high[axis] - low[axis]);
         part = dvec2(max(part.x, own.x), min(part.y, own.y));
     }
     if (is_last || part.x > part.y || part.y < 0.0LF) {
@@ -244,7 +244,9 @@ void advance(inout Path path, inout Sum sum, inout uint samples) {
         goes_on = is_refracted(path.momentum, dvec3(normal), change_of(index_at(scalars.x).x, index_at(scalars.y).x));
         if (goes_on) path.side = side_of(scalars.y);
     } else if (meets_face) {
-        path.position[axis] = along[axis] > 0.0LF ? frame.extent[axis] : 0.0LF;
+        // Exactly on the face, so that rounding does not put it outside.
+        dvec3 face = unit(axis);
+        path.position += face * ((dot(along, face) > 0.0LF ? dot(frame.extent.xyz, face) : 0.0LF) - dot(path.position, face));
         double outside = refraction.limits.x * refraction.limits.x, change = outside - dot(path.momentum, raised(path.momentum));
         goes_on = is_refracted(path.momentum, unit(axis), abs(change) < SAME_INDEX * outside ? 0.0LF : change);
         if (goes_on) path.status = DONE;
