@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
 from clusterviz.distribution.brick_cost import Measured, expected_samples, measure, predict, unmeasured
-from clusterviz.distribution.memory_budget import MemoryBudget
+from clusterviz.distribution.memory_budget import MemoryBudget, check_passes
 from clusterviz.errors import InputError
 from clusterviz.frame.work import Mode
 from clusterviz.image.partial import Rect
@@ -193,8 +193,10 @@ class SortFirst:
         # If bricks do not fit, the tiles of the last frame may.
         if self._largest(self._seen) > self._limit_bytes and self.tiling.step_back():
             partition = self._assign_groups(plan)
-        if plan.refraction is None:  # else bricks are loaded in passes
+        if plan.refraction is None:
             self._check_memory()
+        else:  # bricks that do not fit are loaded in passes
+            check_passes(plan, self._budget.brick_bytes(plan), self._limit_bytes)
         return self.pieces(plan, partition)
 
     def pieces(self, plan: Plan, partition: ScreenPartition) -> tuple[Piece, ...]:
