@@ -46,6 +46,8 @@ from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.values import Volume
 
 WIDTH = 128
+BENT_WIDTH = 12
+"""Pixels of a row where rays bend, as the reference follows each ray by itself."""
 MAX_BYTES = 1 << 30
 """Largest volume to compare; the reference holds the whole volume in memory."""
 
@@ -82,7 +84,8 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     scene : a scene with content
     """
     width, height = scene.image.size
-    size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
+    most = BENT_WIDTH if _bends(scene) else WIDTH
+    size = (min(width, most), max(1, round(height * min(width, most) / width)))
     if shader := next((volume.shader for volume in scene.volumes if volume.shader), None):
         return ReferenceComparison(size, skipped=f"it does not read shaders such as {shader}")
     if any(volume.detail != "full" and needs_slopes(volume) for volume in scene.volumes):
@@ -259,6 +262,13 @@ def command(
     if opened.quality.frame_coherence:
         # Frame coherence is refused with a shared screen.
         configurations = [each for each in configurations if each.mode == "sort-last"]
+    if _bends(opened):
+        # Rays that bend may need any brick, so that ranks share the screen only.
+        shared = [
+            each if each.mode == "sort-first" else Configuration(each.ranks, "auto", each.brick, "auto", "sort-first")
+            for each in configurations
+        ]
+        configurations = list(dict.fromkeys(shared))
     splits = opened.quality.borders == "split"
     each = (("volumes", opened.volumes), ("grids", opened.grids), ("flows", opened.flows))
     content = [f"{name}.{number}" for name, entries in each for number in range(len(entries))]
@@ -284,6 +294,11 @@ def command(
     wrong = [f"{result.check}, {result.configuration}: {result.problem}" for result in results if result.problem]
     if wrong:
         raise ClustervizError("the pictures disagree:\n  " + "\n  ".join(wrong))
+
+
+def _bends(scene: Scene) -> bool:
+    """Return whether rays bend in a scene."""
+    return any(volume.optics is not None and volume.optics.refraction for volume in scene.volumes)
 
 
 def _has_fixed_sample_count(scene: Scene) -> bool:

@@ -41,6 +41,7 @@ from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.plan.layers import LayeredContent, make_layers
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
+from clusterviz.plan.refraction import Refraction, make_refraction
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.plan.slices.planes import SlicePlanes, slice_planes
@@ -116,6 +117,7 @@ class Plan:
     times : time steps of the volumes
     detail : levels of the volumes that are drawn by those of a store
     spectrum : wavelengths of a volume with optics, whose first one is that of `segments`; else None
+    refraction : how rays bend; None: they are straight
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
 
@@ -133,6 +135,7 @@ class Plan:
     times: tuple[int | str | None, ...] = ()
     detail: tuple[Detail, ...] = ()
     spectrum: Spectrum | None = None
+    refraction: Refraction | None = None
 
     @property
     def wavelengths(self) -> int:
@@ -256,6 +259,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         layers=make_layers(scene, [grid], [blend_mode]),
         times=(volume.time,),
         spectrum=spectrum,
+        refraction=make_refraction(volume, grid, layout, ~hidden, step_world),
     )
 
 
@@ -386,7 +390,7 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
     volumes, quality = scene.volumes, scene.quality
     step = min(step_of(volume, quality.step, quality.classification) for volume in volumes)
     if step < quality.step:
-        text = f"slabs with geometry or with pre-integration are at most {LONGEST_SLAB:g} voxels long"
+        text = f"slabs with geometry, pre-integration or refraction are at most {LONGEST_SLAB:g} voxels long"
         yield Change("quality.step", quality.step, step, text)
     ramps = [is_preintegrated(volume, quality.classification) for volume in volumes]
     if quality.classification == "pre-integrated" and not all(ramps):

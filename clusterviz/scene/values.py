@@ -36,6 +36,7 @@ from clusterviz.scene.compatibility import (
     check_layers,
     check_optics,
     check_pixel_format,
+    check_refraction,
     check_renderer,
     check_several_volumes,
     check_spectral,
@@ -576,6 +577,7 @@ class Scene(Section):
         check_layers(self.volumes, self.grids, self.quality, wanted | painting)
         check_surface_lic(self.flows, self.surface_keys)
         check_spectral(self.volumes, self.quality, self.image.background)
+        check_refraction(self.volumes, self.clip, self.quality, self.cluster)
         return self
 
     @field_serializer("volumes", "lines", "points", mode="wrap")
