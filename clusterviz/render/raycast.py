@@ -22,6 +22,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.errors import InputError
 from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, Rect, blank
@@ -430,6 +431,15 @@ class _Tables:
             offsets, visible = map(self._buffers.make, atlas.tables(plan, box, part))
             self._parts.append((atlas, box, offsets, visible))
             self._members[box] = part, atlas.primitives, atlas.cells
+        if plan.refraction and len(self._parts) > 1:
+            # A ray that bends may come back to what lies in another buffer.
+            found, allowed = (
+                f"bricks in {len(self._parts)} buffers",
+                "one; set cluster.memory_limit to load them in turn",
+            )
+            raise InputError(
+                "too many bricks for rays that bend", where="optics.refraction", found=found, allowed=allowed
+            )
 
     @property
     def alone(self) -> bool:

@@ -10,6 +10,7 @@ import pytest
 from render.scenes import camera_at, pieces_of, prepare
 
 from clusterviz.data.source import Grid
+from clusterviz.errors import InputError
 from clusterviz.image.merge import merge_partials
 from clusterviz.image.spectral import SpectralPicture
 from clusterviz.reference import raycast, render_reference
@@ -41,11 +42,18 @@ def scene_of(camera: Camera, optics: dict[str, Any], size: tuple[int, int] = (6,
     return Scene(volumes=(volume,), camera=camera, image=ImageSettings(size=size), quality=Quality(step=step))
 
 
-def fluxes(where: moderngl.Context | None, scene: Scene, voxels: np.ndarray, grid: Grid, brick: int = 7) -> np.ndarray:
+def fluxes(
+    where: moderngl.Context | None,
+    scene: Scene,
+    voxels: np.ndarray,
+    grid: Grid,
+    brick: int = 7,
+    block: int | None = None,
+) -> np.ndarray:
     """Fluxes (3, rays, wavelengths) that a caster draws."""
     prepared = prepare(scene, voxels, grid, brick)
     plan = prepared.plan
-    caster = Raycaster(where, plan) if where else VectorCaster(plan)
+    caster = Raycaster(where, plan, block) if where else VectorCaster(plan)
     caster.load(plan, dict(prepared.shown))
     results = draw_wavelengths(caster.draw, plan, pieces_of(prepared, 1), no_progress)
     merged = merge_partials([one.partial for one in results], plan.canvas_size, plan.blend_mode.operator)
@@ -99,6 +107,15 @@ def test_casters_draw_the_reference(
         assert (found[0] + found[2] <= 1 + 1e-6).all()
     straight = fluxes(None, scene_of(camera_at(camera, grid), km | {"refraction": False}, **keys), voxels, grid)
     assert np.abs(straight - expected).max() > 1e-3  # rays bend
+
+
+@pytest.mark.gl
+def test_bricks_in_several_buffers_are_refused(context: moderngl.Context) -> None:
+    """A ray would come back to those of a buffer that has been drawn."""
+    grid = Grid(SHAPE)
+    scene = scene_of(camera_at("outside", grid), KM | {"refractive_index": SMOOTH})
+    with pytest.raises(InputError, match=r"too many bricks for rays that bend.*set cluster.memory_limit"):
+        fluxes(context, scene, bump(), grid, block=6000)
 
 
 @pytest.mark.parametrize("index", [1.0, 1.4])
