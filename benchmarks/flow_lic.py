@@ -1,4 +1,4 @@
-"""Speed of line integral convolution: the parts lic, lic-slice and lic-ranks of `flow.py`.
+"""Speed of line integral convolution: the parts lic, lic-slice and lic-ranks of `flow_ratio.py`.
 
 lic: a grid of 256³ with the default settings (whole length 20 voxels, step 0.5, RK4, Halton noise) on all cores, with a
 kernel that is compiled; then programs of NumPy and numba on one core, on a smaller grid. Line samples a second and core

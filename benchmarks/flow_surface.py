@@ -1,4 +1,4 @@
-"""Surface LIC of a mesh beside VTK's: CPU seconds that the pattern adds to a frame. A part of `flow.py`.
+"""Surface LIC of a mesh beside VTK's: CPU seconds that the pattern adds to a frame. A part of `flow_ratio.py`.
 
 A sphere of triangles in the ABC flow fills a picture of 800². Lines have 40 steps of half a pixel each way, RK4 here
 and RK2 in VTK's mapper, which draws by OpenGL on the CPU where there is no GPU. Frames turn the camera; the first one
