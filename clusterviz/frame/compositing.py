@@ -234,10 +234,11 @@ def _finished(run: Run, work: RankWork, composed: NDArray[Any] | None) -> Image 
     """Finish merged pixels; the result is a copy, since the compositor reuses its memory."""
     if composed is None:
         return None
-    if work.plan is None or composed.dtype != np.float32:
+    if work.plan is None or (composed.dtype != np.float32 and not work.plan.lens):
         return as_floats(composed)
     with run.clock.stage("finish", "project"):
-        finished = finish_projection(work.plan, composed)
+        pixels = as_floats(composed) if work.plan.lens else composed
+        finished = finish_projection(work.plan, pixels)
     return composed.copy() if finished is composed else finished
 
 

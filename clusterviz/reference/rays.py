@@ -49,9 +49,10 @@ def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
     right, up, forward = camera_frame(camera)
     width, height = size
     column, row = np.arange(width), np.arange(height)
-    # In units of half the picture's height, from its centre.
-    across = ((2 * column + 1 - width) / height)[None, :, None] * right
-    upward = ((height - 2 * row - 1) / height)[:, None, None] * up
+    # In units of half the picture's height, from the line of sight.
+    shift_right, shift_up = camera.window_center
+    across = ((2 * column + 1 - width) / height + shift_right * width / height)[None, :, None] * right
+    upward = ((height - 2 * row - 1) / height + shift_up)[:, None, None] * up
     offset = (across + upward).reshape(-1, 3)
     eye = _given(camera.position, "position")
     if camera.parallel_scale is not None:
@@ -100,7 +101,8 @@ def on_slices(rays: Rays, directions: Floats, last: Floats, corners: Floats, len
     forward = view_direction(camera)
     cosines = directions @ forward
     half = 0.0 if camera.parallel_scale is not None else math.tan(math.radians(camera.view_angle) / 2)
-    distance = length / math.hypot(1.0, half, half * width / height)
+    farthest = [1 + abs(shift) for shift in camera.window_center]
+    distance = length / math.hypot(1.0, half * farthest[1], half * farthest[0] * width / height)
     front = ((corners - _given(camera.position, "position")) @ forward).min()
     entry = inside(rays, last)[0]
     passed = (np.where(np.isfinite(entry), entry, 0.0) * cosines - front) / distance
