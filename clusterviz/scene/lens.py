@@ -34,6 +34,11 @@ def focal_distance(camera: Camera) -> float:
     return camera.focal_distance if camera.focal_distance is not None else math.dist(position, focal_point)
 
 
+def has_eye_points(scene: Scene) -> bool:
+    """Return whether a scene has a lens whose eye points are drawn one by one."""
+    return scene.camera.aperture > 0 and scene.quality.lens.eye_points is not None
+
+
 def lens_points(count: int) -> Floats:
     """Return points on a disc of radius 1, float64 (count, 2), whose mean is that of the disc in the limit.
 
