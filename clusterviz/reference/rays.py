@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,13 +34,15 @@ class Rays:
     thickness: Floats | float = 1.0
 
 
-def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
+def camera_rays(camera: Camera, size: tuple[int, int], lens_point: Sequence[float] = (0.0, 0.0)) -> Rays:
     """Return the rays through the centres of all pixels, in the world, by VTK's camera model.
 
     Parameters
     ----------
     camera : complete: position, focal_point and view_up are given
     size : (width, height) in pixels; pixels are square
+    lens_point : to the right and up, in radii of the lens: where rays start; each meets its ray from the centre on the
+        plane in focus
 
     Raises
     ------
@@ -58,6 +61,10 @@ def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
     if camera.parallel_scale is not None:
         return Rays(eye + offset * camera.parallel_scale, np.broadcast_to(forward, offset.shape))
     direction = forward + offset * math.tan(math.radians(camera.view_angle) / 2)
+    if any(lens_point):
+        focus = camera.focal_distance or math.dist(eye, _given(camera.focal_point, "focal_point"))
+        aside = camera.aperture * (lens_point[0] * right + lens_point[1] * up)
+        eye, direction = eye + aside, focus * direction - aside
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return Rays(np.broadcast_to(eye, offset.shape), direction)
 

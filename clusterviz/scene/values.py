@@ -138,7 +138,8 @@ class Detail(Section):
 
     @model_validator(mode="after")
     def _has_one_key(self) -> Detail:
-        check_one_key([name for name in type(self).model_fields if getattr(self, name) is not None], type(self).model_fields)
+        known = type(self).model_fields
+        check_one_key([name for name in known if getattr(self, name) is not None], known)
         return self
 
 
@@ -467,7 +468,8 @@ class LensQuality(Section):
 
     @model_validator(mode="after")
     def _has_one_key(self) -> LensQuality:
-        check_one_key([name for name in type(self).model_fields if getattr(self, name) is not None], type(self).model_fields)
+        known = type(self).model_fields
+        check_one_key([name for name in known if getattr(self, name) is not None], known)
         return self
 
 
