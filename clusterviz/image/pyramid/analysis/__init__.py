@@ -1,0 +1,1 @@
+"""Filters that halve the size, one file each."""

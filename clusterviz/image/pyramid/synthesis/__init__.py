@@ -1,0 +1,1 @@
+"""Filters that double the size, one file each."""

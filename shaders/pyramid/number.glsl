@@ -1,0 +1,2 @@
+// Pixels are taken channel by channel.
+#define PIXEL float
