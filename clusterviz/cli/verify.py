@@ -84,8 +84,8 @@ class ReferenceComparison:
 def compare_with_reference(scene: Scene) -> ReferenceComparison:
     """Render a scene on one rank and by the reference, with the same step, and compare both.
 
-    The difference is caused by float32 pixels, `quality.filter` and `quality.early_termination` only. A lens is replaced
-    by a pinhole, and its own error measured apart.
+    The difference is caused by float32 pixels, `quality.filter` and `quality.early_termination` only. A lens is
+    replaced by a pinhole, and its own error measured apart.
 
     Parameters
     ----------

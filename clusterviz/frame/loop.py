@@ -227,9 +227,7 @@ class FrameLoop:
         found = self._infos, self._changes(run, work), layers, self._drawing.fragments
         return DrawnFrame(run.frame, work, partials, counts, *found, painted)
 
-    def _averaged(
-        self, run: Run, scene: Scene, compositing: Compositing
-    ) -> tuple[DrawnFrame, Image | None, RankFrame]:
+    def _averaged(self, run: Run, scene: Scene, compositing: Compositing) -> tuple[DrawnFrame, Image | None, RankFrame]:
         """Draw and composite a frame once for each eye point of its lens; return the mean on rank 0.
 
         Returns

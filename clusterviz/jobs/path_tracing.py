@@ -296,8 +296,8 @@ def start_paths(
     paths : float32 (9, rows, w, 4), as trace_paths.glsl keeps them
     numbers : int32 (14, rows, w); the number of a pixel is −1 where its ray does not meet the volume
     """
-    column, row = view.centre
-    right = (np.arange(view.size[0]) + 0.5 - column) * view.pixel
+    width, (column, row) = view.size[0], view.centre
+    right = (np.arange(width) + 0.5 - column) * view.pixel
     up = (row - rows - 0.5) * view.pixel
     across = right[None, :, None] * np.array(view.right) + up[:, None, None] * np.array(view.up)
     origin, along = np.broadcast_to(np.array(view.eye), across.shape), np.array(view.forward) + across

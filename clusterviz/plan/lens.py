@@ -1,7 +1,7 @@
 """Sub-images of a thin lens: ranges of depth, each with one circle of confusion.
 
-A scene with `camera.aperture` is drawn once for each range of depths, by the same program and from the same bricks; only
-two clipping planes, at the ends of the range, differ. Each slab and each fragment is in one sub-image, so that
+A scene with `camera.aperture` is drawn once for each range of depths, by the same program and from the same bricks;
+only two clipping planes, at the ends of the range, differ. Each slab and each fragment is in one sub-image, so that
 sub-images over each other, from front to back, are the picture of the pinhole, and what lies behind a foreground is
 drawn, too. `render/lens.py` makes the picture of them. Row y of sub-image n is row y · sub-images + n of one tall
 picture, so that partial images of all are composited together.
@@ -11,8 +11,8 @@ from r(k − 1/2) to r(k + 1/2) and is blurred by r(k), where
 
     r(k) = ± ((1 + q)^|k| − 1) / q · `SPACING`
 
-is k · `SPACING` for q → 0. The smallest q ≥ 0 is used that needs no more than `quality.lens.sub_images`. So the radius is
-wrong by at most half a `SPACING`, or by a share of q / 2, whichever is larger.
+is k · `SPACING` for q → 0. The smallest q ≥ 0 is used that needs no more than `quality.lens.sub_images`. So the radius
+is wrong by at most `SPACING` · (1 + q)^(1/2) / 2 near the focus, and elsewhere by a share of about q / 2.
 
 References
 ----------
@@ -143,4 +143,7 @@ def _growth(low: float, high: float, most: int) -> float:
 
     if count(0.0) <= most:
         return 0.0
-    return next(growth for growth in 1e-3 * 1.01 ** np.arange(5000) if count(float(growth)) <= most)
+    growth = 1e-3
+    while count(growth) > most:
+        growth *= 1.01
+    return growth

@@ -29,16 +29,16 @@ def disc_points(count: int) -> Floats:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
-def render_lens(scene: Scene, *content: Any, points: Floats, **more: Any) -> Floats:
+def render_lens(scene: Scene, grid: Any, voxels: Any, *, points: Floats, **more: Any) -> Floats:
     """Return the picture of a scene with `camera.aperture`, float64 (h, w, 4), premultiplied.
 
     Parameters
     ----------
     scene : complete
-    content, more : as of `render_reference`
+    grid, voxels, more : as of `render_reference`
     points : float64 (n, 2), of the lens, in its radii
     """
     total: Floats = np.zeros((*scene.image.size[::-1], 4))
     for point in points:
-        total += render_reference(scene, *content, lens_point=point.tolist(), **more)
+        total += render_reference(scene, grid, voxels, lens_point=point.tolist(), **more)
     return total / len(points)

@@ -118,8 +118,8 @@ class RankFrame:
 
 def summed(counts: Sequence[RankFrame]) -> RankFrame:
     """Return the costs of pictures of one rank that became one frame: sums, and all else as of the last."""
-    names = ("samples", "samples_estimate", "cpu_seconds", "bricks_read", "bytes_read")
-    names += ("bytes_raw", "bytes_sent", "messages_sent", "cut_short")
+    names = ["samples", "samples_estimate", "cpu_seconds", "bricks_read", "bytes_read"]
+    names += ["bytes_raw", "bytes_sent", "messages_sent", "cut_short"]
     return replace(counts[-1], **{name: sum(getattr(one, name) for one in counts) for name in names})
 
 

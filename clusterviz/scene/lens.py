@@ -42,8 +42,8 @@ def has_eye_points(scene: Scene) -> bool:
 def lens_points(count: int) -> Floats:
     """Return points on a disc of radius 1, float64 (count, 2), whose mean is that of the disc in the limit.
 
-    Hammersley's points of a square, which have a low discrepancy, by the concentric map, which keeps areas. A single one
-    is the centre.
+    Hammersley's points of a square, which have a low discrepancy, by the concentric map, which keeps areas. A single
+    one is the centre.
     """
     number = np.arange(count)
     mirrored = sum((number >> bit & 1) / 2.0 ** (bit + 1) for bit in range(max(1, count).bit_length()))

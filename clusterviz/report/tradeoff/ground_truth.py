@@ -186,7 +186,7 @@ def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[D
         geometry: list[Any] = list(zip(of.geometry, parts, strict=True))
         cells = [place_cells(*pair) for pair in zip(of.grids, grids_read, strict=True)]
         points = lens_points((of.quality.lens.eye_points or 1) if of.camera.aperture else 1)
-        return render_lens(of, grids, voxels, step, points=points, geometry=geometry, cells=cells)
+        return render_lens(of, grids, voxels, points=points, step=step, geometry=geometry, cells=cells)
 
     try:
         seconds = _seconds(lambda: reference(_resized(scene, 2), 8.0))
