@@ -305,6 +305,8 @@ def _open(text: str, part: Subset) -> Source:
     files = files_of_pattern(text)
     if files != [text]:
         return open_step(files, part, lambda name, of_file: _open(name, of_file), text)
+    if part.scattered is not None:
+        return cast("Source", _function("scattered.open_scattered")(file, part))
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)
@@ -312,7 +314,8 @@ def _open(text: str, part: Subset) -> Source:
         raise DataError("no such file", where=text)
     with readable(file):
         kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
-    raise DataError("unknown extension", where=text, found=kind, allowed=", ".join(EXTENSIONS))
+    allowed = f"{', '.join(EXTENSIONS)}; files of points with the key scattered"
+    raise DataError("unknown extension", where=text, found=kind, allowed=allowed)
 
 
 def format_of(path: Path) -> Format | None:
@@ -500,7 +503,8 @@ def open_volume(volume: Volume) -> Source:
     """
     if volume.time == "all":
         raise DataError(ONE_STEP, where=volume.path, found="time: all", allowed=ALL_STEPS)
-    subset = Subset(volume.array, volume.time, volume.channel, spaced=volume.spacing is not None)
+    is_spaced = volume.spacing is not None
+    subset = Subset(volume.array, volume.time, volume.channel, spaced=is_spaced, scattered=volume.scattered)
     return override_grid(open_source(volume.path, subset=subset), volume)
 
 

@@ -9,6 +9,7 @@ from math import prod
 from clusterviz.data.header import check_shape
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
+from clusterviz.scene.values import Scattered
 
 MAX_LISTED = 12  # channel names in a message
 
@@ -24,6 +25,7 @@ class Subset:
     channel : number of the channel, from 0, or its name if the file has names
     first : take time step 0 and channel 0 if there are several and none is named
     spaced : the spacing is given elsewhere, so coordinates that are on no lattice count as even
+    scattered : the file holds points, whose values are interpolated on this grid
     vectors : the array holds vectors: an axis of three without a name, the last or first of space, is their channels
     """
 
@@ -32,6 +34,7 @@ class Subset:
     channel: int | str | None = None
     first: bool = False
     spaced: bool = False
+    scattered: Scattered | None = None
     vectors: bool = False
 
 

@@ -100,3 +100,31 @@ def pull_push(values: Doubles, weights: Doubles) -> Doubles:
     means = products[0] / np.where(products[1] > 0, products[1], 1)
     coarse = pull_push(means, products[1][..., 0])
     return np.where(support > 0, values, convolve("doo-sabin", coarse, weights.shape))
+
+
+def edge_directed(image: Doubles, strength: float, farthest: float, noise: float) -> Doubles:
+    """Return an image (h, w, c) of twice the size, by fetches moved away from edges; parameters as of `zoom`."""
+    height, width = image.shape[:2]
+    bright = image.mean(axis=-1, keepdims=True)
+    row, column = ((np.arange(2 * side) + 0.5) / 2 - 0.5 for side in (height, width))
+    row, column = np.meshgrid(row, column, indexing="ij")
+    f = {(i, j): _bilinear(bright, row + i, column + j)[..., 0] for i in (-1, 0, 1) for j in (-1, 0, 1)}
+    slope = np.stack([f[1, 0] - f[-1, 0], f[0, 1] - f[0, -1]]) / 2
+    second = {axis: f[axis] + f[-axis[0], -axis[1]] - 2 * f[0, 0] for axis in ((1, 0), (0, 1), (1, 1))}
+    mixed = (second[1, 1] - second[1, 0] - second[0, 1]) / 2
+    hessian = np.array([[second[1, 0], mixed], [mixed, second[0, 1]]])
+    steep = (slope**2).sum(axis=0)
+    bend = np.einsum("ihw,ijhw,jhw->hw", slope, hessian, slope)
+    way = -strength * bend / np.maximum(steep, 1e-30) ** 2 * slope
+    length = np.sqrt((way**2).sum(axis=0))
+    way *= steep / (steep + noise**2) * np.minimum(1, farthest / np.maximum(length, 1e-12))
+    return _bilinear(image, row + way[0], column + way[1])
+
+
+def _bilinear(image: Doubles, row: Doubles, column: Doubles) -> Doubles:
+    (y, x), last = np.floor([row, column]).astype(int), np.array(image.shape[:2]) - 1
+    v, u = (row - y)[..., None], (column - x)[..., None]
+    rows, columns = ([np.clip(n + i, 0, end) for i in (0, 1)] for n, end in zip((y, x), last, strict=True))
+    top, bottom = (image[r, columns[0]] * (1 - u) + image[r, columns[1]] * u for r in rows)
+    total: Doubles = top * (1 - v) + bottom * v
+    return total

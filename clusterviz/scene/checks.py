@@ -58,6 +58,12 @@ def cmap_tag(value: Any) -> str:
     return form
 
 
+def to_tuple(value: Any) -> Any:
+    """Return a single number as a tuple of one."""
+    value = to_builtin(value)
+    return value if isinstance(value, (list, tuple)) else (value,)
+
+
 def check_detail(value: Any) -> Any:
     """Refuse what is neither a name nor a mapping."""
     if value == "full" or hasattr(value, "keys") or hasattr(value, "model_fields_set"):

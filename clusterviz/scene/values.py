@@ -25,6 +25,7 @@ from clusterviz.scene.checks import (
     check_time,
     check_view,
     to_builtin,
+    to_tuple,
 )
 from clusterviz.scene.cluster import Cluster as Cluster
 from clusterviz.scene.compatibility import (
@@ -143,6 +144,23 @@ class Detail(Section):
         return self
 
 
+class Scattered(Section):
+    """Scattered data: the grid on which the values of a file of points are interpolated."""
+
+    size: Annotated[tuple[Side, ...], Field(min_length=1, max_length=3), BeforeValidator(to_tuple)] = Field(
+        default=(128,),
+        examples=[[200, 200, 50]],
+        description="Samples along x, y, z; of a layer along x, y; or one number, along the longest side, and the "
+        "others at about the same distance.",
+    )
+    bounds: Box | None = Field(
+        default=None,
+        examples=[[0, 100, 0, 80, -20, 0]],
+        description="xmin, xmax, ymin, ymax, zmin, zmax of the first and last samples, world units; points outside are "
+        "left out; default: those of the points.",
+    )
+
+
 class Volume(Section):
     """Volume: data file, grid, transfer function, blend mode and shading."""
 
@@ -169,6 +187,12 @@ class Volume(Section):
         examples=[{"level": 1}],
         description="Which levels of a store are drawn: full, {level: n} for one, {error: e}, {memory: 512 MiB} or "
         "{seconds: s} for those that are chosen for every picture.",
+    )
+    scattered: Scattered | None = Field(
+        default=None,
+        examples=[{"size": 64}],
+        description="The file holds points (a table, or meshes, lines, points or an unstructured grid of any format), "
+        "and the volume is interpolated from the values of `array` there.",
     )
     spacing: Annotated[tuple[Positive, Positive, Positive], BeforeValidator(to_builtin)] | None = Field(
         default=None,

@@ -1,32 +1,8 @@
-// One pass of a pyramid filter (image/pyramid/executor.py): bilinear fetches for each pixel, of a grid trilinear ones.
-// A PIXEL is a channel, or four of them; those of a place are `channels` neighbours along x. `rate`: factor of a pixel's place, and shift
-// after it; `begin`, `part`: offsets of fetches before and behind the place at even pixels, then at odd ones; `sides`: 1, or 2 if both are.
-PIXEL along_x(int low, int high, int y, int z, float t) {
-    PIXEL a = source_at(ivec3(low, y, z)), b = source_at(ivec3(high, y, z));
-    return a + (b - a) * t;
-}
-
-PIXEL in_plane(ivec3 low, ivec3 high, int z, vec3 t) {
-    PIXEL a = along_x(low.x, high.x, low.y, z, t.x), b = along_x(low.x, high.x, high.y, z, t.x);
-    return a + (b - a) * t.y;
-}
-
-PIXEL fetched(ivec3 place, vec3 t, ivec3 last, int channel) {
-    ivec3 low = clamp(place, ivec3(0), last), high = clamp(place + 1, ivec3(0), last);
-    low.x = low.x * channels + channel;
-    high.x = high.x * channels + channel;
-    PIXEL value = in_plane(low, high, low.z, t);
-    if (last.z > 0) {
-        PIXEL behind = in_plane(low, high, high.z, t);
-        value += (behind - value) * t.z;
-    }
-    return value;
-}
-
+// One pass of a pyramid filter (image/pyramid/executor.py): bilinear fetches for each pixel, of a grid trilinear ones. `rate`: factor of a
+// pixel's place, and shift after it; `begin`, `part`: offsets of fetches before and behind the place at even pixels, then at odd ones;
+// `sides`: 1, or 2 if both are.
 void kernel(ivec3 at) {
-    ivec3 pixel = at, last = source_size() - 1;
-    pixel.x = int(float(at.x) / float(channels)); // off by 1 at most: vectors have no division of whole numbers
-    pixel.x += int(at.x - pixel.x * channels >= channels) - int(at.x < pixel.x * channels);
+    ivec3 pixel = place_of(at), last = source_size() - 1;
     int channel = at.x - pixel.x * channels;
     last.x = (last.x + 1) / channels - 1;
     ivec3 odd = pixel & 1, place = pixel * rate.x >> rate.y;

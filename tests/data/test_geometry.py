@@ -318,7 +318,7 @@ DAMAGED: list[tuple[str, bytes, bytes, str]] = [
     ("npz-mesh", b"PK", b"PQ", "wrong magic"),
     ("pdb", b"   1.000", b"   x.000", "no position in line 2; found '   x.000"),
     ("cif", b"_atom_site.Cartn_x", b"_atom_site.Cartn_w", "no atoms"),
-    ("csv", b"x,y,z", b"x,y,w", "no positions"),
+    ("csv", b"x,y,z", b"x,v,w", "no positions"),
     ("csv", b"5.0,5.0,5.0,a b", b"5.0,5.0", "damaged"),
     ("csv", b"x,y,z,name", b"x,y,z", "rows of different lengths"),
     ("npy-fields", b"'x'", b"'w'", "1 axes|not a scalar volume|no positions"),

@@ -23,6 +23,7 @@ from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.scene import load_scene
 from clusterviz.scene.animation import load_path
 from clusterviz.scene.transfer_2d import read_table
+from clusterviz.scene.values import Scattered
 
 FOAM = "constant/polyMesh/faces"
 PIECES = {
@@ -35,6 +36,11 @@ PIECES = {
 """File of several that is damaged."""
 SAMPLES = np.arange(4 * 5 * 6, dtype="<i2").reshape(4, 5, 6)
 MOST_BYTES = 1 << 26  # no file of these can hold more, however well it is packed
+
+
+def read_scattered(path: Path) -> None:
+    """Points of a file, on a small grid."""
+    read_data(path, Subset("v", scattered=Scattered(size=(8,))))
 
 
 def read_data(path: Path, subset: Subset | None = None) -> None:
@@ -266,6 +272,7 @@ READERS = {
         for name in ("zarr.json", "0/zarr.json", "0/c/0/0/0")
     },
     "preset": Reader("scene.yaml", lambda path: _preset(path.with_name("a.json")), load_scene, damaged="a.json"),
+    "scattered": Reader("a.csv", _text("x,y,v\n0,0,1\n3,1,2\n1,5,4\n"), read_scattered),
     "table": Reader("a.npy", lambda path: np.save(path, np.linspace(0, 1, 12).reshape(3, 4)), read_table),
     **{
         f"mesh-{kind}": Reader(name, make, read_mesh, packed=name.endswith(".gz"))

@@ -17,6 +17,7 @@ from clusterviz.image.pyramid.contract import Filter, Pass
 from clusterviz.image.pyramid.executor import Fetches, apply_filter, build_levels
 from clusterviz.image.pyramid.filters import ANALYSIS, BASIC, SYNTHESIS
 from clusterviz.image.pyramid.interpolation import interpolate
+from clusterviz.image.pyramid.zoom import FARTHEST, NOISE, STRENGTH, zoom
 from clusterviz.reference import pyramid as reference
 
 Floats = NDArray[np.float32]
@@ -233,3 +234,44 @@ def test_interpolation_of_little() -> None:
     for wrong in (weights[:5], -weights, weights * np.nan):
         with pytest.raises(InputError, match="wrong weights"):
             interpolate(values, wrong)
+
+
+def test_zoom_is_that_in_float64(device: str) -> None:
+    for shape in ((1, 1, 3), (1, 6, 1), (13, 9, 4), (16, 20, 2)):
+        image = blur(noise(shape), 1.0)
+        found = zoom(image, (2 * shape[0], 2 * shape[1]))
+        expected = reference.edge_directed(image.astype(np.float64), STRENGTH, FARTHEST, NOISE)
+        # The direction of the move jumps where the second derivative is 0 up to rounding, by little in the image.
+        np.testing.assert_allclose(found, expected, atol=2e-4)
+        plain = zoom(image, (2 * shape[0], 2 * shape[1]), edges=False)
+        np.testing.assert_allclose(plain, apply_filter(SYNTHESIS["doo-sabin"], image), atol=2e-6)
+
+
+def test_zoom_sharpens_edges_and_keeps_the_rest() -> None:
+    constant = np.full((5, 7, 4), 0.1, np.float32)
+    np.testing.assert_array_equal(zoom(constant, (33, 41)), np.float32(0.1))
+    ramp = np.repeat(np.linspace(0, 1, 33, dtype=np.float32)[None, :, None], 9, axis=0)
+    inside = np.s_[:, 8:-8]
+    np.testing.assert_allclose(zoom(ramp, (18, 66))[inside], zoom(ramp, (18, 66), edges=False)[inside], atol=1e-6)
+    rows, columns = np.indices((128, 128)) + 0.5
+    disc = (np.hypot(rows - 64, columns - 64) < 45).astype(np.float32)[..., None]
+    for level in (2, 4):
+        small = build_levels(ANALYSIS["box 2 x 2"], disc, level // 2)[-1]
+        errors = [np.square(zoom(small, (128, 128), edges=edges) - disc).mean() for edges in (True, False)]
+        assert errors[0] < 0.8 * errors[1]
+    assert zoom(disc[:50, :50], (77, 100)).shape == (77, 100, 1)
+    spoilt = disc.copy()
+    spoilt[3, 4] = np.nan
+    assert np.isnan(zoom(spoilt, (256, 256))).sum() == 16
+    for size in ((127, 128), (128, 0)):
+        with pytest.raises(InputError, match="no magnification"):
+            zoom(disc, size)
+
+
+def test_zoom_takes_less_than_eleven_lookups() -> None:
+    image = np.zeros((16, 16, 4), np.float32)
+    for factor in (2, 4, 64):
+        counted = Fetches()
+        zoom(image, (16 * factor, 16 * factor), fetches=counted)
+        assert counted.count / (16 * factor) ** 2 == pytest.approx(8 * (4 - 4 / factor**2) / 3)
+        assert counted.count / (16 * factor) ** 2 < 11

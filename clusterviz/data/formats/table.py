@@ -1,7 +1,8 @@
 """Tables of points, and of lines: text (.csv, .tsv, .txt, .xyz) and NumPy files (.npy, .npz).
 
-The columns x, y, z (or `Points:0` to `Points:2`, as ParaView writes them) are positions; without names the first
-three. Other columns of numbers are attributes, and three whose names end in :0 to :2, or in _x to _z, are a vector.
+The columns x, y, z (or `Points:0` to `Points:2`, as ParaView writes them) are positions, or x and y alone, at z = 0;
+without names the first three. Other columns of numbers are attributes, and three whose names end in :0 to :2, or in _x
+to _z, are a vector.
 Rows of equal `line`, one after another, are a polyline. A .npy file is an array (n, 3 or more), or a structured one
 with fields x, y, z. A .npz file has `vertices` (n, 3), `faces` (m, 3), and further arrays of n or m; or `arr_0` to
 `arr_2`: vertices (z, y, x), faces and values, as napari has them.
@@ -20,7 +21,7 @@ from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.errors import DataError
 
-POSITIONS = (("x", "y", "z"), ("points:0", "points:1", "points:2"))
+POSITIONS = (("x", "y", "z"), ("points:0", "points:1", "points:2"), ("x", "y"))
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 VECTORS = ((":0", ":1", ":2"), ("_x", "_y", "_z"))
 MAX_LINE = 1 << 16
@@ -139,6 +140,7 @@ def _geometry(columns: dict[str, NDArray[Any]], where: str) -> Geometry:
     if not found:
         raise DataError("no positions", where=where, found=", ".join(columns), allowed="columns x, y, z of numbers")
     stacked = np.stack([columns.pop(by_name[name]) for name in found], axis=1)
+    stacked = np.pad(stacked, ((0, 0), (0, 3 - len(found))))
     positions = np.ascontiguousarray(stacked, np.promote_types(stacked.dtype, np.float32))
     number = columns.pop(by_name.get("line", ""), None)
     for ends in VECTORS:

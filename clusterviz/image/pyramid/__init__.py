@@ -8,4 +8,14 @@ filters.py    the table of all
 executor.py   any filter on CPU vectors or OpenGL
 blur.py       images blurred by any width
 interpolation.py  holes and scattered values: pull-push
+zoom.py       edge-directed magnification
 """
+
+from __future__ import annotations
+
+from clusterviz.image.pyramid.blur import blur
+from clusterviz.image.pyramid.executor import apply_filter
+from clusterviz.image.pyramid.interpolation import interpolate
+from clusterviz.image.pyramid.zoom import zoom
+
+__all__ = ["apply_filter", "blur", "interpolate", "zoom"]

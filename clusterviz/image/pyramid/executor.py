@@ -12,15 +12,16 @@ Reference: M. Strengert, Parallel Visualization and Compute Environments for Gra
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.image.pyramid.contract import Filter, Pass, Step
-from clusterviz.jobs.kernel import kernel
+from clusterviz.jobs.kernel import Kernel, kernel
 
 Floats = NDArray[np.float32]
 RATES: dict[Step, tuple[int, int]] = {"reduce": (2, 0), "keep": (1, 0), "double": (1, 1)}
@@ -52,10 +53,30 @@ def _fetch_pixels(
     """
 
 
-FETCH_NUMBERS = kernel("pyramid/number.glsl", "pyramid/fetch.glsl", writes=("result",))(_fetch_pixels)
-FETCH_VECTORS = kernel("pyramid/vector.glsl", "pyramid/fetch.glsl", writes=("result",), vectors=("source", "result"))(
-    _fetch_pixels
-)
+def kernels_of(name: str, function: Callable[..., None]) -> dict[bool, Kernel]:
+    """Return kernels of `source` and `result`, by whether they take channels by four."""
+    files, writes = ("pyramid/bilinear.glsl", f"pyramid/{name}.glsl"), ("result",)
+    return {
+        False: kernel("pyramid/number.glsl", *files, writes=writes)(function),
+        True: kernel("pyramid/vector.glsl", *files, writes=writes, vectors=("source", "result"))(function),
+    }
+
+
+def launch(kernels: Mapping[bool, Kernel], image: Floats, sides: Sequence[int], *arguments: Any) -> Floats:
+    """Return an image of another size that a kernel computes from one; `arguments` follow the number of channels."""
+    channels = image.shape[-1]
+    by_four = channels % 4 == 0
+    count, last = (channels // 4, (4,)) if by_four else (channels, ())
+    result = np.empty((*sides, channels), np.float32)
+    source, target = (
+        array.reshape(*array.shape[:-2], array.shape[-2] * count, *last)
+        for array in (np.ascontiguousarray(image), result)
+    )
+    kernels[by_four][(*sides[:-1], sides[-1] * count)](source, target, count, *arguments)
+    return result
+
+
+FETCH = kernels_of("fetch", _fetch_pixels)
 
 
 def apply_filter(
@@ -129,17 +150,8 @@ def _doubled(sides: Sequence[int], size: Sequence[int] | None) -> tuple[int, ...
 
 
 def _run(each: Pass, image: Floats, sides: Sequence[int]) -> Floats:
-    channels = image.shape[-1]
-    result = np.empty((*sides, channels), np.float32)
-    fetch, last, count = (FETCH_NUMBERS, (), channels) if channels % 4 else (FETCH_VECTORS, (4,), channels // 4)
-    source, target = (
-        array.reshape(*array.shape[:-2], array.shape[-2] * count, *last)
-        for array in (np.ascontiguousarray(image), result)
-    )
     odd = each.odd if each.step == "double" else each.offset
     offsets = [place + side * each.spread for place in (each.offset, odd) for side in (-1, 1)]
     begin = tuple(math.floor(offset) for offset in offsets)
     part = tuple(offset - whole for offset, whole in zip(offsets, begin, strict=True))
-    grid = (*sides[:-1], sides[-1] * count)
-    fetch[grid](source, target, count, RATES[each.step], begin, part, each.fetches(1))
-    return result
+    return launch(FETCH, image, sides, RATES[each.step], begin, part, each.fetches(1))
