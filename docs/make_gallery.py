@@ -40,6 +40,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "slices": (),
     "layers": (),
     "folds": ("mni152",),
+    "depth_of_field": ("cranium",),
     "annotated": ("mni152",),
     "spectral": ("cranium",),
     "flow": (),
