@@ -7,12 +7,13 @@ drawn, too. `render/lens.py` makes the picture of them. Row y of sub-image n is 
 picture, so that partial images of all are composited together.
 
 Radii of circles of confusion are signed, in pixels: negative in front of the plane in focus. Sub-image k holds radii
-from r(k − 1/2) to r(k + 1/2) and is blurred by r(k), where
+from r(k − 1/2) to r(k + 1/2), as far as there are any, and is blurred by the middle of these, sub-image 0 not at all.
 
     r(k) = ± ((1 + q)^|k| − 1) / q · `SPACING`
 
 is k · `SPACING` for q → 0. The smallest q ≥ 0 is used that needs no more than `quality.lens.sub_images`. So the radius
-is wrong by at most `SPACING` · (1 + q)^(1/2) / 2 near the focus, and elsewhere by a share of about q / 2.
+is wrong by at most half of what its sub-image holds, which is `SPACING` for q = 0 and else grows with the radius. Radii
+larger than the larger side of the picture count as that.
 
 References
 ----------
@@ -114,8 +115,10 @@ def make_lens(scene: Scene, view: View, extent: tuple[float, float, float]) -> L
     low, high = radius(nearest), radius(max(farthest, nearest))
     growth = _growth(low, high, most)
     first, last = round(_number(low, growth)), round(_number(high, growth))
-    radii = np.array([_radius(k, growth) for k in range(first, last + 1)])
-    ends = [depth(_radius(k + 0.5, growth)) for k in range(first, last)]
+    between = [_radius(k + 0.5, growth) for k in range(first, last)]
+    ends = [depth(each) for each in between]
+    middles = np.array([low, *between]) / 2 + np.array([*between, high]) / 2
+    radii = np.where(np.arange(first, last + 1) == 0, 0.0, middles)
     # The first and the last plane cut nothing.
     beyond = max(farthest - nearest, abs(farthest), abs(nearest))
     inside = np.clip(ends, nearest - beyond / 2, farthest + beyond / 2)
