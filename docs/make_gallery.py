@@ -38,6 +38,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "shells": (),
     "orbital": (),
     "slices": (),
+    "wells": (),
     "layers": (),
     "folds": ("mni152",),
     "depth_of_field": ("cranium",),
