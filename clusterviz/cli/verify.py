@@ -49,6 +49,8 @@ from clusterviz.scene.values import Volume
 WIDTH = 128
 EYE_POINTS = 64
 """Eye points with which the sub-images of a lens are compared."""
+BENT_WIDTH = 12
+"""Pixels of a row where rays bend, as the reference follows each ray by itself."""
 MAX_BYTES = 1 << 30
 """Largest volume to compare; the reference holds the whole volume in memory."""
 
@@ -92,7 +94,8 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     scene : a scene with content
     """
     width, height = scene.image.size
-    size = (min(width, WIDTH), max(1, round(height * min(width, WIDTH) / width)))
+    most = BENT_WIDTH if _bends(scene) else WIDTH
+    size = (min(width, most), max(1, round(height * min(width, most) / width)))
     if scene.camera.aperture:
         found = compare_with_reference(with_settings(scene, {"aperture": 0.0}))
         return replace(found, lens=_compare_with_eye_points(scene, size))
@@ -283,6 +286,13 @@ def command(
     if opened.quality.frame_coherence:
         # Frame coherence is refused with a shared screen.
         configurations = [each for each in configurations if each.mode == "sort-last"]
+    if _bends(opened):
+        # Rays that bend may need any brick, so that ranks share the screen only.
+        shared = [
+            each if each.mode == "sort-first" else Configuration(each.ranks, "auto", each.brick, "auto", "sort-first")
+            for each in configurations
+        ]
+        configurations = list(dict.fromkeys(shared))
     splits = opened.quality.borders == "split"
     each = (("volumes", opened.volumes), ("grids", opened.grids), ("flows", opened.flows))
     content = [f"{name}.{number}" for name, entries in each for number in range(len(entries))]
@@ -308,6 +318,11 @@ def command(
     wrong = [f"{result.check}, {result.configuration}: {result.problem}" for result in results if result.problem]
     if wrong:
         raise ClustervizError("the pictures disagree:\n  " + "\n  ".join(wrong))
+
+
+def _bends(scene: Scene) -> bool:
+    """Return whether rays bend in a scene."""
+    return any(volume.optics is not None and volume.optics.refraction for volume in scene.volumes)
 
 
 def _has_fixed_sample_count(scene: Scene) -> bool:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
 from clusterviz.distribution.brick_cost import Measured, expected_samples, measure, predict, unmeasured
-from clusterviz.distribution.memory_budget import MemoryBudget
+from clusterviz.distribution.memory_budget import MemoryBudget, check_passes
 from clusterviz.errors import InputError
 from clusterviz.frame.work import Mode
 from clusterviz.image.partial import Rect
@@ -193,7 +193,10 @@ class SortFirst:
         # If bricks do not fit, the tiles of the last frame may.
         if self._largest(self._seen) > self._limit_bytes and self.tiling.step_back():
             partition = self._assign_groups(plan)
-        self._check_memory()
+        if plan.refraction is None:
+            self._check_memory()
+        else:  # bricks that do not fit are loaded in passes
+            check_passes(plan, self._budget.brick_bytes(plan), self._limit_bytes)
         return self.pieces(plan, partition)
 
     def pieces(self, plan: Plan, partition: ScreenPartition) -> tuple[Piece, ...]:
@@ -239,7 +242,9 @@ class SortFirst:
     def _assign_groups(self, plan: Plan) -> ScreenPartition:
         """Choose the tiles of the groups, find their visible bricks, and assign these to ranks."""
         partition = self.tiling.partition(plan)
-        self._seen = [self._shown if self.tiling.is_static else visible_bricks(plan, each) for each in partition.rects]
+        # Rays that bend may meet any brick.
+        whole = self.tiling.is_static or plan.refraction is not None
+        self._seen = [self._shown if whole else visible_bricks(plan, each) for each in partition.rects]
         if self.tiling.is_static or max(map(len, self.groups)) == 1:
             self._assign_statically(plan)
         else:

@@ -188,7 +188,18 @@ class Compositing:
         kbuffer = all_counts(rank.kbuffer for rank in per_rank)
         if kbuffer and kbuffer.wrong_pixels:
             reasons["grids[0].visibility"] = f"grids[0].visibility: {kbuffer}"
-        if cut_short := sum(rank.cut_short for rank in per_rank):
+        cut_short, bends = sum(rank.cut_short for rank in per_rank), work.plan is not None and work.plan.refraction
+        if bends and (passes := max(rank.passes for rank in per_rank)):
+            reasons["refraction"] = (
+                f"volumes[0].optics: not all bricks fit into a rank's memory, and rays that bend may need any, so that "
+                f"they are loaded in up to {passes} passes; cluster.memory_limit says how much a rank may hold"
+            )
+        if bends and cut_short:
+            reasons["cut short"] = (
+                f"volumes[0].optics: {cut_short} rays were cut short, as they did not leave the volume; no light "
+                "passes there"
+            )
+        elif cut_short:
             reasons["cut short"] = (
                 f"grids: {cut_short} walks of rays were cut short, as they went in circles through cells thinner than "
                 "float32 resolves; pixels may miss cells behind"

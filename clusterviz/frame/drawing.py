@@ -202,7 +202,9 @@ class Drawing:
             with abort_on_failure(run.channel, run.frame, "load"):
                 local_size = run.channel.placement().local_size
             self._most_bytes = int(HELD_SHARE_OF_MEMORY * memory().available_bytes / local_size)
-        if plan is None or work.mode != "sort-last" or cluster.distribution == "dynamic" or not has_passes(plan):
+        if plan is None or cluster.distribution == "dynamic" or not has_passes(plan):
+            return None
+        if work.mode != "sort-last" and plan.refraction is None:
             return None
         if self._residency is None:
             self._residency = Residency(self._reader, renderers, prefers_cpu(run.options.device))

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence, Set
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from threading import Event
 from time import perf_counter
@@ -33,6 +33,7 @@ from clusterviz.frame.opening import Bricks
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import brick_bytes
+from clusterviz.render.refraction import boxes_that_fit
 from clusterviz.render.storage import slot_of
 
 if TYPE_CHECKING:
@@ -219,6 +220,9 @@ class Residency:
         sizes = self._sizes[tuple(bricks.T)]
         if int(sizes.sum()) <= most:
             return [piece]
+        if plan.refraction:  # rays may wait for any brick of the box
+            shown = np.where(plan.cost > 0, self._sizes, 0)
+            return [replace(piece, box=box, bricks=None) for box in boxes_that_fit(shown, piece.box, most)]
         box = bounding_box(bricks)
         cost = np.zeros(box.shape_zyx)
         cost[tuple((bricks - box.begin_zyx).T)] = sizes

@@ -42,6 +42,7 @@ from clusterviz.plan.layers import LayeredContent, make_layers
 from clusterviz.plan.lens import Lens, make_lens
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
+from clusterviz.plan.refraction import Refraction, make_refraction
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.plan.slices.planes import SlicePlanes, slice_planes
@@ -118,6 +119,7 @@ class Plan:
     detail : levels of the volumes that are drawn by those of a store
     spectrum : wavelengths of a volume with optics, whose first one is that of `segments`; else None
     lens : sub-images of a thin lens, whose planes are the last two of `clip`, and whose margin is in `view`; else None
+    refraction : how rays bend; None: they are straight
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
 
@@ -136,6 +138,7 @@ class Plan:
     detail: tuple[Detail, ...] = ()
     spectrum: Spectrum | None = None
     lens: Lens | None = None
+    refraction: Refraction | None = None
 
     @property
     def pictures(self) -> int:
@@ -283,6 +286,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         layers=make_layers(scene, [grid], [blend_mode]),
         times=(volume.time,),
         spectrum=spectrum,
+        refraction=make_refraction(volume, grid, layout, ~hidden, step_world),
     )
     return _behind_lens(plan, scene)
 
@@ -424,7 +428,7 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
     volumes, quality = scene.volumes, scene.quality
     step = min(step_of(volume, quality.step, quality.classification) for volume in volumes)
     if step < quality.step:
-        text = f"slabs with geometry or with pre-integration are at most {LONGEST_SLAB:g} voxels long"
+        text = f"slabs with geometry, pre-integration or refraction are at most {LONGEST_SLAB:g} voxels long"
         yield Change("quality.step", quality.step, step, text)
     ramps = [is_preintegrated(volume, quality.classification) for volume in volumes]
     if quality.classification == "pre-integrated" and not all(ramps):

@@ -31,7 +31,7 @@ RECORD = np.dtype(
         ("colour_slope", "f4", 3),
         ("unit_opacity", "f4"),  # over one opacity unit distance
         ("unit_slope", "f4"),
-        ("unused", "f4"),
+        ("region", "f4"),  # spectral: steps of the refractive index at or below it
     ]
 )
 BUCKET = np.dtype([("next_start", "f4"), ("first", "u4")])

@@ -19,6 +19,8 @@ from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
 
 Floats = NDArray[np.float64]
+STEP = 1e-9
+"""Least difference of refractive indices before and after a scalar that is a step; less is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +30,7 @@ class Spectrum:
     Attributes
     ----------
     wavelengths : float64 (n,), nm
-    segments : absorption and scattering at each, as the colour of segments
+    segments : absorption, scattering and the refractive index above that outside at each, as the colour of segments
     background : float64 (n,), reflectance of the background
     """
 
@@ -59,6 +61,9 @@ def make_spectrum(scene: Scene) -> Spectrum | None:
 
 
 def _segments(transfer: TransferFunction) -> Segments:
-    """Return segments that are not cut, as K and S are linear in the scalar."""
+    """Return segments that are not cut, as K, S and the refractive index are linear in the scalar."""
     records, starts = outline(transfer)
+    index = transfer.colours[:, 2]
+    # A repeated control point is a step where the index differs before and after it.
+    records["region"][1:] = np.cumsum(np.abs(index[1::2] - index[::2]) > STEP)
     return indexed(records, starts, (records["unit_opacity"] > 0) | (records["unit_slope"] > 0), RECORD)

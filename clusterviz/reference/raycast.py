@@ -38,6 +38,7 @@ from clusterviz.reference.rays import (
     to_index_space,
     view_direction,
 )
+from clusterviz.reference.refraction import Bent
 from clusterviz.reference.slabs import slabs
 from clusterviz.reference.surfaces import march_surfaces
 from clusterviz.scene.background import background_rgb
@@ -140,6 +141,11 @@ def render_reference(
                 rgba[part] = march_surfaces(some, voxels, each, scene, grid, passed)
             elif _is_preintegrated(scene):
                 rgba[part] = march_preintegrated(some, voxels, length, scene, grid, passed)
+            elif volume.optics is not None and volume.optics.refraction:
+                background = background_rgb(scene.image.background) or (0.0, 0.0, 0.0)
+                bent = Bent(len(some.direction), volume.optics, background)
+                bent.march(some, voxels, min(length, most), volume, grid)
+                rgba[part] = bent.finish(transfer_function(volume))
             elif volume.blending == "composite":
                 rgba[part] = _march(some, voxels, length, scene, grid, passed)
             else:

@@ -31,7 +31,7 @@ from clusterviz.image.spectral.lights import illuminant
 from clusterviz.image.spectral.picture import SpectralPicture
 from clusterviz.image.spectral.two_flux import Fluxes, stacked
 from clusterviz.scene.background import RGB
-from clusterviz.scene.optics import Optics, optical_function
+from clusterviz.scene.optics import OpticalFunction, Optics, optical_function
 from clusterviz.scene.transfer import TransferFunction
 
 Floats = NDArray[np.float64]
@@ -98,6 +98,20 @@ class TwoFlux:
         self.function, self.background = optical_function(optics), background
         shape = rays, len(self.function.wavelengths)
         self.fluxes = Fluxes(np.zeros(shape), np.zeros(shape), np.ones(shape))
+
+    def of_ray(self, number: int) -> TwoFlux:
+        """Return the fluxes of one ray at one wavelength, which has met nothing."""
+        own, function = TwoFlux.__new__(TwoFlux), self.function
+        one = slice(number, number + 1)
+        own.function = OpticalFunction(
+            function.wavelengths[one],
+            function.absorption_values,
+            function.absorption[:, one],
+            function.scattering_values,
+            function.scattering[:, one],
+        )
+        own.background, own.fluxes = self.background, Fluxes(np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)))
+        return own
 
     def take(self, rays: NDArray[np.int64], scalar: Floats, valid: NDArray[np.bool_], length: Floats) -> None:
         """Add the next samples of rays."""

@@ -22,6 +22,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.errors import InputError
 from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import PartialImage, Rect, blank
@@ -37,10 +38,10 @@ from clusterviz.render.abuffer.tiles import TileLists
 from clusterviz.render.brick_atlas import BrickPool, capacity
 from clusterviz.render.cells.table import walk_planes
 from clusterviz.render.content_bricks import store_as
-from clusterviz.render.crossing import Crossing
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
-from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
+from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
 from clusterviz.render.passes import Passes
+from clusterviz.render.refraction import CarriedRays, Paths, rays_block
 from clusterviz.render.render_result import (
     PROGRESS_SECONDS,
     SQUARE,
@@ -65,7 +66,7 @@ sixteen lanes that diverge may take sixteen times the iterations that each of th
 MOST_PIXELS_AT_ONCE, FIRST_BAND_PIXELS = 1 << 18, 1 << 15
 """Larger pictures are drawn in bands, with progress reports; the first band measures the speed."""
 Index = tuple[int, int, int]
-Rays = Starts | Crossing
+Rays = Starts | CarriedRays
 
 
 class Raycaster:
@@ -180,7 +181,7 @@ class Raycaster:
         plan: Plan,
         pieces: Iterable[Piece],
         progress: Progress = no_progress,
-        crossings: Sequence[Crossing] = (),
+        crossings: Sequence[CarriedRays] = (),
         passes: Passes | None = None,
     ) -> list[RenderResult]:
         """Draw one frame's pieces, whose visible bricks are loaded, unless `passes` does.
@@ -189,7 +190,7 @@ class Raycaster:
         ----------
         pieces : the iterator advances when a piece is drawn
         progress : called with the part of the pieces that is drawn, in [0, 1], if their number is known
-        crossings : of each piece, with a plan that only finds these, which are written
+        crossings : rays of each piece, which are written: of a plan that only finds crossings, or paths that bend
         passes : loads the bricks of the pieces part by part
 
         Returns
@@ -225,7 +226,7 @@ class Raycaster:
         plan: Plan,
         pieces: Iterable[Piece],
         progress: Progress,
-        crossings: Sequence[Crossing],
+        crossings: Sequence[CarriedRays],
         passes: Passes | None,
     ) -> list[RenderResult]:
         """Draw pieces; consecutive ones with the same bricks share their tables."""
@@ -340,7 +341,7 @@ class Raycaster:
         counts = list[KBufferCounts]()
         with Buffers(self._context) as buffers:
             pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
-            if isinstance(starts, Crossing):
+            if isinstance(starts, CarriedRays):
                 pixels.write(starts.pixels.tobytes())
             planes = starts.planes if starts else np.zeros(0, np.float32)
             walks = np.zeros(walk_planes(plan.content) * rect.pixels, np.uint32)
@@ -354,9 +355,9 @@ class Raycaster:
                     kept = buffers.bind(HIDDEN_BINDING, hidden.pixels)
                     first = 0 if again else first
                 if starts:
-                    buffers.make(starts_block(plan, again)).bind_to_uniform_block(BINDING)
+                    buffers.make(rays_block(plan, again)).bind_to_uniform_block(BINDING)
                     # Rays that are drawn again begin with the zeros that were kept.
-                    first = 0 if again or isinstance(starts, Crossing) else 1
+                    first = 0 if again or isinstance(starts, CarriedRays) else 1
                 for tables in layers(march):
                     bricks[tables.piece.box] = tables.bricks
                     for box in tables.bind_each():
@@ -391,6 +392,8 @@ class Raycaster:
                     break
             rendered = perf_counter()
             rgba = np.frombuffer(pixels.read(PIXEL_BYTES * rect.pixels), np.float32).reshape(rect.height, rect.width, 4)
+            if isinstance(starts, Paths):
+                starts.pixels[:] = np.frombuffer(pixels.read(), np.float32).reshape(starts.pixels.shape)
             work = read[:squares].reshape(groups[::-1])
             taken = int(work.sum(dtype=np.int64))
             cut_short = int(read[squares + planes.size :].reshape(-1, rect.pixels)[1:2].sum())
@@ -428,6 +431,15 @@ class _Tables:
             offsets, visible = map(self._buffers.make, atlas.tables(plan, box, part))
             self._parts.append((atlas, box, offsets, visible))
             self._members[box] = part, atlas.primitives, atlas.cells
+        if plan.refraction and len(self._parts) > 1:
+            # A ray that bends may come back to what lies in another buffer.
+            found, allowed = (
+                f"bricks in {len(self._parts)} buffers",
+                "one; set cluster.memory_limit to load them in turn",
+            )
+            raise InputError(
+                "too many bricks for rays that bend", where="optics.refraction", found=found, allowed=allowed
+            )
 
     @property
     def alone(self) -> bool:

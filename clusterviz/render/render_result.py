@@ -92,8 +92,13 @@ def joined_bands(rect: Rect, drawn: Sequence[RenderResult], axis: int = 0) -> Re
 
 
 def footprint(plan: Plan, piece: Piece) -> Rect:
-    """Return the pixels that a piece may cover, within its rectangle of the screen if it has one."""
+    """Return the pixels that a piece may cover, within its rectangle of the screen if it has one.
+
+    Rays that bend may come to its bricks from all that is shown.
+    """
     begin, end = plan.layout.cells_of(piece.box.begin_zyx, piece.box.end_zyx)
+    if plan.refraction:
+        begin, end = plan.refraction.begin[::-1], plan.refraction.end[::-1]
     rect = plan.view.footprint(begin[::-1], end[::-1])
     return rect if piece.rect is None else rect.intersect(piece.rect)
 

@@ -7,7 +7,6 @@ another transfer function may need another program, or bricks that were hidden b
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, MutableMapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -135,7 +134,7 @@ class RendererCache:
         if plan.spectrum or plan.lens:
             from clusterviz.render.tall_picture import draw_tall_picture
 
-            return draw_tall_picture(partial(caster.draw, passes=passes), plan, pieces, progress)
+            return draw_tall_picture(caster.draw, plan, pieces, progress, passes)
         return caster.draw(plan, pieces, progress, passes=passes)
 
     def find_layers(

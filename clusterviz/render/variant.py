@@ -20,6 +20,7 @@ from clusterviz.render.abuffer.program import GeometryVariant, geometry_variant
 from clusterviz.render.crossing import PLANES
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.frame_coherence import STARTS_BLOCK
+from clusterviz.render.refraction import REFRACTION_BLOCK
 from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import (
@@ -113,6 +114,7 @@ class Variant:
     cpu : how a CPU draws it; None: a GPU draws
     profile : what is found out about each pixel, besides its colour
     geometry : meshes, lines and points; None without any
+    refraction : rays bend
     """
 
     filter: Filter
@@ -140,6 +142,7 @@ class Variant:
     cpu: Lanes | None = None
     profile: Profile = ""
     geometry: GeometryVariant | None = None
+    refraction: bool = False
 
     @property
     def is_mixed(self) -> bool:
@@ -184,7 +187,7 @@ class Variant:
             "RUN": run,
             "SAMPLE": sample,
             "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
-            "BORDERS": ("split.glsl" if self.split else "unsplit.glsl", *self._slope, *density),
+            "BORDERS": (self._borders, *self._slope, *density),
             "GRADIENT": self._gradient,
             "STEP": "adaptive_step.glsl" if self.slot.adaptive else "fixed_step.glsl",
             "STARTS": self._starts,
@@ -209,6 +212,7 @@ class Variant:
         packets: Files = "packets_fragments.glsl" if self.geometry else "packets.glsl", "drawn_once.glsl"
         packets = ("packets_cut.glsl", "drawn_once.glsl") if self.geometry and self.geometry.discards else packets
         packets = ("packets_crossing.glsl", "drawn_once.glsl") if self.crossing else packets
+        packets = ("packets_paths.glsl", "drawn_once.glsl") if self.refraction else packets
         packets = "packets_starts.glsl" if self.frame_coherence and not self.crossing else packets
         found: dict[str, Files] = {"PACKETS": packets, "MAIN": "tiles.glsl"}
         if self.cpu.wide:
@@ -234,6 +238,12 @@ class Variant:
         return BLEND_MODES[self.blending]
 
     @property
+    def _borders(self) -> str:
+        """Return the file by which rays go on from slab to slab."""
+        straight = "split.glsl" if self.split else "unsplit.glsl"
+        return "refraction.glsl" if self.refraction else straight
+
+    @property
     def _starts(self) -> Files:
         """Return the files that choose where rays start, and look at what they find."""
         fragments = self.geometry.files if self.geometry else ("no_fragments.glsl",)
@@ -241,6 +251,8 @@ class Variant:
             return (STARTS_BLOCK, "planes.glsl", *fragments, "crossing.glsl")
         if self.frame_coherence and not self.geometry:
             return (STARTS_BLOCK, "planes.glsl", *fragments, "starts.glsl")
+        if self.refraction:
+            return (REFRACTION_BLOCK, "planes.glsl", *fragments, "unnoted.glsl", "paths.glsl")
         return (*fragments, "unnoted.glsl", "cut.glsl" if self.geometry and self.geometry.discards else "entries.glsl")
 
     @property
@@ -252,7 +264,8 @@ class Variant:
     @property
     def _gradient(self) -> str:
         """Return the file of the gradient."""
-        needed = self.lights or self.fading or self.table or self.crossing or (self.look and self.look.uses_gradient)
+        shaded = self.lights or self.fading or self.table or (self.look and self.look.uses_gradient)
+        needed = shaded or self.crossing or self.refraction
         return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
 
     @property
@@ -398,8 +411,8 @@ class Variant:
         lines = [
             glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.volumes)),
             f"const bool FAR_APART = {str(self.cpu.far).lower()}; // samples, so that caches hold few of them",
-            # With several volumes, and where bricks cut slabs, ends of slabs lie on faces.
-            f"const bool WITHIN_CELLS = {str(not (self.split or self.volumes)).lower()}; // of a brick are samples",
+            # With several volumes, and where bricks cut slabs, ends of slabs lie on faces; lines that bend go beyond.
+            f"const bool WITHIN_CELLS = {str(not (self.split or self.volumes or self.refraction)).lower()};",
             "const int SAMPLE_ITERATIONS = 1; // which nobody counts",
             f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};",
             "int MARGIN = sizes[0].first.y, FIRST_WORD = sizes[0].first.x; // of a brick's first cell",
@@ -511,4 +524,5 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         grading.look if grading else None,
         len(plan.blend_mode.shading.occlusion) if plan.blend_mode.shading else 0,
         geometry=geometry_variant(plan),
+        refraction=plan.refraction is not None,
     )

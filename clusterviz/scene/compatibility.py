@@ -74,6 +74,35 @@ def check_spectral(volumes: Sequence[Any], quality: Any, background: Any) -> Non
             raise InvalidValueError(text, "null", key="quality.max_error", found=quality.max_error)
 
 
+def check_refraction(volumes: Sequence[Any], clip: Any, quality: Any, cluster: Any) -> None:
+    """Refuse with refraction what supposes straight rays, fields without a gradient, and data divided among ranks.
+
+    Parameters
+    ----------
+    volumes, clip, quality, cluster : sections of a scene
+    """
+    if not any(volume.optics is not None and volume.optics.refraction for volume in volumes):
+        return
+    clipping = "planes or a box" if clip.planes or clip.box is not None else None
+    whole, tiles = "rays bend, so that any rank may need any brick", "each rank draws its own part of the picture"
+    rules: tuple[tuple[str, object, tuple[object, ...], str], ...] = (
+        ("volumes[0].interpolation", volumes[0].interpolation, ("linear", "cubic"), "nearest voxels have no gradient"),
+        ("quality.filter", quality.filter, ("exact",), "a texture unit's gradients are too coarse"),
+        ("clip", clipping, (None,), "straight rays are clipped"),
+        ("quality.jitter", quality.jitter, (False,), "rays bend by equal steps"),
+        ("quality.renderer", quality.renderer, ("raycast",), "slices are met by straight rays"),
+        ("cluster.mode", cluster.mode, ("auto", "sort-first"), whole),
+        ("cluster.groups", cluster.groups, (None,), whole),
+        ("cluster.distribution", cluster.distribution, ("auto",), whole),
+        ("cluster.compositing", cluster.compositing, ("auto",), tiles),
+        ("cluster.transport", cluster.transport, ("auto", "messages"), tiles),
+    )
+    for key, found, possible, why in rules:
+        if found not in possible:
+            allowed = " or ".join("null" if one is None else str(one).lower() for one in possible)
+            raise InvalidValueError(f"not with refraction: {why}", allowed, key=key, found=found)
+
+
 def check_gradient(kernel: str, interpolation: str) -> None:
     """Refuse spline gradients with nearest-neighbour interpolation."""
     if kernel == "smooth" and interpolation == "nearest":

@@ -60,7 +60,7 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     Returns
     -------
     scene : volumes and grids have cmap, clim, opacity and unit distance, geometry clim and a radius; the camera has
-        position, focal_point and view_up
+        position, focal_point and view_up; with refraction ranks share the screen
     """
     infos = (infos,) if isinstance(infos, VolumeInfo) else infos
     each, known, gridded = divided_infos(infos)
@@ -71,6 +71,9 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     geometry = [complete_geometry(section, info) for section, info in zip(scene.geometry, known, strict=True)]
     grids = tuple(complete_grid(section, info) for section, info in zip(scene.grids, gridded, strict=True))
     scene = scene.model_copy(update={"volumes": volumes, "grids": grids, **as_sections(geometry)})
+    if any(volume.optics is not None and volume.optics.refraction for volume in volumes):
+        # Rays bend, so that any rank may need any brick.
+        scene = scene.model_copy(update={"cluster": scene.cluster.model_copy(update={"mode": "sort-first"})})
     if is_completed(scene.camera):
         return scene
     boxes = [box_corners(info.grown_box(section)) for section, info in zip(geometry, known, strict=True)]

@@ -1,4 +1,7 @@
-"""Optics of spectral volumes: absorption and scattering of a scalar at wavelengths, directly or by materials."""
+"""Optics of spectral volumes: absorption, scattering and refraction of a scalar at wavelengths.
+
+They are given directly or by materials.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from clusterviz.image.spectral.lights import VISIBLE
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.checks import InvalidValueError, check_points, to_builtin
 from clusterviz.scene.field_types import FINITE, NotNegative, Number, Positive, Section
-from clusterviz.scene.materials import MATERIALS, material, material_of_colour
+from clusterviz.scene.materials import MATERIALS, Material, material, material_of_colour
 from clusterviz.scene.transfer import TransferFunction, distinct, interpolate
 from clusterviz.scene.volume_info import range_around
 
@@ -82,17 +85,24 @@ def check_coefficients(value: tuple[tuple[float, ...], ...]) -> tuple[tuple[floa
     return value
 
 
+def check_indices(value: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    """Validate rows [scalar, index, …]: sorted, and every index is above 0; below 1 are those of X-rays and plasmas."""
+    for row in check_points(value):
+        if min(row[1:]) <= 0:
+            raise InvalidValueError(f"a refractive index of {min(row[1:]):g}", "refractive indices above 0")
+    return value
+
+
 Wavelength = Annotated[float, FINITE, Field(ge=VISIBLE[0], le=VISIBLE[1]), BeforeValidator(to_builtin)]
 MaterialName = Annotated[str, AfterValidator(check_material)]
-Coefficients = Annotated[
-    tuple[Annotated[tuple[Number, ...], Field(min_length=2), BeforeValidator(to_builtin)], ...],
-    BeforeValidator(to_builtin),
-    AfterValidator(check_coefficients),
-]
+Rows = tuple[Annotated[tuple[Number, ...], Field(min_length=2), BeforeValidator(to_builtin)], ...]
+Coefficients = Annotated[Rows, BeforeValidator(to_builtin), AfterValidator(check_coefficients)]
+Indices = Annotated[Rows, BeforeValidator(to_builtin), AfterValidator(check_indices)]
+DIRECT_KEYS = ("absorption", "scattering", "refractive_index")
 
 
 class Optics(Section):
-    """Optics: how a volume absorbs and scatters light of several wavelengths."""
+    """Optics: how a volume absorbs, scatters and refracts light of several wavelengths."""
 
     model: Literal["kubelka-munk"] = Field(
         default="kubelka-munk", description="Light goes towards the eye and away from it, and is scattered between."
@@ -135,10 +145,29 @@ class Optics(Section):
         examples=[[[40, 0.0, 0.0, 0.0], [220, 0.6, 0.6, 0.6]]],
         description="[[scalar, S, S, …], …]: the same of the scattering coefficient.",
     )
+    refraction: bool = Field(
+        default=False,
+        description="Rays bend by the refractive index at each wavelength; every rank then draws a part of the picture "
+        "with all bricks.",
+    )
+    refractive_index: Indices | None = Field(
+        default=None,
+        examples=[[[40, 1.0], [220, 1.52, 1.52, 1.51]]],
+        description="[[scalar, n, n, …], …]: refractive index above 0 for each wavelength, or one for all, linear "
+        "between scalars; a repeated scalar is a step, at which rays follow Snell's law. With materials, theirs; "
+        "default: outside_index.",
+    )
+    outside_index: Positive | None = Field(
+        default=None, description="Refractive index around the volume, with refraction; default: 1."
+    )
 
     @model_validator(mode="after")
     def _suits_wavelengths(self) -> Optics:
-        direct = [key for key in ("absorption", "scattering") if getattr(self, key) is not None]
+        direct = [key for key in DIRECT_KEYS if getattr(self, key) is not None]
+        for key in ("refractive_index", "outside_index"):
+            if not self.refraction and (found := getattr(self, key)) is not None:
+                found = "indices" if isinstance(found, tuple) else found
+                raise InvalidValueError("not without refraction", "null, or refraction: true", key=key, found=found)
         if self.materials is None and not direct:
             raise InvalidValueError("missing", "[[scalar, material], …], or absorption and scattering", key="materials")
         if self.materials is not None and direct:
@@ -147,10 +176,33 @@ class Optics(Section):
             raise InvalidValueError("not without materials", "null", key="millimetres", found=self.millimetres)
         for key in direct:
             for row in getattr(self, key):
-                if len(row) != 1 + len(self.wavelengths):
-                    allowed = f"a scalar and {len(self.wavelengths)}, one for each wavelength"
-                    raise InvalidValueError("as many coefficients as wavelengths", allowed, key=key, found=list(row))
+                is_index = key == "refractive_index"
+                if len(row) != 1 + len(self.wavelengths) and not (is_index and len(row) == 2):
+                    allowed = f"a scalar and {len(self.wavelengths)}, one for each wavelength{', or 1' * is_index}"
+                    text = f"as many {'indices' if is_index else 'coefficients'} as wavelengths"
+                    raise InvalidValueError(text, allowed, key=key, found=list(row))
         return self
+
+
+@dataclass(frozen=True, eq=False)
+class IndexFunction:
+    """Piecewise-linear refractive index of a scalar, see `OpticalFunction`.
+
+    Attributes
+    ----------
+    values : float64 (m,), ascending
+    indices : float64 (m, n), above 0
+    outside : index around the volume
+    """
+
+    values: Floats
+    indices: Floats
+    outside: float
+
+    def at(self, s: ArrayLike) -> Floats:
+        """Return indices, float64 (…, n), of scalars (…); that outside for NaN."""
+        found = interpolate(s, self.values, self.indices)
+        return np.where(np.isnan(np.asarray(s, np.float64))[..., None], self.outside, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +218,7 @@ class OpticalFunction:
     absorption : float64 (a, n), K per world unit
     scattering_values : float64 (s,), ascending
     scattering : float64 (s, n), S per world unit
+    index : refractive index; None: rays are straight
     """
 
     wavelengths: Floats
@@ -173,27 +226,33 @@ class OpticalFunction:
     absorption: Floats
     scattering_values: Floats
     scattering: Floats
+    index: IndexFunction | None = None
+
+    @property
+    def knots(self) -> Floats:
+        """Distinct values of all control points, ascending."""
+        return distinct(*(values for values, _ in self._tables))
 
     @property
     def domain(self) -> tuple[float, float]:
         """Range of the control points, or one around a single value."""
-        values = distinct(self.absorption_values, self.scattering_values)
+        values = self.knots
         return (float(values[0]), float(values[-1])) if len(values) > 1 else range_around(float(values[0]))
 
     def at(self, number: int) -> TransferFunction:
         """Return the coefficients at one wavelength as a transfer function.
 
-        Its colours are (K, S, 0) per world unit, and its opacity is 0 where nothing is absorbed or scattered at any
-        wavelength, else 1. It is linear between the same values for all wavelengths.
+        Its colours are (K, S, n − n outside) per world unit, with 0 for the last without refraction, and its opacity is
+        0 where these are 0 at all wavelengths, else 1. It is linear between the same values for all wavelengths.
         """
-        knots = distinct(self.absorption_values, self.scattering_values)
-        tables = (self.absorption_values, self.absorption), (self.scattering_values, self.scattering)
-        after = np.concatenate([interpolate(knots, *table) for table in tables], axis=1)
+        knots, count = self.knots, len(self.wavelengths)
+        after = np.concatenate([interpolate(knots, *table) for table in self._tables], axis=1)
         # Mirrored, so that of two equal control points the earlier one counts: the limit from below.
-        before = np.concatenate([interpolate(-knots, -values[::-1], rows[::-1]) for values, rows in tables], axis=1)
-        both = np.stack([before, after], axis=1).reshape(2 * len(knots), -1)
+        mirrored = [interpolate(-knots, -values[::-1], rows[::-1]) for values, rows in self._tables]
+        both = np.stack([np.concatenate(mirrored, axis=1), after], axis=1).reshape(2 * len(knots), -1)
         colours = np.zeros((len(both), 3))
-        colours[:, :2] = both[:, [number, len(self.wavelengths) + number]]
+        for part in range(len(self._tables)):
+            colours[:, part] = both[:, part * count + number]
         values = np.repeat(knots, 2)
         return TransferFunction(values, colours, values, both.any(axis=1).astype(float), 1.0, self.domain)
 
@@ -204,24 +263,41 @@ class OpticalFunction:
             interpolate(s, self.scattering_values, self.scattering),
         )
 
+    @property
+    def _tables(self) -> list[tuple[Floats, Floats]]:
+        """Values and rows of K, S, and what the refractive index is above that outside."""
+        tables = [(self.absorption_values, self.absorption), (self.scattering_values, self.scattering)]
+        return [*tables, (self.index.values, self.index.indices - self.index.outside)] if self.index else tables
+
 
 def optical_function(optics: Optics) -> OpticalFunction:
     """Return the coefficients of a volume's optics."""
-    wavelengths = np.array(optics.wavelengths)
+    wavelengths, outside = np.array(optics.wavelengths), optics.outside_index or 1.0
     if optics.materials is not None:
         values = np.array([scalar for scalar, _, _ in optics.materials])
         found = [_material(name, wavelengths) for _, name, _ in optics.materials]
         amounts = np.array([[amount * (optics.millimetres or 1.0)] for _, _, amount in optics.materials])
-        absorption, scattering = (np.stack(each) * amounts for each in zip(*found, strict=True))
-        return OpticalFunction(wavelengths, values, absorption, values, scattering)
+        absorption, scattering = (
+            amounts * np.stack(each) for each in zip(*((one.absorption, one.scattering) for one in found), strict=True)
+        )
+        indices = np.stack([one.refractive_index for one in found])
+        index = IndexFunction(values, indices, outside) if optics.refraction else None
+        return OpticalFunction(wavelengths, values, absorption, values, scattering, index)
     nothing = ((0.0, *[0.0] * len(wavelengths)),)
     tables = [np.array(rows or nothing) for rows in (optics.absorption, optics.scattering)]
-    columns = [part for table in tables for part in (table[:, 0], table[:, 1:])]
-    return OpticalFunction(wavelengths, *columns)
+    (k_values, absorption), (s_values, scattering) = ((table[:, 0], table[:, 1:]) for table in tables)
+    index = _index(optics, outside) if optics.refraction else None
+    return OpticalFunction(wavelengths, k_values, absorption, s_values, scattering, index)
 
 
-def _material(name: str, wavelengths: Floats) -> tuple[Floats, Floats]:
-    """Return K and S per millimetre, float64 (n,) each, of a material or a colour."""
+def _index(optics: Optics, outside: float) -> IndexFunction:
+    """Return the index that optics give directly, for each wavelength."""
+    given = optics.refractive_index or ((0.0, outside),)
+    rows = [np.broadcast_to(row[1:], len(optics.wavelengths)) for row in given]
+    return IndexFunction(np.array([row[0] for row in given]), np.array(rows), outside)
+
+
+def _material(name: str, wavelengths: Floats) -> Material:
+    """Return a material or a colour at wavelengths."""
     rgb = None if name in MATERIALS else background_rgb(name)
-    found = material(name).at(wavelengths) if rgb is None else material_of_colour(rgb, wavelengths)
-    return found.absorption, found.scattering
+    return material(name).at(wavelengths) if rgb is None else material_of_colour(rgb, wavelengths)

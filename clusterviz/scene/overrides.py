@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         PixelFormat,
         Quality,
         RendererName,
+        Scattered,
         View,
     )
 
@@ -263,6 +264,7 @@ class Settings(TypedDict, total=False):
     time: int | float | None
     channel: int | str | None
     detail: Literal["full"] | Detail | Mapping[str, Any]
+    scattered: Scattered | Mapping[str, Any] | None
     spacing: Numbers | None
     origin: Numbers | None
     direction: Rows | str | None

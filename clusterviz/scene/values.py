@@ -38,6 +38,7 @@ from clusterviz.scene.compatibility import (
     check_lens,
     check_optics,
     check_pixel_format,
+    check_refraction,
     check_renderer,
     check_several_volumes,
     check_spectral,
@@ -625,6 +626,7 @@ class Scene(Section):
         check_spectral(self.volumes, self.quality, self.image.background)
         if self.camera.aperture:
             check_lens(self.volumes, self.grids, self.quality, wanted | painting)
+        check_refraction(self.volumes, self.clip, self.quality, self.cluster)
         return self
 
     @field_serializer("volumes", "lines", "points", mode="wrap")

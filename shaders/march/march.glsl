@@ -38,9 +38,8 @@ int long_slab(int k, int slabs);
 ivec3 brick_begin; // first cell of the brick that was found last
 const float TO_LEVEL = 1.0, FROM_LEVEL = 1.0; // voxels are those of the finest level (levels.glsl)
 
-// Place of slab k: a run in a visible group of cells, or an invisible group or brick.
-Place place_of(Ray ray, int k, vec3 slab) {
-    dvec3 position = midpoint(ray, k);
+// Place of the midpoint of a slab: a run in a visible group of cells, or an invisible group or brick.
+Place place_at(dvec3 position, vec3 slab) {
     ivec3 cell = cell_of(position);
     if (!owned(cell)) return Place(OUTSIDE, ivec3(0), vec3(0.0), 0);
     // Instead of integer division, which is slow without hardware support; exact.
@@ -67,6 +66,10 @@ Place place_of(Ray ray, int k, vec3 slab) {
     int limit = visible ? LONGEST_RUN : LONGEST_SKIP;
     int inside = clamp(int(min(min(slabs.x, slabs.y), min(slabs.z, float(limit))) - 1e-3) + 1, 1, limit);
     return Place(visible ? brick_offset[brick] : GAP, cell, beyond, inside);
+}
+
+Place place_of(Ray ray, int k, vec3 slab) {
+    return place_at(midpoint(ray, k), slab);
 }
 
 // Place of slab k on the lattice, in any brick; the last slab, and a first one cut by the entry, are not on the lattice.

@@ -55,3 +55,9 @@ def test_shaders_are_files() -> None:
 
 def test_no_package_is_a_drawer() -> None:
     assert [str(path.relative_to(ROOT)) for path in tracked("*.py") if DRAWERS & {path.stem, path.parent.name}] == []
+
+
+def test_no_benchmark_has_the_name_of_a_folder_of_tests() -> None:
+    """Both are found by name, and a module hides a folder without `__init__.py`, wherever it stands on the path."""
+    folders = {path.name for path in (ROOT / "tests").iterdir() if path.is_dir()}
+    assert not folders & {path.stem for path in (ROOT / "benchmarks").glob("*.py")}

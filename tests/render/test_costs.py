@@ -101,6 +101,11 @@ CASES = {
         side=19,
     ),
     "optics": Case({"optics": OPTICS}, "composite over", "kubelka_munk two_flux"),
+    "refraction": Case(
+        {"optics": OPTICS | {"refraction": True}},
+        "composite over unsplit entries gradient_none",
+        "kubelka_munk two_flux refraction paths planes gradient",
+    ),
     "clip": Case(CLIP, "unclipped", "clip kept", buffers=1),
     "isosurfaces": Case(SURFACES, "samples", "surfaces extremes root cell_linear", buffers=1, side=19),
     "isosurfaces in a volume": Case(IN_VOLUME, "samples", "surfaces extremes root cell_linear", buffers=1, side=19),
@@ -172,7 +177,8 @@ def planned(name: str) -> tuple[Plan, dict[Any, Any]]:
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("name", CASES)
+# Rays that bend have planes beside, see test_refraction.py.
+@pytest.mark.parametrize("name", [name for name in CASES if name != "refraction"])
 def test_only_what_is_shown_is_made(context: moderngl.Context, name: str) -> None:
     case = CASES[name]
     plan, bricks = planned(name)

@@ -35,6 +35,19 @@ def test_coefficients_are_linear_between_scalars() -> None:
     assert not alone.coefficients(3)[1].any()
 
 
+def test_indices_are_those_given_or_of_materials() -> None:
+    rows = [[0, 1.0], [10, 1.5, 1.4, 1.3], [10, 2.0]]
+    index = optical_function(Optics(**DIRECT, refraction=True, refractive_index=rows, outside_index=1.1)).index
+    assert index
+    assert index.outside == 1.1
+    np.testing.assert_allclose(index.at([-1, 5, 10]), [[1, 1, 1], [1.25, 1.2, 1.15], [2, 2, 2]])
+    assert optical_function(Optics(**DIRECT)).index is None
+    mixed = Optics(wavelengths=[589], materials=[[0, "air"], [1, "water", 0.5]], refraction=True)  # type: ignore[arg-type]
+    water = optical_function(mixed).index
+    assert water
+    assert water.at(0.5)[0] == pytest.approx(1.1665, abs=1e-3)
+
+
 def test_materials_are_mixed_between_scalars_and_scaled() -> None:
     given = Optics(wavelengths="visible-31", materials=[[0, "air"], [100, "blood", 0.5], [200, "#c08040"]])  # type: ignore[arg-type]
     k, s = optical_function(given).coefficients([0, 50, 100, 200])
@@ -57,7 +70,7 @@ def test_every_material_is_known_over_the_visible_range(name: str) -> None:
     for each in (found.absorption, found.scattering):
         assert np.isfinite(each).all()
         assert (each >= 0).all()
-    assert ((found.refractive_index >= 1) & (found.refractive_index < 1.6)).all()
+    assert ((found.refractive_index >= 1) & (found.refractive_index < 1.9)).all()
 
 
 def test_materials_have_the_numbers_of_their_sources() -> None:
@@ -66,6 +79,10 @@ def test_materials_have_the_numbers_of_their_sources() -> None:
     oxygenated, deoxygenated = (material(name).at([577, 660]) for name in ("blood", "blood-deoxygenated"))
     assert oxygenated.absorption[0] == pytest.approx(2 * 27, rel=0.1)
     assert deoxygenated.absorption[1] > 5 * oxygenated.absorption[1]  # venous blood is dark in red light
+    # The catalogue's n_F, n_d and n_C.
+    glass, flint = (material(name).at([486.1, 587.6, 656.3]).refractive_index for name in ("glass", "flint-glass"))
+    np.testing.assert_allclose(glass, [1.52238, 1.51680, 1.51432], atol=2e-4)
+    np.testing.assert_allclose(flint, [1.80651, 1.78472, 1.77596], atol=5e-4)
     assert material("intralipid").at([633.0]).scattering[0] == pytest.approx(0.75 * 24, rel=0.1)
 
 
@@ -88,6 +105,7 @@ def test_thick_layers_have_the_colours_of_their_materials() -> None:
     np.testing.assert_allclose(thick((0.75, 0.5, 0.25)), (0.75, 0.5, 0.25), atol=2e-3)
 
 
+BENT = {"refraction": True}
 BAD = [
     ({"wavelengths": [550, 450, 650]}, "wavelengths: wavelengths out of order: 450 after 550", "ascending numbers"),
     ({"wavelengths": [450, 450, 650]}, "wavelengths: wavelengths out of order: 450 after 450", "ascending"),
@@ -106,6 +124,18 @@ BAD = [
     ({"absorption": None, "scattering": None}, "materials: missing", "[[scalar, material], …], or absorption"),
     ({"materials": [[40, "fat"]]}, "absorption: not with materials", "null, or no materials"),
     ({"millimetres": 2}, "millimetres: not without materials", "null"),
+    ({"refractive_index": [[0, 1.3]]}, "refractive_index: not without refraction", "null, or refraction: true"),
+    ({"outside_index": 1.3}, "outside_index: not without refraction; found 1.3", "null, or refraction: true"),
+    (BENT | {"refractive_index": [[0, 0]]}, "refractive_index: a refractive index of 0", "refractive indices above 0"),
+    (BENT | {"refractive_index": [[0, -1.5]]}, "refractive_index: a refractive index of -1.5", "above 0"),
+    (BENT | {"refractive_index": [[0, float("nan")]]}, "refractive_index[0][1]: not finite", "a finite number"),
+    (
+        BENT | {"refractive_index": [[0, 1, 1]]},
+        "refractive_index: as many indices as wavelengths",
+        "and 3, one for each",
+    ),
+    (BENT | {"refractive_index": [[1, 1], [0, 1]]}, "refractive_index: control points out of order", "sorted by value"),
+    (BENT | {"outside_index": 0}, "outside_index: too small; found 0", "more than 0"),
     ({"model": "phong"}, 'model: not one of the choices; found "phong"', "kubelka-munk"),
     ({"lights": 3}, "lights: unknown key", "model, wavelengths, materials"),
 ]

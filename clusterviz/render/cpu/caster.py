@@ -38,9 +38,9 @@ from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
 from clusterviz.render.cpu.tables import Blocks, brick_buffers, frame_of, textures, uniform_blocks
-from clusterviz.render.crossing import Crossing
-from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection, starts_block
+from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
 from clusterviz.render.passes import Passes, is_reached
+from clusterviz.render.refraction import CarriedRays, rays_block
 from clusterviz.render.render_result import (
     SQUARE,
     PartOf,
@@ -162,7 +162,7 @@ class VectorCaster:
         plan: Plan,
         pieces: Iterable[Piece],
         progress: Progress = no_progress,
-        crossings: Sequence[Crossing] = (),
+        crossings: Sequence[CarriedRays] = (),
         passes: Passes | None = None,
     ) -> list[RenderResult]:
         """Draw one frame's pieces. See `Raycaster.draw`."""
@@ -191,7 +191,7 @@ class VectorCaster:
             if blank_piece:
                 drawn.append(RenderResult(blank()))
                 continue
-            rays: Starts | Crossing | None = crossings[number] if crossings else None
+            rays: Starts | CarriedRays | None = crossings[number] if crossings else None
             if plan.march.frame_coherence is not None:
                 rays = Starts.of(self._last_frame, plan, piece, rect)
             hidden = self._last_ends.begin(plan, piece, rect)
@@ -241,7 +241,7 @@ class VectorCaster:
         bricks = piece.members(plan.cost > 0)
         if len(bricks) == 0:
             return _Shown(piece, 0, b"", piece.box, {}, {}, {})
-        box = bounding_box(bricks)
+        box = piece.box if plan.refraction else bounding_box(bricks)
         table = self.pool.table(box, bricks)
         buffers = brick_buffers(plan, table, self._skips_of(plan, box, bricks), self._pieces_of(plan))
         uniforms = uniform_blocks(plan, self.slot)
@@ -270,7 +270,7 @@ class VectorCaster:
         parts: Sequence[Piece],
         passes: Passes,
         progress: Progress,
-        crossing: Crossing | None,
+        crossing: CarriedRays | None,
     ) -> RenderResult:
         """Load and draw those parts of a piece that rays reach, from front to back, each in its footprint."""
         sums = crossing.pixels if crossing else np.zeros((2, rect.height, rect.width, 4), np.float32)
@@ -318,7 +318,7 @@ class VectorCaster:
         rect: Rect,
         shown: _Shown,
         report: tuple[float, Progress],
-        rays: Starts | Crossing | None,
+        rays: Starts | CarriedRays | None,
         hidden: HiddenPixels | None,
     ) -> RenderResult:
         """Draw a rectangle of pixels, or its halves if it has too many fragments."""
@@ -330,7 +330,7 @@ class VectorCaster:
             middle, name = begin + max(SQUARE, side // 2 // SQUARE * SQUARE), "yx"[axis]
             each = []
             for half in (replace(rect, **{f"{name}_end": middle}), replace(rect, **{f"{name}_begin": middle})):
-                own = rays.inside(rect, half) if isinstance(rays, Crossing) else None
+                own = rays.inside(rect, half) if isinstance(rays, CarriedRays) else None
                 window = half.slices_in(rect)
                 part = hidden and HiddenPixels(hidden.pixels[window].copy())
                 each.append(self._draw_rect(plan, half, shown, (perf_counter(), no_progress), own, part))
@@ -344,7 +344,7 @@ class VectorCaster:
         rect: Rect,
         shown: _Shown,
         report: tuple[float, Progress],
-        rays: Starts | Crossing | None,
+        rays: Starts | CarriedRays | None,
         hidden: HiddenPixels | None,
         sums: NDArray[np.float32] | None = None,
     ) -> RenderResult:
@@ -355,14 +355,14 @@ class VectorCaster:
         ahead, planes = AHEAD + squares[0] * squares[1], rays.planes if rays else np.zeros(0, np.float32)
         state = np.concatenate([np.zeros(ahead, np.uint32), planes.view(np.uint32).ravel()])
         frame = frame_of(plan, shown.box, rect, replace(self.slot, textured=False))
-        uniforms = shown.uniforms | {0: frame} | ({BINDING: starts_block(plan, False)} if rays else {})
-        if sums is not None or isinstance(rays, Crossing):
+        uniforms = shown.uniforms | {0: frame} | ({BINDING: rays_block(plan, False)} if rays else {})
+        if sums is not None or isinstance(rays, CarriedRays):
             frame["first_box"] = 0
         if sums is None:
             # Rays that are drawn again go on with their rounding errors, too.
             planes_of_sums = 2 if hidden else 1
             shape = planes_of_sums, rect.height, rect.width, 4
-            sums = rays.pixels if isinstance(rays, Crossing) else np.zeros(shape, np.float32)
+            sums = rays.pixels if isinstance(rays, CarriedRays) else np.zeros(shape, np.float32)
         pixels = sums[0]
         buffers, fragments = shown.buffers | {1: sums, 2: state}, np.zeros((0, 0), np.int32)
         assert shown.variant, "there are bricks"

@@ -35,6 +35,8 @@ MATERIALS: dict[str, str] = {
     "fat": "subcutaneous fat",
     "bone": "bone without blood",
     "intralipid": "a white fat emulsion, 20 %",
+    "glass": "crown glass, which is clear, N-BK7",
+    "flint-glass": "dense flint glass, which disperses more, N-SF11",
 }
 """What is known by name, with a line for people. All but air have a table, NAME.csv, beside this module."""
 DARKEST = 1e-3

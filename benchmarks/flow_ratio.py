@@ -1,6 +1,6 @@
 """Speed and error of flows, beside VTK and NumPy, and on several ranks.
 
-    python benchmarks/flow.py --peer-python PYTHON_WITH_VTK [--parts trace,ranks,lic,…] [--rounds 3] [--json F]
+    python benchmarks/flow_ratio.py --peer-python PYTHON_WITH_VTK [--parts trace,ranks,lic,…] [--rounds 3] [--json F]
 
 trace: streamlines of the ABC flow on two grids, forward, of a stated length, by RK4 with the same steps and by RK45
 with the same tolerance, on one core: points of lines a second of CPU time, by this program, vtkStreamTracer and a NumPy

@@ -1,4 +1,6 @@
-"""Jobs beside NumPy, mpi4py.futures and Dask: `python benchmarks/jobs.py [--peer-python PYTHON_WITH_DASK] [--json F]`.
+"""Jobs beside NumPy, mpi4py.futures and Dask.
+
+    python benchmarks/jobs_ratio.py [--peer-python PYTHON_WITH_DASK] [--json F]
 
 - overhead: microseconds of an empty block, wall time over blocks, on 1 and 2 ranks; the same of a `kernel[1]` launch,
   of mpi4py.futures (a pool of 2 ranks and the one that submits) and of Dask's processes (2 workers)
