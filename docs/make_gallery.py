@@ -41,6 +41,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "wells": (),
     "layers": (),
     "folds": ("mni152",),
+    "depth_of_field": ("cranium",),
     "annotated": ("mni152",),
     "spectral": ("cranium",),
     "flow": (),

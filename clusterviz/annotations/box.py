@@ -120,7 +120,8 @@ def projected(camera: Camera, segments: Floats, size: tuple[int, int]) -> tuple[
     points = segments.reshape(-1, 3)
     ahead, aside = camera_coordinates(camera, points)
     half = half_height(camera, ahead)
-    reach = np.stack([half * size[0] / size[1], half], axis=1) * (1 + BEYOND)
+    reach = np.stack([half * size[0] / size[1], half], axis=1)
+    aside, reach = aside - reach * camera.window_center, reach * (1 + BEYOND)
     near = NEAREST * float(np.abs(np.concatenate([ahead[:, None], aside], axis=1)).max(initial=0.0))
     # A point is in the picture where none of these five, which are linear along a segment, is negative.
     inside = np.concatenate([(ahead - near)[:, None], reach - aside, reach + aside], axis=1).reshape(-1, 2, 5)

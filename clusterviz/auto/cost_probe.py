@@ -211,7 +211,7 @@ def probe_cost(
         partials, _ = drawing.draw(unreported, replace(work, plan=coarse_plan(plan, scale)))
         numbers = [number for number, box in enumerate(boxes) if box.rank == channel.rank]
         each = zip(numbers, partials, drawing.sample_counts, strict=True)
-        found = [_found(plan.wavelengths, *piece) for piece in each]
+        found = [_found(plan.pictures, *piece) for piece in each]
         part = replace(work, pieces=_busiest_part(plan, channel, found, scale))
         seconds, samples = _measured(unreported, drawing, part) if seconds_per_sample is None else (0.0, 0)
     with run.collective("plan", "choose"):

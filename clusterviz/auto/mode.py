@@ -252,7 +252,7 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network,
     for rect in rects:
         canvas = canvas.unite(rect)
     places, pixels = place_ranks(range(ranks), nodes), max(1, canvas.pixels)
-    size = 4 * np.dtype(pixel).itemsize * plan.wavelengths
+    size = 4 * np.dtype(pixel).itemsize * plan.pictures
     if groups == ranks:
         scene = ImageStatistics(ranks, pixels, 1 / ranks, 1 / ranks, size, True)
         return predict("serial", "messages", scene, places, network)

@@ -15,7 +15,7 @@ import math
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any, get_args
@@ -43,9 +43,12 @@ from clusterviz.reference import render_reference
 from clusterviz.reference.cells import place_cells
 from clusterviz.scene import Cluster, Scene
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Volume
 
 WIDTH = 128
+EYE_POINTS = 64
+"""Eye points with which the sub-images of a lens are compared."""
 BENT_WIDTH = 12
 """Pixels of a row where rays bend, as the reference follows each ray by itself."""
 MAX_BYTES = 1 << 30
@@ -61,23 +64,30 @@ class ReferenceComparison:
     size : (width, height) of both pictures
     max, rms : maximum and root mean square of the difference
     skipped : the reason for no comparison, or ""
+    lens : maximum and root mean square of the difference between the sub-images of a lens, and `EYE_POINTS` of it; the
+        reference is of the pinhole then
     """
 
     size: tuple[int, int]
     max: float = 0.0
     rms: float = 0.0
     skipped: str = ""
+    lens: tuple[float, float] | None = None
 
     def __str__(self) -> str:
-        if self.skipped:
-            return f"reference  left out: {self.skipped}"
-        return f"reference  max {self.max:.2e}, rms {self.rms:.2e} from float64 at {self.size[0]} × {self.size[1]}"
+        at = f"{self.size[0]} × {self.size[1]}"
+        text = f"reference  max {self.max:.2e}, rms {self.rms:.2e} from float64 at {at}"
+        text = f"reference  left out: {self.skipped}" if self.skipped else text
+        if self.lens is None:
+            return text
+        return f"{text}\nlens       max {self.lens[0]:.2e}, rms {self.lens[1]:.2e} from {EYE_POINTS} eye points at {at}"
 
 
 def compare_with_reference(scene: Scene) -> ReferenceComparison:
     """Render a scene on one rank and by the reference, with the same step, and compare both.
 
-    The difference is caused by float32 pixels, `quality.filter` and `quality.early_termination` only.
+    The difference is caused by float32 pixels, `quality.filter` and `quality.early_termination` only. A lens is
+    replaced by a pinhole, and its own error measured apart.
 
     Parameters
     ----------
@@ -86,6 +96,9 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     width, height = scene.image.size
     most = BENT_WIDTH if _bends(scene) else WIDTH
     size = (min(width, most), max(1, round(height * min(width, most) / width)))
+    if scene.camera.aperture:
+        found = compare_with_reference(with_settings(scene, {"aperture": 0.0}))
+        return replace(found, lens=_compare_with_eye_points(scene, size))
     if shader := next((volume.shader for volume in scene.volumes if volume.shader), None):
         return ReferenceComparison(size, skipped=f"it does not read shaders such as {shader}")
     if any(volume.detail != "full" and needs_slopes(volume) for volume in scene.volumes):
@@ -118,6 +131,17 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     expected = render_reference(rendered.scene, volumes, voxels, geometry=geometry, cells=cells)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
     return ReferenceComparison(size, difference.max, difference.rms)
+
+
+def _compare_with_eye_points(scene: Scene, size: tuple[int, int]) -> tuple[float, float]:
+    """Return maximum and root mean square of the difference between a scene's lens and many eye points of it."""
+    changes: tuple[dict[str, Any], ...] = ({}, {"lens": {"eye_points": EYE_POINTS}})
+    both = [with_settings(scene, {"size": size, "mode": "sort-last", "groups": None} | each) for each in changes]
+    lens, eyes = (render_frame(each, LoopbackChannel()).image for each in both)
+    assert lens is not None
+    assert eyes is not None
+    difference = compare(lens, eyes)
+    return difference.max, difference.rms
 
 
 def needs_slopes(volume: Volume) -> bool:

@@ -76,9 +76,9 @@ def _samples_per_cell(
     """Samples per cell around each point (n, 3) in index space; 0 if no pixel of `rect` sees it."""
     axes = np.array([view.right, view.up, view.forward]).T
     right, up, ahead = np.linalg.solve(axes, (points - np.array(view.eye)).T)
-    width, height = view.size
-    left, last = ((x - width / 2) * view.pixel for x in (rect.x_begin, rect.x_end))
-    bottom, top = ((height / 2 - y) * view.pixel for y in (rect.y_end, rect.y_begin))
+    column, row = view.centre
+    left, last = ((x - column) * view.pixel for x in (rect.x_begin, rect.x_end))
+    bottom, top = ((row - y) * view.pixel for y in (rect.y_end, rect.y_begin))
     # The axes have unit length in the world: their determinant is cells per unit of volume.
     cell_world = 1 / abs(float(np.linalg.det(axes)))
     if view.parallel:

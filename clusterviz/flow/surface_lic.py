@@ -222,8 +222,8 @@ def points_of(view: View, columns: NDArray[np.int64], rows: NDArray[np.int64], d
 
 def _on_screen(view: View, columns: NDArray[np.int64], rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
     """Return distances of pixels to the right of the picture's centre and above it, as `View.pixel`."""
-    width, height = view.size
-    across, above = columns.astype(np.float64) + 0.5 - width / 2, height / 2 - 0.5 - rows.astype(np.float64)
+    column, row = view.centre
+    across, above = columns.astype(np.float64) + 0.5 - column, row - 0.5 - rows.astype(np.float64)
     return across * view.pixel, above * view.pixel
 
 
@@ -343,8 +343,7 @@ def _camera(view: View, grid: Grid, grain: float) -> tuple[Floats, int]:
     last_level = math.frexp(grain * view.pixel * farthest)[1] + 1
     first_level = last_level - LEVELS + 1
     scales = [math.ldexp(1.0, -level) for level in range(first_level, last_level + 1)]
-    centre = view.size[0] / 2, view.size[1] / 2
-    numbers = [*view.eye, *view.right, *view.up, *view.forward, view.pixel, float(view.parallel), *centre, *origin]
+    numbers = [*view.eye, *view.right, *view.up, *view.forward, view.pixel, float(view.parallel), *view.centre, *origin]
     return np.array([*numbers, *scales]), first_level
 
 

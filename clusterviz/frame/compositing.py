@@ -158,6 +158,10 @@ class Compositing:
     def finish(self, run: Run, drawn: DrawnFrame) -> tuple[Image | None, RankFrame]:
         """Composite a frame, and call `Options.write` with its picture on rank 0; collective."""
         image, counts = self.picture(run, drawn.work, drawn.partials, drawn.counts)
+        return self.write(run, drawn, image), counts
+
+    def write(self, run: Run, drawn: DrawnFrame, image: Image | None) -> Image | None:
+        """Return the picture of a frame with what is not composited, after `Options.write` was called with it."""
         if image is not None and drawn.painted is not None:
             image += drawn.painted
         if names := drawn.work.scene.image.layers:
@@ -169,7 +173,7 @@ class Compositing:
                 image = _annotated(image, drawn)
             if image is not None:
                 run.options.write(image, drawn.work.scene, _provenance(run, drawn))
-        return image, counts
+        return image
 
     def gather(self, run: Run, drawn: DrawnFrame, image: Image | None, counts: RankFrame) -> Rendered:
         """Gather the costs of a finished frame from all ranks; collective.
@@ -245,10 +249,11 @@ def _finished(run: Run, work: RankWork, composed: NDArray[Any] | None) -> Image 
     """Finish merged pixels; the result is a copy, since the compositor reuses its memory."""
     if composed is None:
         return None
-    if work.plan is None or composed.dtype != np.float32:
+    if work.plan is None or (composed.dtype != np.float32 and not work.plan.lens):
         return as_floats(composed)
     with run.clock.stage("finish", "project"):
-        finished = finish_projection(work.plan, composed)
+        pixels = as_floats(composed) if work.plan.lens else composed
+        finished = finish_projection(work.plan, pixels)
     return composed.copy() if finished is composed else finished
 
 

@@ -16,22 +16,27 @@ import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from clusterviz.comm import Channel
 from clusterviz.data import ALL_STEPS, ONE_STEP
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.compositing import Compositing, open_async_compositing
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import Bricks, Given, Opened, open_time_steps, open_volumes
+from clusterviz.frame.opening import Bricks, Given, Opened, complete, open_time_steps, open_volumes
 from clusterviz.frame.planning import FramePlanner
-from clusterviz.frame.run import STEPS, Options, Progress, Run
+from clusterviz.frame.run import STEPS, Image, Options, Progress, Run
 from clusterviz.frame.surface_lic import open_painter
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
 from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.plan import changed_settings
 from clusterviz.report.decisions import Change
+from clusterviz.report.statistics import RankFrame, summed
 from clusterviz.scene.diff import is_same_volume
 from clusterviz.scene.grids import KBuffer
+from clusterviz.scene.lens import eye_points, has_eye_points
 from clusterviz.scene.values import Scene
 
 __all__ = ["STEPS", "FrameLoop", "Options", "Progress", "Rendered", "Run", "prepare", "render_frame"]
@@ -156,8 +161,11 @@ class FrameLoop:
         compositing = self._compositing.for_one_frame() if alone else self._compositing
         try:
             with run.clock.stage("total", f"frame {number}"):
-                drawn = self._draw(run, scene)
-                image, counts = compositing.finish(run, drawn)
+                if has_eye_points(scene):
+                    drawn, image, counts = self._averaged(run, scene, compositing)
+                else:
+                    drawn = self._draw(run, scene)
+                    image, counts = compositing.finish(run, drawn)
         except ClustervizError:
             self._drawing.forget()
             raise
@@ -172,7 +180,7 @@ class FrameLoop:
         the beginning of a frame to its end; frames overlap, so the sum of totals exceeds the elapsed time. Without
         `Options.overlap`, or if MPI was started for one thread only, frames are drawn one after the other.
         """
-        async_compositing = open_async_compositing(self._run)
+        async_compositing = None if has_eye_points(self.scene) else open_async_compositing(self._run)
         if async_compositing is None:
             for number, scene in scenes:
                 yield self.frame(scene, number)
@@ -221,6 +229,29 @@ class FrameLoop:
             self._drawing.release()
         found = self._infos, self._changes(run, work), layers, self._drawing.fragments
         return DrawnFrame(run.frame, work, partials, counts, *found, painted)
+
+    def _averaged(self, run: Run, scene: Scene, compositing: Compositing) -> tuple[DrawnFrame, Image | None, RankFrame]:
+        """Draw and composite a frame once for each eye point of its lens; return the mean on rank 0.
+
+        Returns
+        -------
+        drawn : of the last eye point, with the scene of the lens
+        image : the mean, on rank 0
+        counts : costs of all
+        """
+        count = scene.quality.lens.eye_points or 1
+        scene = complete(self._opened, scene)
+        total: NDArray[np.float64] | None = None
+        counts = list[RankFrame]()
+        for one in eye_points(scene, count):
+            drawn = self._draw(run, one)
+            image, found = compositing.picture(run, drawn.work, drawn.partials, drawn.counts)
+            counts.append(found)
+            if image is not None:
+                total = image.astype(np.float64) if total is None else total + image
+        drawn = replace(drawn, work=replace(drawn.work, scene=scene))
+        mean = None if total is None else (total / count).astype(np.float32)
+        return drawn, compositing.write(run, drawn, mean), summed(counts)
 
     def _open_time_steps(self, run: Run, scene: Scene) -> None:
         """Open the time steps of a frame, and drop the bricks that may differ from those of the last frame."""

@@ -94,7 +94,8 @@ class FramePlanner:
         opened, last = self.opened, self._last
         if opened is None:
             return None
-        if last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
+        has_lens = scene.camera.aperture > 0 or bool(last and last.scene.camera.aperture)
+        if not has_lens and last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
             view = make_view(scene.camera, scene.image.size, opened.grid_of(last.plan))
             return opened.with_detail(replace(last.plan, view=view), scene)
         return opened.plan(scene)

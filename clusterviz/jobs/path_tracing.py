@@ -296,9 +296,9 @@ def start_paths(
     paths : float32 (9, rows, w, 4), as trace_paths.glsl keeps them
     numbers : int32 (14, rows, w); the number of a pixel is −1 where its ray does not meet the volume
     """
-    width, height = view.size
-    right = (np.arange(width) + 0.5 - width / 2) * view.pixel
-    up = (height / 2 - rows - 0.5) * view.pixel
+    width, (column, row) = view.size[0], view.centre
+    right = (np.arange(width) + 0.5 - column) * view.pixel
+    up = (row - rows - 0.5) * view.pixel
     across = right[None, :, None] * np.array(view.right) + up[:, None, None] * np.array(view.up)
     origin, along = np.broadcast_to(np.array(view.eye), across.shape), np.array(view.forward) + across
     if view.parallel:

@@ -373,7 +373,7 @@ class PictureBound:
         view = rays.view
         camera = np.zeros((8, 3))
         camera[:4] = view.eye, view.right, view.up, view.forward
-        camera[LENS, :2], camera[CENTRE, :2] = (view.pixel, view.parallel), np.array(view.size) / 2
+        camera[LENS, :2], camera[CENTRE, :2] = (view.pixel, view.parallel), view.centre
         camera[EXTENT] = np.array(rays.shape_zyx[::-1]) - 1
         camera[LATTICE, :2] = self._brick, rays.step_world
         bounds, shares = np.empty(len(pixels)), np.zeros((*terms.shape[:3], 2))

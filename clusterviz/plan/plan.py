@@ -39,6 +39,7 @@ from clusterviz.plan.content import Content, KnownVolume, domain_of, make_conten
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.plan.layers import LayeredContent, make_layers
+from clusterviz.plan.lens import Lens, make_lens
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
 from clusterviz.plan.refraction import Refraction, make_refraction
@@ -117,6 +118,7 @@ class Plan:
     times : time steps of the volumes
     detail : levels of the volumes that are drawn by those of a store
     spectrum : wavelengths of a volume with optics, whose first one is that of `segments`; else None
+    lens : sub-images of a thin lens, whose planes are the last two of `clip`, and whose margin is in `view`; else None
     refraction : how rays bend; None: they are straight
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
@@ -135,22 +137,47 @@ class Plan:
     times: tuple[int | str | None, ...] = ()
     detail: tuple[Detail, ...] = ()
     spectrum: Spectrum | None = None
+    lens: Lens | None = None
     refraction: Refraction | None = None
 
     @property
-    def wavelengths(self) -> int:
-        """Number of pictures that are drawn: one, or one for each wavelength of a spectral volume."""
-        return self.spectrum.count if self.spectrum else 1
+    def pictures(self) -> int:
+        """Number of pictures that are drawn: one, or one for each wavelength, or for each sub-image of a lens."""
+        several = self.spectrum or self.lens
+        return several.count if several else 1
 
     @property
     def canvas_size(self) -> tuple[int, int]:
-        """Width and height of what is composited: the picture, or the tall picture of all wavelengths."""
+        """Width and height of what is composited: the picture, or the tall picture of several."""
         width, height = self.view.size
-        return width, height * self.wavelengths
+        return width, height * self.pictures
 
     def on_screen(self, rect: Rect) -> Rect:
         """Return the rectangle of the picture that a rectangle of the canvas belongs to."""
-        return self.spectrum.on_screen(rect) if self.spectrum else rect
+        count = self.pictures
+        return replace(rect, y_begin=rect.y_begin // count, y_end=rect.y_end // count)
+
+    def tall(self, rect: Rect) -> Rect:
+        """Return the rows of the canvas that hold a rectangle in all pictures.
+
+        Row y of picture n is row y · pictures + n, so that partial images of all pictures are composited together.
+        """
+        return replace(rect, y_begin=rect.y_begin * self.pictures, y_end=rect.y_end * self.pictures)
+
+    def pictures_of(self, begin_zyx: Index, end_zyx: Index) -> dict[int, Plan]:
+        """Return the plans of the pictures in which a box of bricks may be seen, by their numbers."""
+        if self.spectrum:
+            return {number: self.at_wavelength(number) for number in range(self.pictures)}
+        assert self.lens, "there are several pictures"
+        begin, end = self.layout.cells_of(begin_zyx, end_zyx)
+        # Geometry of a brick may lie beyond it, by a slab of overlap.
+        reach = np.full(3, self.content.reach if self.content else 0.0)
+        ends = np.array([begin[::-1] - reach, end[::-1] + reach])
+        corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+        numbers = self.lens.numbers(self.view.depths(corners))
+        whole = replace(self, lens=None)
+        kept = self.clip[:-2]
+        return {n: replace(whole, clip=np.vstack([kept, self.lens.planes(self.view, n)])) for n in numbers}
 
     def at_wavelength(self, number: int) -> Plan:
         """Return the plan of one wavelength of a spectral volume."""
@@ -234,7 +261,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         segments = spectrum.segments[0]
     else:
         segments = make_preintegrated(transfer) if preintegrated else make_segments(transfer, units)
-    return Plan(
+    plan = Plan(
         view,
         March(
             step_world,
@@ -261,6 +288,7 @@ def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayou
         spectrum=spectrum,
         refraction=make_refraction(volume, grid, layout, ~hidden, step_world),
     )
+    return _behind_lens(plan, scene)
 
 
 def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
@@ -304,7 +332,7 @@ def make_content_plan(
     # A slab's midpoint may be clipped where a fragment in the slab is not.
     beyond = planes.copy()
     beyond[:, 3] += (content.reach if geometry or grids else 0) * np.linalg.norm(planes[:, :3], axis=1)
-    return Plan(
+    plan = Plan(
         view,
         March(
             step_world,
@@ -330,6 +358,16 @@ def make_content_plan(
         make_layers(scene, [known.grid for known in volumes], [part.blend_mode for part in content.volume_layers]),
         tuple(volume.time for volume in scene.volumes),
     )
+    return _behind_lens(plan, scene)
+
+
+def _behind_lens(plan: Plan, scene: Scene) -> Plan:
+    """Return the plan of the sub-images of a scene's lens; with a pinhole, the plan itself."""
+    lens = make_lens(scene, plan.view, plan.extent)
+    if lens is None:
+        return plan
+    view = lens.view(plan.view)
+    return replace(plan, view=view, clip=np.vstack([plan.clip, lens.planes(view)]), lens=lens)
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,16 @@
 """Spectrum of a spectral volume: what differs from wavelength to wavelength.
 
 A volume with optics is drawn once for each wavelength, by the same program and from the same bricks; only the records
-of the transfer function differ. Row y of the picture at wavelength n is row y · wavelengths + n of one tall picture, so
-that partial images of all wavelengths are composited together.
+of the transfer function differ. `Plan.tall` says how the pictures of all are composited together.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.image.partial import Rect
 from clusterviz.image.spectral.from_rgb import reflectance_of
 from clusterviz.plan.segments import RECORD, Segments, indexed, outline
 from clusterviz.scene.background import background_rgb
@@ -49,14 +47,6 @@ class Spectrum:
         """Return one wavelength of the spectrum."""
         one = slice(number, number + 1)
         return Spectrum(self.wavelengths[one], self.segments[one], self.background[one])
-
-    def tall(self, rect: Rect) -> Rect:
-        """Return the rows of the tall picture that hold a rectangle of the picture at all wavelengths."""
-        return replace(rect, y_begin=rect.y_begin * self.count, y_end=rect.y_end * self.count)
-
-    def on_screen(self, tall: Rect) -> Rect:
-        """Return the rectangle of the picture that rows of the tall picture hold."""
-        return replace(tall, y_begin=tall.y_begin // self.count, y_end=tall.y_end // self.count)
 
 
 def make_spectrum(scene: Scene) -> Spectrum | None:

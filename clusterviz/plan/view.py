@@ -32,6 +32,7 @@ class View:
     pixel : distance of neighbouring pixel centres, in world units; in perspective on the plane one unit in front of
         the eye
     parallel : parallel projection; rays start on the plane through `eye`
+    window_center : as in `Camera`
     """
 
     size: tuple[int, int]
@@ -41,6 +42,13 @@ class View:
     forward: Vector
     pixel: float
     parallel: bool
+    window_center: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Column and row of the line of sight, in pixels from the picture's top left corner."""
+        (width, height), (right, up) = self.size, self.window_center
+        return width / 2 * (1 - right), height / 2 * (1 + up)
 
     @property
     def eye_point(self) -> Vector | None:
@@ -50,7 +58,8 @@ class View:
     @property
     def corner_cosine(self) -> float:
         """Cosine of the angle between the view direction and the ray through the picture's corner."""
-        return 1.0 if self.parallel else 1 / math.hypot(1.0, *(0.5 * self.pixel * pixels for pixels in self.size))
+        farthest = (max(at, pixels - at) for at, pixels in zip(self.centre, self.size, strict=True))
+        return 1.0 if self.parallel else 1 / math.hypot(1.0, *(self.pixel * pixels for pixels in farthest))
 
     def depths(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the distances (n,) of points (n, 3) ahead of the eye along the view direction, in world units."""
@@ -71,6 +80,8 @@ class View:
         rows[3, :3] = 0.0 if self.parallel else to_camera[2]
         rows[:, 3] = -rows[:, :3] @ np.array(self.eye)
         rows[3, 3] += float(self.parallel)
+        right, up = self.window_center
+        rows[:2] -= np.outer((right, up), rows[3])
         return rows
 
     def footprint(self, begin_cells: Vector, end_cells: Vector) -> Rect:
@@ -92,7 +103,7 @@ class View:
         beside = ~hidden & (not self.parallel) & (nearest <= 1e-6 * np.abs(ahead).max(axis=(1, 2)))
         if not self.parallel:
             aside = aside / np.where((hidden | beside)[:, None, None], 1.0, ahead)
-        pixels = np.array(self.size) / 2 + aside * np.array([1, -1]) / self.pixel
+        pixels = np.array(self.centre) + aside * np.array([1, -1]) / self.pixel
         low = np.clip(np.floor(pixels.min(axis=1) - 0.5), 0, self.size).astype(np.int64)
         high = np.clip(np.ceil(pixels.max(axis=1) + 0.5), 0, self.size).astype(np.int64)
         rects = np.concatenate([low, high], axis=1)
@@ -134,6 +145,7 @@ def make_view(camera: Camera, size: tuple[int, int], grid: Grid) -> View:
         _triple(index_from_world @ forward),
         float(2 * half_height / size[1]),
         parallel,
+        camera.window_center,
     )
 
 

@@ -16,11 +16,13 @@
 - layers.py         layers beside the colours
 - raycast.py        picture of a scene
 - over.py           compositing of layers
+- lens.py           thin lens, by many eye points
 """
 
 from __future__ import annotations
 
+from clusterviz.reference.lens import render_lens
 from clusterviz.reference.over import over
 from clusterviz.reference.raycast import reference_layers, render_reference
 
-__all__ = ["over", "reference_layers", "render_reference"]
+__all__ = ["over", "reference_layers", "render_lens", "render_reference"]

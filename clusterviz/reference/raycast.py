@@ -69,6 +69,7 @@ def render_reference(
     met: HalfOpacity | None = None,
     geometry: Sequence[SectionGeometry] = (),
     cells: Sequence[PlacedCells] = (),
+    lens_point: Sequence[float] = (0.0, 0.0),
 ) -> Floats:
     """Ray cast the scene's volume; `multi_volume.py` handles several, and geometry.
 
@@ -89,6 +90,7 @@ def render_reference(
     met : written, if given, for the layers of the picture; not of projections
     geometry : meshes, lines and points with their sections, in the order of the scene
     cells : unstructured grids in the world, with their transfer functions
+    lens_point : from which the scene is seen, see `camera_rays` and `lens.py`
 
     Returns
     -------
@@ -109,7 +111,7 @@ def render_reference(
         grid, voxels = [grid], [np.asarray(voxels)]
     if not isinstance(grid, Grid):
         if len(scene.volumes) != 1 or geometry or cells:
-            return _render_mixture(scene, grid, list(voxels), step, met, geometry, cells)
+            return _render_mixture(scene, grid, list(voxels), step, met, geometry, cells, lens_point)
         (grid,), (voxels,) = grid, voxels
     if not isinstance(voxels, np.ndarray):
         raise InputError("not an array", where="voxels", found=type(voxels).__name__, allowed="an array of the grid")
@@ -119,7 +121,7 @@ def render_reference(
     rgba = np.zeros((width * height, 4))
     if scene.volumes and min(grid.shape_zyx) > 1:
         voxels = np.ascontiguousarray(voxels)
-        placed = camera_rays(scene.camera, (width, height))
+        placed = camera_rays(scene.camera, (width, height), lens_point)
         rays = to_index_space(placed, grid)
         shifts = pixel_shifts((width, height))
         for begin in range(0, len(rgba), RAYS_AT_ONCE):
@@ -159,6 +161,7 @@ def _render_mixture(
     met: HalfOpacity | None,
     geometry: Sequence[SectionGeometry],
     cells: Sequence[PlacedCells],
+    lens_point: Sequence[float],
 ) -> Floats:
     """Return the picture of several volumes, geometry and unstructured grids."""
     if not len(grids) == len(voxels) == len(scene.volumes):
@@ -175,7 +178,7 @@ def _render_mixture(
     width, height = scene.image.size
     rgba = np.zeros((width * height, 4))
     jittered = scene.quality.jitter and not any(volume.isosurfaces for volume in scene.volumes)
-    rays, shifts = camera_rays(scene.camera, (width, height)), pixel_shifts((width, height))
+    rays, shifts = camera_rays(scene.camera, (width, height), lens_point), pixel_shifts((width, height))
     placed_geometry = [place(*each) for each in geometry]
     for begin in range(0, len(rgba) if volumes or placed_geometry or cells else 0, RAYS_AT_ONCE):
         part = slice(begin, begin + RAYS_AT_ONCE)

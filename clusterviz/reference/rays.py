@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,13 +34,15 @@ class Rays:
     thickness: Floats | float = 1.0
 
 
-def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
+def camera_rays(camera: Camera, size: tuple[int, int], lens_point: Sequence[float] = (0.0, 0.0)) -> Rays:
     """Return the rays through the centres of all pixels, in the world, by VTK's camera model.
 
     Parameters
     ----------
     camera : complete: position, focal_point and view_up are given
     size : (width, height) in pixels; pixels are square
+    lens_point : to the right and up, in radii of the lens: where rays start; each meets its ray from the centre on the
+        plane in focus
 
     Raises
     ------
@@ -49,14 +52,19 @@ def camera_rays(camera: Camera, size: tuple[int, int]) -> Rays:
     right, up, forward = camera_frame(camera)
     width, height = size
     column, row = np.arange(width), np.arange(height)
-    # In units of half the picture's height, from its centre.
-    across = ((2 * column + 1 - width) / height)[None, :, None] * right
-    upward = ((height - 2 * row - 1) / height)[:, None, None] * up
+    # In units of half the picture's height, from the line of sight.
+    shift_right, shift_up = camera.window_center
+    across = ((2 * column + 1 - width) / height + shift_right * width / height)[None, :, None] * right
+    upward = ((height - 2 * row - 1) / height + shift_up)[:, None, None] * up
     offset = (across + upward).reshape(-1, 3)
     eye = _given(camera.position, "position")
     if camera.parallel_scale is not None:
         return Rays(eye + offset * camera.parallel_scale, np.broadcast_to(forward, offset.shape))
     direction = forward + offset * math.tan(math.radians(camera.view_angle) / 2)
+    if any(lens_point):
+        focus = camera.focal_distance or math.dist(eye, _given(camera.focal_point, "focal_point"))
+        aside = camera.aperture * (lens_point[0] * right + lens_point[1] * up)
+        eye, direction = eye + aside, focus * direction - aside
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return Rays(np.broadcast_to(eye, offset.shape), direction)
 
@@ -100,7 +108,8 @@ def on_slices(rays: Rays, directions: Floats, last: Floats, corners: Floats, len
     forward = view_direction(camera)
     cosines = directions @ forward
     half = 0.0 if camera.parallel_scale is not None else math.tan(math.radians(camera.view_angle) / 2)
-    distance = length / math.hypot(1.0, half, half * width / height)
+    farthest = [1 + abs(shift) for shift in camera.window_center]
+    distance = length / math.hypot(1.0, half * farthest[1], half * farthest[0] * width / height)
     front = ((corners - _given(camera.position, "position")) @ forward).min()
     entry = inside(rays, last)[0]
     passed = (np.where(np.isfinite(entry), entry, 0.0) * cosines - front) / distance

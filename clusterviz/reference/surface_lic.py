@@ -60,7 +60,8 @@ class SurfacePicture:
         position, focal_point, view_up = camera_vectors(camera)
         right, up, forward = camera_axes(position, focal_point, view_up)
         rows, columns = np.indices(depth.shape)
-        across, above = (columns + 0.5 - width / 2) * self.side, (height / 2 - rows - 0.5) * self.side
+        column, row = width / 2 * (1 - camera.window_center[0]), height / 2 * (1 + camera.window_center[1])
+        across, above = (columns + 0.5 - column) * self.side, (row - rows - 0.5) * self.side
         parts = across[..., None] * right + above[..., None] * up + self.depth[..., None] * forward
         self.points: Floats = parts + np.array(position)
 

@@ -23,7 +23,7 @@ FRAME = np.dtype(
         ("right", "f8", 4),  # slices: length of a slab along the view direction over the longest one
         ("up", "f8", 4),
         ("forward", "f8", 4),  # slices: view depth of the first plane, in distances of planes
-        ("lens", "f8", 4),  # pixel distance, half the width, half the height in pixels, 1 for parallel projection
+        ("lens", "f8", 4),  # pixel distance, column and row of the line of sight, 1 for parallel projection
         ("extent", "f8", 4),  # the volume's last sample in x, y, z; the length of a slab in world units
         ("cells", "i4", 4),  # the volume's cells in x, y, z; slabs of a batch
         ("box_begin", "i4", 4),  # the cells that this draw owns
@@ -64,7 +64,7 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     if plan.march.lattice == "slices":
         planes = plan.slice_planes
         record["right"][0, 3], record["forward"][0, 3] = planes.distance / plan.march.step_world, planes.first
-    record["lens"] = view.pixel, view.size[0] / 2, view.size[1] / 2, float(view.parallel)
+    record["lens"] = view.pixel, *view.centre, float(view.parallel)
     record["extent"] = *plan.extent, plan.march.step_world
     record["cells"] = *layout.cells_zyx[::-1], _batch(plan)
     begin, end = layout.cells_of(box.begin_zyx, box.end_zyx)

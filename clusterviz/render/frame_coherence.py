@@ -268,7 +268,7 @@ def prepare_reprojection() -> None:
 
 
 def _lens(view: View) -> NDArray[np.float64]:
-    return np.array([view.size[0] / 2, view.size[1] / 2, view.pixel, float(view.parallel)])
+    return np.array([*view.centre, view.pixel, float(view.parallel)])
 
 
 def _numbers(rect: Rect) -> tuple[int, int, int, int]:

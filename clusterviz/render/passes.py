@@ -76,8 +76,7 @@ def is_reached(plan: Plan, part: Piece, window: Rect, opacity: NDArray[np.float3
 
 def _rays(view: View, x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return origins and directions (n, 3) of the rays of pixels in index space, as in march/ray.glsl."""
-    width, height = view.size
-    across, above = (x + 0.5 - width / 2) * view.pixel, (height / 2 - y - 0.5) * view.pixel
+    across, above = (x + 0.5 - view.centre[0]) * view.pixel, (view.centre[1] - y - 0.5) * view.pixel
     aside = np.outer(across, view.right) + np.outer(above, view.up)
     eye, forward = np.broadcast_to(view.eye, aside.shape), np.broadcast_to(view.forward, aside.shape)
     return (eye + aside, forward) if view.parallel else (eye, forward + aside)

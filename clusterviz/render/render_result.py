@@ -116,13 +116,17 @@ def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
 
     Parameters
     ----------
-    merged : float32 (h, w, 4), see `image/merge.py`; with a spectrum the tall picture of all wavelengths
+    merged : float32 (h, w, 4), see `image/merge.py`; of several pictures the tall one, see `Plan.tall`
 
     Returns
     -------
     rgba : float32 (h, w, 4), premultiplied; composited pixels are returned as they are
     """
     resolve = plan.blend_mode.traits.resolve
+    if plan.lens is not None:
+        from clusterviz.render.lens import depth_of_field
+
+        return depth_of_field(merged, plan.lens)
     if resolve == "none":
         return merged
     if resolve == "light":

@@ -131,10 +131,10 @@ class RendererCache:
         if self._caster is None:
             return [RenderResult(blank()) for _ in pieces]
         caster = self._caster
-        if plan.spectrum:
-            from clusterviz.render.spectrum import draw_wavelengths
+        if plan.spectrum or plan.lens:
+            from clusterviz.render.tall_picture import draw_tall_picture
 
-            return draw_wavelengths(caster.draw, plan, pieces, progress, passes)
+            return draw_tall_picture(caster.draw, plan, pieces, progress, passes)
         return caster.draw(plan, pieces, progress, passes=passes)
 
     def find_layers(

@@ -116,6 +116,13 @@ class RankFrame:
     balance: dict[str, Any] = field(default_factory=dict)
 
 
+def summed(counts: Sequence[RankFrame]) -> RankFrame:
+    """Return the costs of pictures of one rank that became one frame: sums, and all else as of the last."""
+    names = ["samples", "samples_estimate", "cpu_seconds", "bricks_read", "bytes_read"]
+    names += ["bytes_raw", "bytes_sent", "messages_sent", "cut_short"]
+    return replace(counts[-1], **{name: sum(getattr(one, name) for one in counts) for name in names})
+
+
 @dataclass(frozen=True)
 class FrameStatistics:
     """Statistics of one frame on all ranks.

@@ -151,7 +151,8 @@ def project_points(camera: Camera, points: Floats, size: tuple[int, int]) -> tup
     """
     ahead, aside = camera_coordinates(camera, points)
     half = half_height(camera, np.where(ahead > 0, ahead, np.inf))[:, None]
-    return np.array(size) / 2 + aside * (1, -1) / half * size[1] / 2, ahead
+    centre = np.array(size) / 2 * (1 + np.array(camera.window_center) * (-1, 1))
+    return centre + aside * (1, -1) / half * size[1] / 2, ahead
 
 
 def camera_coordinates(camera: Camera, points: Floats) -> tuple[Floats, Floats]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -86,10 +86,11 @@ def check_size(value: Any) -> Any:
     return int(float(found[1]) * UNITS[found[2]])
 
 
-def check_one_key(keys: Collection[str]) -> None:
-    """Refuse a detail with no key or several."""
+def check_one_key(keys: Collection[str], known: Iterable[str]) -> None:
+    """Refuse a section with no key or several of those that exclude each other."""
     if len(keys) != 1:
-        raise InvalidValueError("not one of level, error, memory and seconds", "one key")
+        *first, last = known
+        raise InvalidValueError(f"not one of {', '.join(first)} and {last}", "one key")
 
 
 def check_time(value: Any) -> Any:
@@ -238,6 +239,13 @@ def check_camera(position: Vector | None, focal_point: Vector | None, view_up: V
         raise InvalidValueError(
             "parallel to the direction of view", "any other direction", key="view_up", found=list(view_up)
         )
+
+
+def check_aperture(aperture: float, parallel_scale: float | None) -> None:
+    """Refuse a lens with parallel projection, whose rays meet in no eye."""
+    if aperture and parallel_scale is not None:
+        text = "not with parallel_scale: a thin lens has perspective"
+        raise InvalidValueError(text, "0, or parallel_scale: null", key="aperture", found=aperture)
 
 
 def check_view(view: str | None, position: Vector | None) -> None:

@@ -258,6 +258,34 @@ def check_layers(volumes: Sequence[Any], grids: Sequence[Any], quality: Any, wan
             raise InvalidValueError(f"not with {name}", f"{without}, or {remedy}", key=key, found=found)
 
 
+def check_lens(volumes: Sequence[Any], grids: Sequence[Any], quality: Any, layered: Mapping[str, Any]) -> None:
+    """Refuse a lens where a pixel shows one depth, and where sub-images would not have an order or an opacity.
+
+    Parameters
+    ----------
+    volumes, grids, quality : sections of a scene
+    layered : values that need a picture's layers, by their keys
+    """
+    problems = {key: (found, "those of a pinhole, with aperture: 0") for key, found in layered.items()}
+    for key in ("frame_coherence", "early_discarding", "max_error"):
+        found = getattr(quality, key)
+        if found is not None and found is not False:
+            problems[f"quality.{key}"] = found, "its default with a lens"
+    if quality.lens.sub_images is not None:
+        allowed = "quality.lens: {eye_points: 64} with it"
+        for number, volume in enumerate(volumes):
+            if not BLEND_MODES[volume.blending].composited:
+                problems[f"volumes[{number}].blending"] = volume.blending, f"a composited mode, or {allowed}"
+        for number, grid in enumerate(grids):
+            if grid.visibility != "exact":
+                problems[f"grids[{number}].visibility"] = "a k-buffer", f"exact, or {allowed}"
+    for number, volume in enumerate(volumes):
+        if volume.optics is not None:
+            problems[f"volumes[{number}].optics"] = "optics", "no optics with a lens"
+    for key, (found, allowed) in problems.items():
+        raise InvalidValueError("not with camera.aperture", allowed, key=key, found=found)
+
+
 def check_surface_lic(flows: Sequence[Any], surfaces: Sequence[str]) -> None:
     """Refuse surface LIC on what has no surface, and two on one surface.
 

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         ImageSettings,
         Interpolation,
         Layer,
+        LensQuality,
         Light,
         LightType,
         PixelFormat,
@@ -293,6 +294,9 @@ class Settings(TypedDict, total=False):
     view_up: Numbers | None
     view_angle: float
     parallel_scale: float | None
+    window_center: Numbers
+    aperture: float
+    focal_distance: float | None
     view: View | None
     azimuth: float
     elevation: float
@@ -321,6 +325,7 @@ class Settings(TypedDict, total=False):
     max_error: float | None
     pixel: PixelFormat
     abuffer: ABuffer | Mapping[str, Any]
+    lens: LensQuality | Mapping[str, Any]
     # Cluster
     mode: Mode
     groups: int | None

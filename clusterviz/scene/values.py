@@ -14,6 +14,7 @@ from clusterviz.scene.annotations import Annotations
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING
 from clusterviz.scene.blend_modes import Blending as Blending
 from clusterviz.scene.checks import (
+    check_aperture,
     check_attenuation,
     check_camera,
     check_detail,
@@ -34,6 +35,7 @@ from clusterviz.scene.compatibility import (
     check_gradient,
     check_gradient_opacity,
     check_layers,
+    check_lens,
     check_optics,
     check_pixel_format,
     check_refraction,
@@ -138,7 +140,8 @@ class Detail(Section):
 
     @model_validator(mode="after")
     def _has_one_key(self) -> Detail:
-        check_one_key([name for name in type(self).model_fields if getattr(self, name) is not None])
+        known = type(self).model_fields
+        check_one_key([name for name in known if getattr(self, name) is not None], known)
         return self
 
 
@@ -335,6 +338,23 @@ class Camera(Section):
     parallel_scale: Positive | None = Field(
         default=None, description="Half the picture's height in world units: parallel projection; null: perspective."
     )
+    window_center: Annotated[tuple[Number, Number], BeforeValidator(to_builtin)] = Field(
+        default=(0.0, 0.0),
+        examples=[[0.1, 0]],
+        description="Centre of the picture to the right of and above the direction of view, in halves of its width and "
+        "height, as VTK's WindowCenter: an off-axis frustum.",
+    )
+    aperture: NotNegative = Field(
+        default=0.0,
+        examples=[0.5],
+        description="Radius of a thin lens, world units: what is not at focal_distance is blurred; 0: a pinhole, all "
+        "is sharp. Perspective only.",
+    )
+    focal_distance: Positive | None = Field(
+        default=None,
+        description="Distance from the eye, along the direction of view, of the plane that is in focus, world units; "
+        "default: that of the focal point.",
+    )
     view: View | None = Field(
         default=None,
         description="Side of the eye, instead of position: the side of the body if the file has an orientation (front "
@@ -360,6 +380,7 @@ class Camera(Section):
     def _not_degenerate(self) -> Camera:
         check_camera(self.position, self.focal_point, self.view_up)
         check_view(self.view, self.position)
+        check_aperture(self.aperture, self.parallel_scale)
         return self
 
 
@@ -456,6 +477,27 @@ class ABuffer(Section):
     )
 
 
+class LensQuality(Section):
+    """How the picture of a thin lens (`camera.aperture`) is made."""
+
+    sub_images: Annotated[int, Field(strict=True, ge=3, le=128), BeforeValidator(to_builtin)] | None = Field(
+        default=None,
+        examples=[16],
+        description="At most so many ranges of depth are drawn, each blurred as a whole: fast, and an approximation.",
+    )
+    eye_points: Annotated[int, Field(strict=True, ge=1, le=65536), BeforeValidator(to_builtin)] | None = Field(
+        default=None,
+        examples=[64],
+        description="The mean of the pictures from so many points of the lens: exact in the limit, and as many frames.",
+    )
+
+    @model_validator(mode="after")
+    def _has_one_key(self) -> LensQuality:
+        known = type(self).model_fields
+        check_one_key([name for name in known if getattr(self, name) is not None], known)
+        return self
+
+
 class Quality(Section):
     """Accuracy and cost of rendering; the error of each setting is measured."""
 
@@ -517,6 +559,11 @@ class Quality(Section):
     abuffer: ABuffer = Field(
         default=ABuffer(), examples=[{"fill": "pages", "resolve": "both"}], description="The A-buffer of fragments."
     )
+    lens: LensQuality = Field(
+        default=LensQuality(sub_images=16),
+        examples=[{"eye_points": 64}],
+        description="How depth of field (camera.aperture) is drawn: {sub_images: n} or {eye_points: n}.",
+    )
 
 
 class Scene(Section):
@@ -577,6 +624,8 @@ class Scene(Section):
         check_layers(self.volumes, self.grids, self.quality, wanted | painting)
         check_surface_lic(self.flows, self.surface_keys)
         check_spectral(self.volumes, self.quality, self.image.background)
+        if self.camera.aperture:
+            check_lens(self.volumes, self.grids, self.quality, wanted | painting)
         check_refraction(self.volumes, self.clip, self.quality, self.cluster)
         return self
 

@@ -36,7 +36,8 @@ def scene_of_pick(scene: Scene, x: float, y: float) -> Scene:
     camera, (width, height) = scene.camera, scene.image.size
     position, focal_point, up_given = (np.array(each) for each in camera_vectors(camera))
     right, up, forward = camera_axes(tuple(position), tuple(focal_point), tuple(up_given))
-    across, along = (2 * x - 1) * width / height, 1 - 2 * y
+    aside, above = camera.window_center
+    across, along = (2 * x - 1 + aside) * width / height, 1 - 2 * y + above
     if camera.parallel_scale is not None:
         shift = camera.parallel_scale * (across * right + along * up)
         changed: dict[str, Any] = {
@@ -51,7 +52,9 @@ def scene_of_pick(scene: Scene, x: float, y: float) -> Scene:
         angle = 2 * math.degrees(math.atan(half * SIDE / height / float(np.linalg.norm(ray))))
         changed = {"focal_point": _triple(position + distance * ray / np.linalg.norm(ray)), "view_angle": angle}
     update = {
-        "camera": camera.model_copy(update={**changed, "view_up": _triple(up)}),
+        "camera": camera.model_copy(
+            update={**changed, "view_up": _triple(up), "window_center": (0.0, 0.0), "aperture": 0.0}
+        ),
         "image": scene.image.model_copy(update={"size": (SIDE, SIDE), "layers": ("depth", "object")}),
         "quality": scene.quality.model_copy(update={"max_error": None}),
         "annotations": type(scene.annotations)(),

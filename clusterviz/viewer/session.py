@@ -60,6 +60,8 @@ HIDDEN = "hidden"
 LISTS = ("volumes", *LISTED_SECTIONS)
 CAMERA = ("position", "focal_point", "view_up", "view_angle", "parallel_scale")
 """Keys of the camera that clients are told."""
+LENS = ("window_center", "aperture", "focal_distance")
+"""Keys of the camera that stay as it moves."""
 
 
 class Client(Protocol):
@@ -437,7 +439,8 @@ class Session:
         try:
             match message:
                 case View(camera=camera):
-                    self._show({**self._shown.data, "camera": camera.model_dump(mode="json")}, view=True)
+                    kept = {key: one for key, one in self._shown.data["camera"].items() if key not in CAMERA}
+                    self._show({**self._shown.data, "camera": {**kept, **camera.model_dump(mode="json")}}, view=True)
                 case Size():
                     self._resize(message)
                 case Edit(changes=changes, merge=tag):
@@ -611,7 +614,8 @@ def _data_of(scene: Scene) -> Data:
     data = scene.model_dump(mode="json", exclude_unset=True)
     data.pop("automatic", None)
     image = {**data.get("image", {}), "size": list(scene.image.size)}
-    return {**data, "camera": _camera_of(scene.camera), "image": image}
+    lens = scene.camera.model_dump(mode="json", include=set(LENS), exclude_defaults=True)
+    return {**data, "camera": {**_camera_of(scene.camera), **lens}, "image": image}
 
 
 def _camera_of(camera: Camera) -> Data:

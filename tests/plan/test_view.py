@@ -23,17 +23,18 @@ CAMERAS = {
     "perspective": Camera(position=(40, 25, 30), focal_point=(4, 4, 4), view_up=(0, 0, 1), view_angle=25),
     "inside": Camera(position=(4, 3, 5), focal_point=(9, 7, 4), view_up=(0, 1, 0), view_angle=70),
     "parallel": Camera(position=(40, 25, 30), focal_point=(4, 4, 4), view_up=(0, 0, 1), parallel_scale=7),
+    "off-axis": Camera(position=(40, 25, 30), focal_point=(4, 4, 4), view_up=(0, 0, 1), window_center=(0.4, -0.3)),
     "huge": Camera(position=(4e200, 2.5e200, 3e200), focal_point=(0, 0, 0), view_up=(0, 0, 1), view_angle=25),
 }
 
 
 def rays_of(view: View) -> Rays:
     """Every pixel's ray in index space, by the expression of ray.glsl, in float64."""
-    width, height = view.size
+    (width, height), (column, row) = view.size, view.centre
     i, j = np.meshgrid(np.arange(width), np.arange(height))
     across, above = (
-        ((i + 0.5 - width / 2) * view.pixel).reshape(-1, 1),
-        ((height / 2 - j - 0.5) * view.pixel).reshape(-1, 1),
+        ((i + 0.5 - column) * view.pixel).reshape(-1, 1),
+        ((row - j - 0.5) * view.pixel).reshape(-1, 1),
     )
     eye, right, up, forward = (np.array(v) for v in (view.eye, view.right, view.up, view.forward))
     aside = across * right + above * up

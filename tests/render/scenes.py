@@ -112,15 +112,19 @@ def camera_at(name: str, grid: Grid) -> Camera:
     up = z / np.linalg.norm(z) + 0.01 * x / np.linalg.norm(x)
     aside = np.array([1.1, 0.7, 0.9])
     far = centre + 1e6 * diagonal * aside / np.linalg.norm(aside)
-    places: dict[str, tuple[Any, Any, dict[str, float]]] = {
+    places: dict[str, tuple[Any, Any, dict[str, Any]]] = {
         "outside": (centre + diagonal * aside, centre, {}),
         "inside": (corners[0] + 0.37 * x + 0.61 * y + 0.45 * z, corners[7], {"view_angle": 80}),
         "on-a-face": (corners[0] + 0.5 * y + 0.5 * z, centre + 0.1 * y, {"view_angle": 60}),
         "on-an-edge": (corners[0] + 0.5 * z, centre, {"view_angle": 60}),
-        "on-a-corner": (corners[0], centre, {"view_angle": 60}),
+        "on-a-corner": (corners[0], centre, {"view_angle": 60, "window_center": (0.3, -0.2)}),
         "along-an-axis": (centre - 2 * x, centre, {}),
         "far": (far, centre, {"view_angle": degrees(2e-6 * atan(0.45))}),
-        "parallel": (centre + diagonal * aside, centre, {"parallel_scale": 0.4 * diagonal}),
+        "parallel": (
+            centre + diagonal * aside,
+            centre,
+            {"parallel_scale": 0.4 * diagonal, "window_center": (-0.1, 0.2)},
+        ),
         "parallel-along-an-axis": (centre - 2 * x, centre, {"parallel_scale": 0.3 * diagonal}),
         "parallel-from-inside": (centre, centre + aside, {"parallel_scale": 0.4 * diagonal}),
     }

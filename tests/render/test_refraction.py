@@ -19,7 +19,7 @@ from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.refraction import MOMENTUM, POSITION, STATUS, Paths
 from clusterviz.render.render_result import footprint, no_progress
-from clusterviz.render.spectrum import draw_wavelengths
+from clusterviz.render.tall_picture import draw_tall_picture
 from clusterviz.scene.optics import IndexFunction
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
 
@@ -55,7 +55,7 @@ def fluxes(
     plan = prepared.plan
     caster = Raycaster(where, plan, block) if where else VectorCaster(plan)
     caster.load(plan, dict(prepared.shown))
-    results = draw_wavelengths(caster.draw, plan, pieces_of(prepared, 1), no_progress)
+    results = draw_tall_picture(caster.draw, plan, pieces_of(prepared, 1), no_progress)
     merged = merge_partials([one.partial for one in results], plan.canvas_size, plan.blend_mode.operator)
     caster.release()
     found = SpectralPicture.of_pixels(merged, plan.spectrum.wavelengths).fluxes  # type: ignore[union-attr]

@@ -21,7 +21,7 @@ from clusterviz.reference.two_flux import TwoFlux, solve_layers
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.render_result import finish_projection, no_progress
-from clusterviz.render.spectrum import draw_wavelengths
+from clusterviz.render.tall_picture import draw_tall_picture
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
 
 SHAPE = (12, 18, 20)
@@ -90,7 +90,7 @@ def drawn_in(
     caster = Raycaster(where, plan) if where else VectorCaster(plan)
     caster.load(plan, prepared.shown)
     for parts in numbers:
-        results = draw_wavelengths(caster.draw, plan, pieces_of(prepared, parts), no_progress)
+        results = draw_tall_picture(caster.draw, plan, pieces_of(prepared, parts), no_progress)
         merged = merge_partials([one.partial for one in results], plan.canvas_size, plan.blend_mode.operator)
         layers = finish_projection(plan, merged).layers  # type: ignore[attr-defined]
         found = [layers[name].astype(np.float64) for name in ("R_front", "R_back", "T")]

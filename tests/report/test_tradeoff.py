@@ -244,7 +244,7 @@ def test_what_the_reference_cannot_draw_is_said(fault: str, monkeypatch: pytest.
     if fault == "large":
         monkeypatch.setattr(ground_truth, "MAX_REFERENCE_BYTES", 100)
     else:
-        monkeypatch.setattr(ground_truth, "render_reference", refuse)
+        monkeypatch.setattr(ground_truth, "render_lens", refuse)
     found = find_ground_truth(scene(), lambda of, step: np.full((9, 12, 4), 0.5, np.float32), 60)
     assert (found.source, found.checked, found.max) == ("renderer", None, 0)
     assert ("GiB" in found.why) if fault == "large" else ("no such look" in found.why)

@@ -71,7 +71,7 @@ def _entries(view: View, pixels: Points, extent: tuple[float, float, float]) -> 
 
     For rays that begin inside, the face through which they leave is used.
     """
-    offsets = (pixels - (np.array(view.size) - 1) / 2) * view.pixel * np.array([1, -1])
+    offsets = (pixels + 0.5 - np.array(view.centre)) * view.pixel * np.array([1, -1])
     aside = offsets @ np.array([view.right, view.up])
     forward = np.array(view.forward)
     origin = np.array(view.eye) + aside if view.parallel else np.broadcast_to(np.array(view.eye), aside.shape)

@@ -121,8 +121,8 @@ def lens_of(plan: Plan, block: NDArray[np.void], rect: Rect) -> Floats:
     view, eye = plan.view, np.array(plan.view.eye)
     aside = [float(block[name][0, :3] @ eye + block[name][0, 3]) for name in ("right", "up")]
     pixels = (plan.content.domain.spacing if view.parallel else 1.0) / view.pixel
-    column, row = view.size[0] / 2 - 0.5 - rect.x_begin, view.size[1] / 2 - 0.5 - rect.y_begin
-    slope = 0.0 if view.parallel else view.pixel * (view.size[0] + view.size[1])
+    column, row = view.centre[0] - 0.5 - rect.x_begin, view.centre[1] - 0.5 - rect.y_begin
+    slope = 0.0 if view.parallel else view.pixel * sum(view.size) * (1 + max(map(abs, view.window_center)))
     return np.array([block["eye"][0, 0], *aside, pixels, column, row, not view.parallel, slope, 0.0])
 
 

@@ -125,7 +125,7 @@ def draw_adaptively(
     unit = max(planes.distance, view.pixel * farthest)
     distances = oracle.distances * np.float32(cell / unit)
     camera = (view.eye, view.right, view.up, view.forward)
-    lens = (view.pixel, width / 2, height / 2, float(view.parallel))
+    lens = (view.pixel, *view.centre, float(view.parallel))
     for number in range(-(-_count(plan) >> coarsest << coarsest) + 1):
         depth = (planes.first + number + 0.5) * planes.distance
         level_of_slice = min(coarsest, (number & -number).bit_length() - 1 if number else coarsest)
@@ -183,7 +183,7 @@ def _spans(plan: Plan) -> tuple[Floats, int]:
     view, planes = plan.view, plan.slice_planes
     width, height = view.size
     across, above = np.meshgrid(
-        (np.arange(width) + 0.5 - width / 2) * view.pixel, (height / 2 - np.arange(height) - 0.5) * view.pixel
+        (np.arange(width) + 0.5 - view.centre[0]) * view.pixel, (view.centre[1] - np.arange(height) - 0.5) * view.pixel
     )
     aside = across[..., None] * np.array(view.right) + above[..., None] * np.array(view.up)
     start = np.array(view.eye) + aside * view.parallel

@@ -23,9 +23,10 @@ from clusterviz.flow.content import geometry_with_flows, open_flows
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.image import compare
 from clusterviz.plan.geometry_bricks import part_of
-from clusterviz.reference import render_reference
+from clusterviz.reference import render_lens
 from clusterviz.reference.cells import place_cells
 from clusterviz.report.tradeoff.knobs import exact_settings
+from clusterviz.scene.lens import lens_points
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Scene
 
@@ -186,7 +187,8 @@ def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[D
         of = scene.model_copy(update={"image": of.image})
         geometry: list[Any] = list(zip(of.geometry, parts, strict=True))
         cells = [place_cells(*pair) for pair in zip(of.grids, grids_read, strict=True)]
-        return render_reference(of, grids, voxels, step, geometry=geometry, cells=cells)
+        points = lens_points((of.quality.lens.eye_points or 1) if of.camera.aperture else 1)
+        return render_lens(of, grids, voxels, points=points, step=step, geometry=geometry, cells=cells)
 
     try:
         seconds = _seconds(lambda: reference(_resized(scene, 2), 8.0))

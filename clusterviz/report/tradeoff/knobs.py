@@ -15,6 +15,7 @@ from clusterviz.errors import InputError, SceneError
 from clusterviz.plan.adaptive_step import what_has_no_bound
 from clusterviz.plan.blend_mode import has_surfaces, is_preintegrated, step_of
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.field_types import Section
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
 from clusterviz.scene.values import Scene
@@ -57,6 +58,7 @@ SCHEMES = (
     {"fill": "pages", "resolve": "peeling"},
     {"fill": "lists", "resolve": "both"},
 )
+LENSES = (*({"sub_images": n} for n in (8, 16, 32)), *({"eye_points": n} for n in (16, 64)))
 KNOBS = (
     Knob("step", "distance between samples along a ray, in voxels", (4.0, 2.0, 1.0, 0.5, 0.25)),
     Knob("classification", "where the transfer function is applied", exact="post"),
@@ -69,6 +71,7 @@ KNOBS = (
     Knob("adaptive", "error within which slabs are longer where little changes", (1 / 1024, 1 / 255), (1 / 255,), 0.0),
     Knob("frame_coherence", "whether rays start by the last frame, half a degree away", (False, True), (False,), False),
     Knob("borders", "what becomes of pre-integrated slabs that leave a brick", exact="overlap"),
+    Knob("lens", "how depth of field is drawn", LENSES, LENSES[1:2], LENSES[-1]),
     Knob("max_error", "error within which settings are chosen by themselves", (1 / 255, 4 / 255), exclusive=True),
     Knob("pixel", "format in which partial images are blended", exact="float32", ranks=2),
     Knob("codec", "how pixels are packed for sending", ("raw", "active", "lz4", "active+lz4"), ranks=2, control=True),
@@ -172,6 +175,7 @@ def _idle(scene: Scene) -> set[str]:
     works = {
         # Geometry alone is where its rays meet it, and is not sampled.
         "step": bool(volumes),
+        "lens": scene.camera.aperture > 0,
         "max_error": bool(volumes),
         "frame_coherence": not scene.geometry,
         "abuffer": bool(scene.geometry),
@@ -214,7 +218,9 @@ def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any
 
 def _others(scene: Scene, knob: Knob, values: Sequence[Any]) -> list[Any]:
     """Return the values that differ from the scene's."""
-    return [value for value in values if value != value_of(scene, knob.name)]
+    own = value_of(scene, knob.name)
+    own = own.model_dump(exclude_none=True) if isinstance(own, Section) else own
+    return [value for value in values if value != own]
 
 
 def _names(name: str) -> tuple[Any, ...]:
@@ -226,7 +232,8 @@ def _names(name: str) -> tuple[Any, ...]:
 def _shown(value: Any) -> str:
     """Return a value as text, with small fractions such as 1/1024 and 4/255."""
     if isinstance(value, Mapping):
-        return " and ".join(map(str, value.values()))
+        named = (f"{one} {name.replace('_', ' ')}" if isinstance(one, int) else one for name, one in value.items())
+        return " and ".join(named)
     if isinstance(value, float) and 0 < value < 0.1 and len(f"{value:g}") > 6:
         for part, whole in ((1, round(1 / value)), (round(255 * value), 255)):
             if part / whole == value:
