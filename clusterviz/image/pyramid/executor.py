@@ -57,8 +57,8 @@ def kernels_of(name: str, function: Callable[..., None]) -> dict[bool, Kernel]:
     """Return kernels of `source` and `result`, by whether they take channels by four."""
     files, writes = ("pyramid/bilinear.glsl", f"pyramid/{name}.glsl"), ("result",)
     return {
-        False: kernel("pyramid/number.glsl", *files, writes=writes)(function),
-        True: kernel("pyramid/vector.glsl", *files, writes=writes, vectors=("source", "result"))(function),
+        False: kernel("pyramid/channels.glsl", *files, writes=writes)(function),
+        True: kernel("pyramid/channels_by_four.glsl", *files, writes=writes, vectors=("source", "result"))(function),
     }
 
 
