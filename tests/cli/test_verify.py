@@ -224,3 +224,14 @@ def test_grids_are_compared_with_the_reference(tmp_path: Path) -> None:
     for settings in (["array=kind"], ["array=f", "shade=true"]):
         scene = open_scene(path, [*settings, "opacity=0.5", "image.size=[24,18]"])
         assert compare_with_reference(scene).max <= 1e-5
+
+
+def test_sub_images_of_a_lens_are_compared_with_its_eye_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both beside the pinhole's float64 reference."""
+    monkeypatch.setattr(verify, "EYE_POINTS", 8)
+    scene = scene_of_data("field:gaussian:9", ["image.size=[16,12]", "opacity=0.5", "camera.aperture=0.2"])
+    found = compare_with_reference(scene)
+    assert found.max <= 1e-5
+    assert found.lens is not None
+    assert 1e-4 < found.lens[1] < found.lens[0] < 0.2
+    assert "from 8 eye points at 16 × 12" in str(found)

@@ -118,6 +118,17 @@ def test_the_exact_values_are_values_of_their_knobs() -> None:
     assert scene.quality.filter == "exact"
 
 
+def test_a_lens_is_drawn_in_several_ways_and_a_pinhole_in_one() -> None:
+    assert len(settings_of(SCENE, 1, ["lens"], 99)[0]) == 1
+    seen = with_settings(SCENE, {"aperture": 0.1})
+    tried = settings_of(seen, 1, ["lens"], 99)[0]
+    assert [str(each) for each in tried[1:]] == [
+        *(f"lens {count} sub images" for count in (8, 32)),  # 16 are the scene's own
+        *(f"lens {count} eye points" for count in (16, 64)),
+    ]
+    assert changed(seen, tried[-1]).quality.lens.eye_points == 64
+
+
 def test_unknown_knobs() -> None:
     assert parse_knobs("step, brick") == ["step", "brick"]
     assert parse_knobs(None) == ALL
