@@ -50,7 +50,9 @@ def render_adaptively(
     parallel = camera.parallel_scale is not None
     half = 0.0 if parallel else math.tan(math.radians(camera.view_angle) / 2)
     pixel_size = 2 * (camera.parallel_scale or half) / height
-    distance = scene.quality.step * min(grid.spacing) / math.hypot(1.0, half, half * width / height)
+    shift_right, shift_up = camera.window_center
+    farthest = half * (1 + abs(shift_up)), half * (1 + abs(shift_right)) * width / height
+    distance = scene.quality.step * min(grid.spacing) / math.hypot(1.0, *farthest)
     depths = (grid.corners - np.array(camera.position)) @ forward
     slices = math.ceil((depths.max() - depths.min()) / distance)
     unit = max(distance, pixel_size * (1.0 if parallel else depths.min() + slices * distance))
@@ -69,8 +71,8 @@ def render_adaptively(
     def sample(level: int, pixels: NDArray[np.bool_], depth: float) -> tuple[Floats, Floats, int]:
         rows, columns = np.nonzero(pixels)
         side, scale = 2**level, pixel_size * (1.0 if parallel else depth)
-        across = ((columns + 0.5) * side - width / 2)[:, None] * right
-        above = (height / 2 - (rows + 0.5) * side)[:, None] * up
+        across = ((columns + 0.5) * side - width / 2 * (1 - shift_right))[:, None] * right
+        above = (height / 2 * (1 + shift_up) - (rows + 0.5) * side)[:, None] * up
         points = np.array(camera.position) + depth * forward + scale * (across + above)
         place = (points - np.array(grid.origin)) @ to_index.T
         near = np.clip(place, 0, last)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from clusterviz.scene.annotations import Annotations
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.values import Scene
 
 
@@ -91,7 +92,9 @@ class Pace:
         level, quality = LEVELS[self.level], scene.quality
         width, height = (max(SMALLEST_SIDE, round(level.scale * side)) for side in scene.image.size)
         image = scene.image.model_copy(update={"size": (width, height), "layers": ()})
-        ends = max(quality.early_termination, level.early_termination)
+        ends = quality.early_termination
+        if any(BLEND_MODES[one.blending].composited for one in scene.volumes):
+            ends = max(ends, level.early_termination)
         changed = {"step": quality.step * level.step, "early_termination": ends, "max_error": None}
         settings = {"image": image, "quality": quality.model_copy(update=changed), "annotations": Annotations()}
         return scene.model_copy(update=settings)

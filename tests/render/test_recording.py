@@ -118,8 +118,9 @@ ON_CPUS = {
 """Looks that machine code draws, too, and the files of CPUs in which a probe looks."""
 OF_16_LANES = "classified_pieces piece_rows pieces"
 """Files of CPUs whose vectors have 16 numbers."""
-NOT_PROBED = "profile_clock profile_counts words_wide"
-"""Of the profiler, and of memory by its addresses, which are indices of nothing that the interpreter has."""
+NOT_PROBED = "profile_clock profile_counts words_wide packets_paths paths refraction"
+"""Of the profiler, of memory by its addresses, which are indices of nothing that the interpreter has, and of rays that
+bend, which are refused by what looks into shaders."""
 DRAWN = ("jittered uint16", "hardware, lit", "layers of bricks", "two volumes")
 """Looks that the ray caster draws on OpenGL, too, with programs that hold no probes."""
 LOOSE = {"hardware, lit": 0.02, "cubic hardware": 0.02}

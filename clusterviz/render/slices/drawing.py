@@ -207,6 +207,7 @@ class SliceDrawing:
         buckets, records, _ = all_segments(plan)
         whole = BrickBox((0, 0, 0), plan.layout.counts_zyx)
         block = frame_block(plan, whole, Rect(0, 0, *plan.view.size), slot_of(plan))
+        block["lens"][..., 2] = plan.view.size[1] - block["lens"][..., 2]  # rows of fragments are counted from below
         frame, rows, table = (self._context.buffer(array.tobytes()) for array in (block, records, buckets))
         frame.bind_to_uniform_block(0)
         rows.bind_to_storage_buffer(5)
