@@ -322,7 +322,7 @@ def command(
 
 def _bends(scene: Scene) -> bool:
     """Return whether rays bend in a scene."""
-    return any(volume.optics is not None and volume.optics.refraction for volume in scene.volumes)
+    return any(volume.refracts for volume in scene.volumes)
 
 
 def _has_fixed_sample_count(scene: Scene) -> bool:

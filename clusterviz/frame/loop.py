@@ -77,7 +77,7 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
     if scene.quality.max_error is not None:
         bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
         raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
-    if any(volume.optics is not None and volume.optics.refraction for volume in scene.volumes):
+    if any(volume.refracts for volume in scene.volumes):
         text, where = "only straight rays are measured here", "volumes[0].optics.refraction"
         raise SceneError(text, where=where, found=True, allowed="false")
     _refuse_undrawn(scene)

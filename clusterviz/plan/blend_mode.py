@@ -154,15 +154,10 @@ def lattice_of(volumes: Sequence[Volume], quality: Quality) -> Lattice:
     return "jittered" if quality.jitter else "rays"
 
 
-def refracts(volume: Volume) -> bool:
-    """Return True if rays bend in the volume."""
-    return volume.optics is not None and volume.optics.refraction
-
-
 def reach_of(volume: Volume, classification: Classification = "post", borders: Borders = "overlap") -> int:
     """Return the cells beyond its own in which a brick samples the field, at the ends of slabs."""
     at_ends = is_preintegrated(volume, classification) and borders == "overlap"
-    return int(has_surfaces(volume) or at_ends or refracts(volume))
+    return int(has_surfaces(volume) or at_ends or volume.refracts)
 
 
 LARGEST_MARGIN = 2
@@ -183,7 +178,7 @@ def margin_of(
     has_layers : the picture has other layers than the colours
     around : see `occlusion_reach`
     """
-    kernel = has_layers or is_lit(volume) or is_graded(volume) or refracts(volume) or volume.interpolation == "cubic"
+    kernel = has_layers or is_lit(volume) or is_graded(volume) or volume.refracts or volume.interpolation == "cubic"
     return reach_of(volume, classification, borders) + kernel + around
 
 
@@ -209,7 +204,7 @@ def make_blend_mode(
         units = _in_float32(in_units_of_clim(value, *transfer.domain))
         surfaces.append(Surface(value, units, (red, green, blue), opacity, number))
     visible = tuple(sorted((s for s in surfaces if s.opacity > 0), key=lambda surface: surface.value))
-    smooth = volume.gradient == "smooth" and bool(shading or grading or refracts(volume))
+    smooth = volume.gradient == "smooth" and bool(shading or grading or volume.refracts)
     return BlendMode(volume.blending, threshold, shading, visible, grading, smooth, isinstance(volume, LicVolume))
 
 

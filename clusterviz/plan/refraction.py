@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid
-from clusterviz.plan.blend_mode import refracts
 from clusterviz.scene.values import Volume
 
 MOST_DIAGONALS = 16
@@ -68,7 +67,7 @@ def make_refraction(
     shown : bool (bz, by, bx), bricks that are not hidden
     step_world : length of a slab in world units
     """
-    if not refracts(volume) or volume.optics is None:
+    if volume.optics is None or not volume.refracts:
         return None
     bricks = np.argwhere(shown)
     begin, end = (0, 0, 0), (0, 0, 0)

@@ -141,7 +141,7 @@ def render_reference(
                 rgba[part] = march_surfaces(some, voxels, each, scene, grid, passed)
             elif _is_preintegrated(scene):
                 rgba[part] = march_preintegrated(some, voxels, length, scene, grid, passed)
-            elif volume.optics is not None and volume.optics.refraction:
+            elif volume.optics is not None and volume.refracts:
                 background = background_rgb(scene.image.background) or (0.0, 0.0, 0.0)
                 bent = Bent(len(some.direction), volume.optics, background)
                 bent.march(some, voxels, min(length, most), volume, grid)

@@ -81,7 +81,7 @@ def check_refraction(volumes: Sequence[Any], clip: Any, quality: Any, cluster: A
     ----------
     volumes, clip, quality, cluster : sections of a scene
     """
-    if not any(volume.optics is not None and volume.optics.refraction for volume in volumes):
+    if not any(volume.refracts for volume in volumes):
         return
     clipping = "planes or a box" if clip.planes or clip.box is not None else None
     whole, tiles = "rays bend, so that any rank may need any brick", "each rank draws its own part of the picture"

@@ -71,7 +71,7 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     geometry = [complete_geometry(section, info) for section, info in zip(scene.geometry, known, strict=True)]
     grids = tuple(complete_grid(section, info) for section, info in zip(scene.grids, gridded, strict=True))
     scene = scene.model_copy(update={"volumes": volumes, "grids": grids, **as_sections(geometry)})
-    if any(volume.optics is not None and volume.optics.refraction for volume in volumes):
+    if any(volume.refracts for volume in volumes):
         # Rays bend, so that any rank may need any brick.
         scene = scene.model_copy(update={"cluster": scene.cluster.model_copy(update={"mode": "sort-first"})})
     if is_completed(scene.camera):

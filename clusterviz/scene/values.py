@@ -318,6 +318,11 @@ class Volume(Section):
             check_ambient_occlusion(self.blending, self.shade, has_own_opacity)
         return self
 
+    @property
+    def refracts(self) -> bool:
+        """Whether rays bend in the volume."""
+        return self.optics is not None and self.optics.refraction
+
 
 class Camera(Section):
     """Camera as in VTK, or a named view; unset keys are chosen so that everything visible is in the picture."""

@@ -164,7 +164,7 @@ def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[D
     """
     if any(flow.show == "surface-lic" for flow in scene.flows):
         return None, "the reference shows no flow on surfaces"
-    if any(volume.optics is not None and volume.optics.refraction for volume in scene.volumes):
+    if any(volume.refracts for volume in scene.volumes):
         return None, "the reference follows rays that bend one by one, which would take hours"
     sources = [open_volume(volume) for volume in scene.volumes if not volume.of_flow]
     if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MAX_REFERENCE_BYTES:
