@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.reference.fields import SAMPLERS
 from clusterviz.reference.preintegrated import integrate
+from clusterviz.reference.pyramid import convolve
 from clusterviz.reference.rays import Floats, camera_frame, camera_rays, inside, to_index_space
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene
@@ -82,6 +83,9 @@ def render_adaptively(
         found = np.where(found > 1, np.minimum(found, FARTHEST), 1.0) + away * (min(grid.spacing) / unit)
         return found, SAMPLERS["linear"](voxels, *near.T)[0], int((away <= 1e-3).sum())
 
+    def synthesized(coarser: Floats, shape: tuple[int, ...]) -> Floats:
+        return convolve("doo-sabin", coarser[..., None], shape)[..., 0]
+
     for number in range((-(-slices >> coarsest) << coarsest) + 1):
         depth = depths.min() + (number + 0.5) * distance
         of_slice = max(level for level in range(coarsest + 1) if number % 2**level == 0)
@@ -89,8 +93,8 @@ def render_adaptively(
             due = (wanted[level] < 2 ** (of_slice + 1)) | (of_slice == coarsest)
             if level < of_slice:
                 shape = wanted[level].shape
-                wanted[level] = np.where(due, doo_sabin(wanted[level + 1], shape), wanted[level])
-                scalars[level] = np.where(due, doo_sabin(scalars[level + 1], shape), scalars[level])
+                wanted[level] = np.where(due, synthesized(wanted[level + 1], shape), wanted[level])
+                scalars[level] = np.where(due, synthesized(scalars[level + 1], shape), scalars[level])
             taken = (wanted[level] < 2 ** (level + 1)) | (level == coarsest)
             wanted[level][taken], scalars[level][taken], count = sample(level, taken, depth)
             samples += count
@@ -107,13 +111,3 @@ def render_adaptively(
         rgba[some] += (1 - rgba[some][:, 3:]) * alpha[:, None] * np.column_stack([colour, np.ones(len(alpha))])
         before, since = np.where(due, scalars[0], before), np.where(due, float(number), since)
     return rgba, samples
-
-
-def doo_sabin(coarser: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return the finer level of a pyramid, by weights 3/4 and 1/4 along each axis."""
-    found = coarser
-    for axis, size in enumerate(shape):
-        at = np.arange(size)
-        other = np.clip(at // 2 + np.where(at % 2, 1, -1), 0, found.shape[axis] - 1)
-        found = 0.75 * np.take(found, at // 2, axis=axis) + 0.25 * np.take(found, other, axis=axis)
-    return found

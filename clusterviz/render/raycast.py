@@ -181,7 +181,7 @@ class Raycaster:
         plan: Plan,
         pieces: Iterable[Piece],
         progress: Progress = no_progress,
-        crossings: Sequence[CarriedRays] = (),
+        carried: Sequence[CarriedRays] = (),
         passes: Passes | None = None,
     ) -> list[RenderResult]:
         """Draw one frame's pieces, whose visible bricks are loaded, unless `passes` does.
@@ -190,7 +190,7 @@ class Raycaster:
         ----------
         pieces : the iterator advances when a piece is drawn
         progress : called with the part of the pieces that is drawn, in [0, 1], if their number is known
-        crossings : rays of each piece, which are written: of a plan that only finds crossings, or paths that bend
+        carried : rays of each piece, which are written: of a plan that only finds crossings, or paths that bend
         passes : loads the bricks of the pieces part by part
 
         Returns
@@ -219,20 +219,20 @@ class Raycaster:
                 buffers.make(plan.blend_mode.grading.block()).bind_to_uniform_block(5)
                 if plan.blend_mode.grading.table is not None:
                     buffers.table(plan.blend_mode.grading.table).use(1)
-            return self._draw_pieces(plan, pieces, progress, crossings, passes)
+            return self._draw_pieces(plan, pieces, progress, carried, passes)
 
     def _draw_pieces(
         self,
         plan: Plan,
         pieces: Iterable[Piece],
         progress: Progress,
-        crossings: Sequence[CarriedRays],
+        carried: Sequence[CarriedRays],
         passes: Passes | None,
     ) -> list[RenderResult]:
         """Draw pieces; consecutive ones with the same bricks share their tables."""
         drawn: list[RenderResult] = []
         count = length_hint(pieces)
-        if not crossings:
+        if not carried:
             self._last_frame.next_frame()
             self._last_ends.next_frame()
         with ExitStack() as last:
@@ -246,7 +246,7 @@ class Raycaster:
                 if not layers or not rect.pixels:
                     drawn.append(RenderResult(blank()))
                     continue
-                starts: Rays | None = crossings[number] if crossings else None
+                starts: Rays | None = carried[number] if carried else None
                 if plan.march.frame_coherence is not None:
                     starts = Starts.of(self._last_frame, plan, piece, rect)
                 if len(layers) > 1:

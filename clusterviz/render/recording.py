@@ -52,7 +52,7 @@ def recorded(
     ----------
     plan : of the frame
     bricks : by index, as for `Raycaster.load`; they are removed from the mapping
-    crossings : as in `Raycaster.draw`
+    crossings : `carried` of `Raycaster.draw`
     """
     context: Any = _Context()
     caster = Raycaster(context, plan, band_pixels=1 << 62)
@@ -62,7 +62,7 @@ def recorded(
         context.number = 0
         caster.forget()
         try:
-            caster.draw(plan, pieces, crossings=crossings)
+            caster.draw(plan, pieces, carried=crossings)
         except _Reached as reached:
             source = reached.dispatch.source
             written = {each.binding for each in parse(source).blocks if not each.is_read_only}

@@ -172,14 +172,9 @@ def _waiting(plan: Plan, parts: Sequence[Piece], paths: Sequence[Paths]) -> NDAr
         ],
         axis=1,
     )
-    found = [
-        np.count_nonzero(((bricks >= box.begin_zyx) & (bricks < box.end_zyx)).all(axis=1)) for box in _boxes(parts)
-    ]
+    boxes = [part.box for part in parts]
+    found = [np.count_nonzero(((bricks >= box.begin_zyx) & (bricks < box.end_zyx)).all(axis=1)) for box in boxes]
     return np.array(found, np.int64)
-
-
-def _boxes(parts: Sequence[Piece]) -> list[BrickBox]:
-    return [part.box for part in parts]
 
 
 def boxes_that_fit(sizes: NDArray[np.int64], box: BrickBox, most: int) -> list[BrickBox]:

@@ -158,7 +158,7 @@ class RendererCache:
         """
         crossings = [Crossing.behind(front) for front in fronts]
         if self._caster is not None:
-            self._caster.draw(plan.crossing, pieces, crossings=crossings, passes=passes)
+            self._caster.draw(plan.crossing, pieces, carried=crossings, passes=passes)
         return [one.found for one in crossings]
 
     @property

@@ -53,7 +53,7 @@ def _draw_bent(
     from clusterviz.render.refraction import Paths, draw_paths
 
     def on(one: Plan, piece: Piece, paths: Paths) -> RenderResult:
-        return draw(one, [piece], no_progress, crossings=[paths])[0]
+        return draw(one, [piece], no_progress, carried=[paths])[0]
 
     each = [plan.at_wavelength(number) for number in range(plan.pictures)]
     if passes:

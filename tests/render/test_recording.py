@@ -200,7 +200,7 @@ def test_the_interpreter_and_instrumented_shaders_find_what_opengl_draws(
     if look in DRAWN:
         caster = Raycaster(context, plan)
         caster.load(plan, dict(bricks))
-        drawn = caster.draw(plan, pieces, crossings=rays)[0].partial.rgba
+        drawn = caster.draw(plan, pieces, carried=rays)[0].partial.rgba
         caster.release()
         assert close(dispatch.buffers[1].view(np.float32)[: drawn.size], drawn.ravel(), bound)
 
@@ -259,7 +259,7 @@ def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
     caster = casters.VectorCaster(plan)
     caster.load(plan, dict(bricks))
     rays = [Crossing.behind(np.zeros(SIZE[::-1], np.float32))] * plan.march.crossing
-    drawn = caster.draw(plan, pieces, crossings=rays)[0].partial.rgba
+    drawn = caster.draw(plan, pieces, carried=rays)[0].partial.rgba
     source, lanes = seen["variant"].source, seen["variant"].cpu.lanes
     text = source.text.replace("local_size_x = 8, local_size_y = 8", f"local_size_x = {lanes}")
     dispatch = Dispatch(replace(source, text=text), (1, 1, 1), seen["uniforms"], dict(copies(seen["buffers"])))

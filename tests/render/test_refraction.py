@@ -68,7 +68,7 @@ def ends(scene: Scene, voxels: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.n
     plan, (piece, *_) = prepared.plan.at_wavelength(0), pieces_of(prepared, 1)
     caster, paths = VectorCaster(plan), Paths.beginning(footprint(plan, piece))
     caster.load(plan, dict(prepared.shown))
-    caster.draw(plan, [piece], crossings=[paths])
+    caster.draw(plan, [piece], carried=[paths])
     planes = paths.planes.reshape(len(paths.planes), -1).astype(np.float64)
     position, momentum = (planes[n : n + 6 : 2] + planes[n + 1 : n + 6 : 2] for n in (POSITION, MOMENTUM))
     return planes[STATUS], position.T, momentum.T

@@ -162,13 +162,13 @@ class VectorCaster:
         plan: Plan,
         pieces: Iterable[Piece],
         progress: Progress = no_progress,
-        crossings: Sequence[CarriedRays] = (),
+        carried: Sequence[CarriedRays] = (),
         passes: Passes | None = None,
     ) -> list[RenderResult]:
         """Draw one frame's pieces. See `Raycaster.draw`."""
         drawn: list[RenderResult] = []
         shown: _Shown | None = None
-        if not crossings:
+        if not carried:
             self._last_frame.next_frame()
             self._last_ends.next_frame()
         count = length_hint(pieces)
@@ -177,9 +177,7 @@ class VectorCaster:
             part = PartOf(progress, number, count)
             parts = passes.parts(piece) if passes and rect.pixels else []
             if passes and len(parts) > 1:
-                drawn.append(
-                    self._draw_parts(plan, rect, parts, passes, part, crossings[number] if crossings else None)
-                )
+                drawn.append(self._draw_parts(plan, rect, parts, passes, part, carried[number] if carried else None))
                 continue
             if passes and parts:
                 passes.load(piece)
@@ -191,7 +189,7 @@ class VectorCaster:
             if blank_piece:
                 drawn.append(RenderResult(blank()))
                 continue
-            rays: Starts | CarriedRays | None = crossings[number] if crossings else None
+            rays: Starts | CarriedRays | None = carried[number] if carried else None
             if plan.march.frame_coherence is not None:
                 rays = Starts.of(self._last_frame, plan, piece, rect)
             hidden = self._last_ends.begin(plan, piece, rect)
