@@ -19,7 +19,7 @@ SECONDS = 10
 
 @pytest.fixture(autouse=True)
 def _by_opengl(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where OpenGL is to fail: without a GPU the processor draws, which starts sooner, as the other tests want."""
+    """Draw by OpenGL where it is to fail, with or without a GPU; other tests draw by whatever is chosen."""
     callspec = getattr(request.node, "callspec", None)
     if callspec and any(name in str(callspec.params.get("place")) for name in ("gl.context", "raycast")):
         monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", "0")
