@@ -15,6 +15,7 @@ from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, ope
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.report.statistics import FrameStatistics, statistics_file
 from clusterviz.report.trace import RankTrace, Span, measure_offset, write_trace
+from clusterviz.scene.files import public_data
 from clusterviz.scene.values import Scene
 
 MIN_SHOWN_SECONDS = 0.0005
@@ -56,7 +57,7 @@ def check_reports(*reports: Path | None) -> None:
 
 def write_statistics(path: Path, scene: Scene, frames: list[FrameStatistics], startup: dict[str, float]) -> None:
     """Write the statistics of each frame and rank as JSON."""
-    report = statistics_file(scene.model_dump(mode="json"), frames, startup)
+    report = statistics_file(public_data(scene), frames, startup)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(report, indent=2) + "\n")
 
