@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from clusterviz.data import FILE_AND_DATASET
-from clusterviz.data.files import require_regular_file
+from clusterviz.data.files import readable, require_regular_file
 from clusterviz.data.remote import is_url
 from clusterviz.data.series import files_of_pattern
 from clusterviz.errors import InputError, SceneError, public_address
@@ -80,24 +80,25 @@ class Limits:
             return self._files.get(text, text)
         dataset = FILE_AND_DATASET.fullmatch(text)
         name = dataset[1] if dataset else text
-        if is_url(name) or not self._folders:
+        if is_url(name) or "\0" in name or not self._folders:
             raise self._refused(text)
         path = Path(os.path.normpath(self._folders[0] / name))
-        for file in _files_at(path):
-            resolved = file.resolve()
-            if not any(resolved.is_relative_to(folder) for folder in self._folders):
-                raise self._refused(text)
-            if resolved.exists() and not resolved.is_dir():
-                require_regular_file(file)
+        with readable(path):
+            for file in _files_at(path):
+                resolved = file.resolve()
+                if not any(resolved.is_relative_to(folder) for folder in self._folders):
+                    raise self._refused(text)
+                if resolved.exists() and not resolved.is_dir():
+                    require_regular_file(file)
         found = f"{path}:{dataset[2]}" if dataset else str(path)
         if path.exists():
             self._files[found] = found  # views and edits of other keys have it, too
         return found
 
     def _refused(self, text: str) -> InputError:
-        folders = ", ".join(map(str, self._folders or ())) or "those of the scene that was opened"
-        allowed = f"files in {folders}; --root DIR of `clusterviz view` adds a folder"
-        return InputError("not among the files that the live view may open", where="path", found=text, allowed=allowed)
+        folders = ", ".join(f"files in {folder}" for folder in self._folders or ())
+        allowed = f"{folders or 'those that were opened'}; --root DIR of `clusterviz view` adds a folder"
+        return InputError("not a file that the live view may open", where="path", found=text, allowed=allowed)
 
 
 def _entries_of(scene: Scene) -> dict[str, Any]:
