@@ -110,7 +110,9 @@ class Trial:
         self._receive(Reset())
         assert isinstance(self.session.next_request(0.0), Request)
         shown = self.session.completed
-        opened_image = self.opened.image.model_copy(update={"size": shown.image.size})  # a reset keeps the window's size
+        opened_image = self.opened.image.model_copy(
+            update={"size": shown.image.size}
+        )  # a reset keeps the window's size
         assert shown == self.opened.model_copy(update={"image": opened_image})
 
     def _receive(self, message: Any) -> None:

@@ -68,7 +68,7 @@ class Session:
 
     def show(self, number: int, still: bool = False) -> None:
         picture = Picture(self.rgba, (0, 0, 0), number, 0, dict.fromkeys(self.clients, number), still, {}, 0.0)
-        for client in self.clients.values():
+        for client in list(self.clients.values()):
             client.show(picture)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,12 +12,14 @@ from fuzz.messages import run
 
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.scene import Scene, scene_of_data
+from clusterviz.scene.blend_modes import BLEND_MODES, Blending, BlendModeTraits
 from clusterviz.scene.complete import VolumeInfo, complete_scene
 from clusterviz.scene.overrides import with_settings
 from clusterviz.viewer.describe import Content
 from clusterviz.viewer.encoding import Picture
 from clusterviz.viewer.limits import Limits
 from clusterviz.viewer.messages import Edit, Pick, Pose, Preset, Redo, Reset, Save, Size, Steer, Undo, View
+from clusterviz.viewer.server import STATIC
 from clusterviz.viewer.session import ALONE_SECONDS, MOST_PENDING, REST_SECONDS, Job, Request, Session
 
 CORNERS = np.array([[x, y, z] for z in (0, 7) for y in (0, 7) for x in (0, 7)], float)
@@ -449,6 +451,15 @@ def test_a_client_that_joins_gets_what_is_shown_and_the_end() -> None:
     assert late.last("ended") == {"type": "ended", "message": "the job has failed"}
     assert room.session.is_ended
     assert room.session.next_request(0.0) is None
+
+
+def test_the_page_takes_what_it_knows_of_blend_modes_from_their_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(BLEND_MODES, cast("Blending", "own"), BlendModeTraits("", "", threshold=True))
+    told = Content(()).hello()["blend_modes"]
+    assert told["own"] == {"threshold": True, "surfaces": "refused"}
+    assert told.keys() == BLEND_MODES.keys()
+    code = "".join(path.read_text() for path in STATIC.glob("*.js"))
+    assert [name for name in BLEND_MODES if f'"{name}"' in code] == []
 
 
 def test_a_session_may_end_after_the_last_client() -> None:
