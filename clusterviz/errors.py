@@ -39,7 +39,7 @@ def escaped(text: str) -> str:
 
 
 class ClustervizError(Exception):
-    """Failure that clusterviz reports; its text has no secrets of addresses.
+    """Failure that clusterviz reports; its text has no secrets of addresses and no control characters.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class ClustervizError(Exception):
     agreed = False
 
     def __init__(self, *values: object) -> None:
-        super().__init__(*(without_secrets(each) if isinstance(each, str) else each for each in values))
+        super().__init__(*(escaped(without_secrets(each)) if isinstance(each, str) else each for each in values))
 
 
 class InputError(ClustervizError):

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from clusterviz.comm.channel import Channel
-from clusterviz.errors import ClustervizError, RankError, is_agreed, mark_agreed, without_secrets
+from clusterviz.errors import ClustervizError, RankError, is_agreed, mark_agreed
 
 __all__ = ["abort_on_failure", "agree", "describe", "is_agreed", "mark_agreed"]
 
@@ -22,10 +22,10 @@ INTERRUPTED_STATUS = 130
 
 
 def describe(error: BaseException) -> str:
-    """Return the message of an error in one line, with its type unless it is a ClustervizError; without secrets."""
-    if isinstance(error, ClustervizError):
-        return str(error)
-    return without_secrets(f"{type(error).__name__}: {error}") if str(error) else type(error).__name__
+    """Return the message of an error in one line, with its type unless it is a ClustervizError."""
+    if not isinstance(error, ClustervizError):
+        error = ClustervizError(f"{type(error).__name__}: {error}" if str(error) else type(error).__name__)
+    return str(error)
 
 
 def _status(error: BaseException) -> int:

@@ -79,7 +79,7 @@ class Limits:
         if text in self._files or self._folders is None:
             return self._files.get(text, text)
         dataset = FILE_AND_DATASET.fullmatch(text)
-        name = dataset[1] if dataset else text
+        name = str(dataset[1]) if dataset else text
         if is_url(name) or "\0" in name or not self._folders:
             raise self._refused(text)
         path = Path(os.path.normpath(self._folders[0] / name))
