@@ -64,8 +64,8 @@ class Limits:
         """
         size = scene.image.size
         if max(size) > self._largest_side:
-            allowed = f"up to {self._largest_side} pixels a side"
-            raise SceneError("too large for a live view", where="image.size", found=list(size), allowed=allowed)
+            most = f"up to {self._largest_side} pixels a side"
+            raise SceneError("too large for a live view", where="image.size", found=list(size), allowed=most)
         for key, found in _entries_of(scene).items():
             if found != (allowed := self._entries.get(key)):
                 text = "entries cannot be added, removed or shown as another kind in a live view"
@@ -78,19 +78,18 @@ class Limits:
     def _admitted(self, text: str) -> str:
         if text in self._files or self._folders is None:
             return self._files.get(text, text)
-        dataset = FILE_AND_DATASET.fullmatch(text)
-        name = str(dataset[1]) if dataset else text
-        if is_url(name) or "\0" in name or not self._folders:
+        if is_url(text) or "\0" in text or not self._folders:
             raise self._refused(text)
-        path = Path(os.path.normpath(self._folders[0] / name))
+        dataset = FILE_AND_DATASET.fullmatch(text)
+        path = Path(os.path.normpath(self._folders[0] / (dataset[1] if dataset else text)))
+        found = f"{path}:{dataset[2]}" if dataset else str(path)
         with readable(path):
-            for file in _files_at(path):
+            for file in (Path(found), *_files_at(path)):
                 resolved = file.resolve()
                 if not any(resolved.is_relative_to(folder) for folder in self._folders):
                     raise self._refused(text)
                 if resolved.exists() and not resolved.is_dir():
                     require_regular_file(file)
-        found = f"{path}:{dataset[2]}" if dataset else str(path)
         if path.exists():
             self._files[found] = found  # views and edits of other keys have it, too
         return found

@@ -320,7 +320,16 @@ def test_clients_may_name_files_of_the_folder(files: Files, name: str, opened: s
     "name",
     [
         *("/etc/passwd", "../outside/c.npy", "{outside}/c.npy", "{outside}", "link.npy", "folder", "folder/c.npy"),
-        *("leading", "{outside}/*.npy", "../outside/missing.npy", "..", "/", "{outside}/c.h5:/x", "\0"),
+        *(
+            "leading",
+            "{outside}/*.npy",
+            "../outside/missing.npy",
+            "..",
+            "/",
+            "{outside}/c.h5:/x",
+            "b.h5:/../../../x",
+            "\0",
+        ),
         *("http://localhost/a.zarr", "file:///etc/passwd", "s3://b/c"),
     ],
 )
