@@ -6,15 +6,40 @@ without a traceback, and leaves no incomplete output.
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 MAX_LINES, MAX_CHARACTERS = 12, 1000
 """Lines of a message and characters of a line, at most; `found` gets a quarter of a line, `allowed` half of one."""
+ADDRESS = re.compile(r"[a-z][a-z0-9+.-]*://\S+?(?=[.,:;!)\]}>'\"]*(\s|$))", re.IGNORECASE)
+"""Address of a file on a server, in a text; it ends at white space."""
+CONTROL = re.compile(r"[\0-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Characters that a terminal obeys instead of showing them, but the ends of lines and tabs."""
+
+
+def public_address(text: str) -> str:
+    """Return an address without what may be secret: user, password and query; any other text as it is."""
+    scheme, mark, rest = text.partition("://")
+    if not mark or not ADDRESS.match(text):
+        return text
+    host, slash, path = rest.partition("/")
+    return f"{scheme}://{(host.rpartition('@')[2] + slash + path).partition('?')[0]}"
+
+
+def without_secrets(text: str) -> str:
+    """Return a text in which all addresses are as of `public_address`."""
+    return ADDRESS.sub(lambda found: public_address(found[0]), text) if "://" in text else text
+
+
+def escaped(text: str) -> str:
+    """Return a text for a terminal, with `CONTROL` characters as \\u001b, which is what they are in JSON too."""
+    return CONTROL.sub(lambda found: json.dumps(found[0])[1:-1], text)
 
 
 class ClustervizError(Exception):
-    """Failure that clusterviz reports.
+    """Failure that clusterviz reports; its text has no secrets of addresses and no control characters.
 
     Attributes
     ----------
@@ -24,6 +49,9 @@ class ClustervizError(Exception):
 
     exit_status = 1
     agreed = False
+
+    def __init__(self, *values: object) -> None:
+        super().__init__(*(escaped(without_secrets(each)) if isinstance(each, str) else each for each in values))
 
 
 class InputError(ClustervizError):
@@ -57,7 +85,8 @@ class InputError(ClustervizError):
 
 
 def _cut(text: str, characters: int) -> str:
-    """Return text as one printable line, shortened to `characters` characters."""
+    """Return text as one printable line without secrets, shortened to `characters` characters."""
+    text = without_secrets(text)
     text = text if len(text) <= characters else text[: characters - 1] + "…"
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.errors import public_address
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.colormaps import colour_points
@@ -66,7 +67,7 @@ def name_of(section: Volume | GeometrySection | GridSection | FlowSection) -> st
         return array
     if section.path.startswith("field:"):
         return section.path.split(":")[1]
-    file = re.split(r":/", section.path)[-1] if "://" not in section.path else section.path
+    file = re.split(r":/", section.path)[-1] if "://" not in section.path else public_address(section.path)
     return Path(file).name.split(".")[0] or section.path
 
 

@@ -18,7 +18,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from clusterviz.cli.console import Verbosity, set_verbosity
+from clusterviz.cli.console import Verbosity, escaped_output, set_verbosity
 from clusterviz.cli.termination import INTERRUPTED, end_on_signals, end_process, fail, has_channel, launched_rank
 
 
@@ -191,17 +191,18 @@ def run(arguments: Sequence[str]) -> int:
     flags, arguments = _without_flags(arguments)
     debug = "--debug" in flags
     set_verbosity(Verbosity(("--verbose" in flags) - ("--quiet" in flags)))
-    try:
-        application = command_line(arguments)
-        if not gc.isenabled():
-            gc.freeze()
-            gc.enable()
-        status = application(list(arguments), prog_name="clusterviz", standalone_mode=False, obj={"debug": debug})
-    except (Exception, KeyboardInterrupt) as error:
-        return _usage_status(error) or fail(error, debug)
-    if status == INTERRUPTED:  # typer's answer to ctrl-C
-        return fail(KeyboardInterrupt(), debug)
-    return status if isinstance(status, int) else 0
+    with escaped_output():
+        try:
+            application = command_line(arguments)
+            if not gc.isenabled():
+                gc.freeze()
+                gc.enable()
+            status = application(list(arguments), prog_name="clusterviz", standalone_mode=False, obj={"debug": debug})
+        except (Exception, KeyboardInterrupt) as error:
+            return _usage_status(error) or fail(error, debug)
+        if status == INTERRUPTED:  # typer's answer to ctrl-C
+            return fail(KeyboardInterrupt(), debug)
+        return status if isinstance(status, int) else 0
 
 
 def command_line(arguments: Sequence[str]) -> typer.Typer:

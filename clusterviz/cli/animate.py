@@ -53,6 +53,7 @@ from clusterviz.report.trace import Span
 from clusterviz.scene import background_rgb
 from clusterviz.scene.animation import KeyFrames, load_path, scenes_along
 from clusterviz.scene.diff import differences
+from clusterviz.scene.files import public_data
 from clusterviz.scene.values import Scene
 
 NUMBER_FIELD = re.compile(r"%0?\d*d")
@@ -178,7 +179,7 @@ class FrameFiles:
 
 def _animation_record(scene: Scene, frames: int, path: Any) -> dict[str, Any]:
     """Return everything that the pictures depend on, as JSON values."""
-    scene_data = scene.model_dump(mode="json", exclude={"cluster"})
+    scene_data = public_data(scene, {"cluster"})
     files: dict[str, Any] = {}
     for volume in scene.volumes:
         with suppress(OSError):

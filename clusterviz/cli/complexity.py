@@ -13,7 +13,7 @@ from clusterviz.cli.console import print_report, show_progress
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
 from clusterviz.data import open_scene
-from clusterviz.errors import InputError
+from clusterviz.errors import InputError, public_address
 from clusterviz.report.complexity.measure import Report, measure
 from clusterviz.report.complexity.page import NUMBERS, PAGE, as_json, write_report
 from clusterviz.report.output import check_folder, replacing_folder
@@ -53,7 +53,7 @@ def command(
     with agree(channel, count, "write"):
         if report is not None:
             with replacing_folder(output, NUMBERS) as temporary:
-                write_report(temporary, Path(scene).name, report)
+                write_report(temporary, Path(public_address(scene)).name, report)
     if report is None:
         return
     print_report(summary(report), as_json(report) if as_numbers else None, output / PAGE, output / NUMBERS)

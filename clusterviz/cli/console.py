@@ -1,6 +1,8 @@
-"""Console output: verbosity, and a progress bar on terminals.
+"""Console output: escaping of control characters, verbosity, and a progress bar on terminals.
 
-The bar appears after two seconds, and only on a terminal, so that logs and pipes hold no control characters.
+All that a command prints passes through `escaped_output`, so that no text of a file, of a picture's record or of a
+server reaches the terminal as a command to it. The library that draws tables and bars writes to the streams below. The
+bar appears after two seconds, and only on a terminal, so that logs and pipes hold no control characters.
 """
 
 from __future__ import annotations
@@ -8,16 +10,17 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from enum import IntEnum
 from itertools import accumulate
 from pathlib import Path
 from threading import Lock, Timer
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from clusterviz.cli.termination import launched_rank
+from clusterviz.errors import escaped
 
 if TYPE_CHECKING:
     from clusterviz.frame import Progress
@@ -43,6 +46,33 @@ def set_verbosity(verbosity: Verbosity) -> None:
 def verbosity() -> Verbosity:
     """Return the verbosity of the current command."""
     return _current
+
+
+class _EscapedStream:
+    """Text stream that escapes control characters on their way to another one."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.rich_proxied_file = stream  # rich writes there: its colours are control characters
+
+    def write(self, text: str) -> int:
+        return self.rich_proxied_file.write(escaped(text))
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        self.rich_proxied_file.writelines(map(escaped, lines))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
+
+
+@contextmanager
+def escaped_output() -> Iterator[None]:
+    """Context in which control characters are escaped on stdout and stderr, see `errors.escaped`."""
+    streams = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (each and cast(TextIO, _EscapedStream(each)) for each in streams)  # None if it is closed
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = streams
 
 
 def print_info(text: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, escaped, public_address
 
 if TYPE_CHECKING:
     from clusterviz.data.geometry import Attributes, Geometry, Lines, Mesh, Points
@@ -48,7 +48,7 @@ def command(
         from clusterviz.cli.histogram import check_plot
 
         check_plot(plot)
-    with Console(stderr=True).status(f"reading {file}"):
+    with Console(stderr=True).status(f"reading {escaped(public_address(file))}"):
         mesh_format, grid_format = mesh_format_of(Path(file)), grid_format_of(Path(file))
         if points or mesh_format:
             geometry = read_geometry(file)
@@ -72,7 +72,7 @@ def command(
             percentiles = {float(q): value for q, value in found["percentiles"].items()}
             whole = found["minimum"], found["maximum"], found["histogram"], percentiles
             histograms = [Histogram(f"value ({found['dtype']})", *whole)]
-        write_plot(plot, Path(file).name, histograms)
+        write_plot(plot, Path(public_address(file)).name, histograms)
     if json:
         print(json_text.dumps(found, indent=2, ensure_ascii=False))
         return

@@ -12,9 +12,11 @@ from pathlib import Path
 import clusterviz
 from clusterviz.cli.console import announce_compilation
 from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, open_channel
+from clusterviz.errors import without_secrets
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.report.statistics import FrameStatistics, statistics_file
 from clusterviz.report.trace import RankTrace, Span, measure_offset, write_trace
+from clusterviz.scene.files import public_data
 from clusterviz.scene.values import Scene
 
 MIN_SHOWN_SECONDS = 0.0005
@@ -27,7 +29,8 @@ def start(*, several_threads: bool = False) -> tuple[Channel, dict[str, float]]:
     age = _process_age()
     channel = open_channel(several_threads=several_threads)
     limit_threads(channel.placement())
-    warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {message}\n"  # without the line of code
+    # Without the line of code.
+    warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {without_secrets(str(message))}\n"
     if channel.rank == 0:
         announce_compilation()
     ready = time.perf_counter()
@@ -56,7 +59,7 @@ def check_reports(*reports: Path | None) -> None:
 
 def write_statistics(path: Path, scene: Scene, frames: list[FrameStatistics], startup: dict[str, float]) -> None:
     """Write the statistics of each frame and rank as JSON."""
-    report = statistics_file(scene.model_dump(mode="json"), frames, startup)
+    report = statistics_file(public_data(scene), frames, startup)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(report, indent=2) + "\n")
 

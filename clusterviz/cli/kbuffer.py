@@ -11,7 +11,7 @@ from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, 
 from clusterviz.cli.console import print_report, show_progress
 from clusterviz.cli.jobs import refuse_launcher
 from clusterviz.data import open_scene
-from clusterviz.errors import InputError
+from clusterviz.errors import InputError, public_address
 from clusterviz.report.kbuffer.measure import Report, measure, steps
 from clusterviz.report.kbuffer.page import NUMBERS, PAGE, as_json, write_report
 from clusterviz.report.output import check_folder, replacing_folder
@@ -38,7 +38,7 @@ def command(
         report = measure(opened, device_choice, progress)
         progress("write")
         with replacing_folder(output, NUMBERS) as temporary:
-            write_report(temporary, Path(scene).name, report)
+            write_report(temporary, Path(public_address(scene)).name, report)
     print_report(summary(report), as_json(report) if as_numbers else None, output / PAGE, output / NUMBERS)
 
 

@@ -11,7 +11,7 @@ from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
 from clusterviz.cli.console import print_report, show_progress
 from clusterviz.cli.jobs import refuse_launcher
 from clusterviz.data import open_scene
-from clusterviz.errors import InputError, SceneError
+from clusterviz.errors import InputError, SceneError, public_address
 from clusterviz.gl.devices import prefers_cpu
 from clusterviz.report.output import check_folder, replacing_folder
 from clusterviz.report.profile.measure import Report, measure
@@ -48,7 +48,7 @@ def command(
         report = measure(opened, ranks, prefers_cpu() if by is None else by == "cpu", progress)
         progress("write")
         with replacing_folder(output, NUMBERS) as temporary:
-            write_report(temporary, Path(scene).name, report)
+            write_report(temporary, Path(public_address(scene)).name, report)
     print_report(summary(report), as_json(report) if as_numbers else None, output / PAGE, output / NUMBERS)
 
 

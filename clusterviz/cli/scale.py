@@ -25,7 +25,7 @@ from clusterviz.comm import agree, limit_threads, open_channel
 from clusterviz.comm.placement import THREAD_VARIABLES, granted_cores
 from clusterviz.composite.model.network import default_network, open_network, shipped_networks
 from clusterviz.data import open_scene
-from clusterviz.errors import ClustervizError, SceneError
+from clusterviz.errors import ClustervizError, SceneError, public_address
 from clusterviz.report.output import check_folder, replacing_folder
 from clusterviz.report.scale.forecast import Machine, PredictedFrame, Rates, fit_rates, forecast, rank_counts
 from clusterviz.report.scale.measure import Image, Measured, measure, measured_from_json
@@ -80,7 +80,7 @@ def command(
         found = run_survey(opened, counts, weak, balance, job, progress)
         drawn = Scene.model_validate(json.loads((Path(folder) / RESULT).read_text())["scene"])
     shown = opened.model_copy(update={"camera": drawn.camera, "volumes": drawn.volumes, "image": drawn.image})
-    report = make_report(Path(scene).name, shown, frames, threads, found, machine)
+    report = make_report(Path(public_address(scene)).name, shown, frames, threads, found, machine)
     with replacing_folder(output, NUMBERS) as temporary:
         write_report(temporary, report)
     print_info("\n".join(report.verdict))

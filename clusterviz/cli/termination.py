@@ -18,7 +18,7 @@ import traceback
 from collections.abc import Mapping
 from typing import NoReturn
 
-from clusterviz.errors import ClustervizError
+from clusterviz.errors import ClustervizError, without_secrets
 
 INTERRUPTED = 130
 REPORT_GRACE_SECONDS = 1.0
@@ -66,7 +66,7 @@ def error_message(error: BaseException, debug: bool) -> str:
         return "clusterviz: interrupted"
     if isinstance(error, ClustervizError):
         return f"clusterviz: error: {error}"
-    text = " ".join(f"{type(error).__name__}: {error}".split())
+    text = " ".join(without_secrets(f"{type(error).__name__}: {error}").split())
     return f"clusterviz: error: {text}" + ("" if debug else "; run with --debug for the traceback")
 
 

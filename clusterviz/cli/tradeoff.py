@@ -20,7 +20,7 @@ from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import agree, limit_threads, open_channel
 from clusterviz.data import open_scene
-from clusterviz.errors import SceneError
+from clusterviz.errors import SceneError, public_address
 from clusterviz.report.output import check_folder, replacing_folder
 from clusterviz.report.tradeoff.knobs import parse_knobs, settings_of
 from clusterviz.report.tradeoff.measure import Measured, cost_from_json, measure
@@ -65,7 +65,7 @@ def command(
         tempfile.TemporaryDirectory(prefix="clusterviz-tradeoff-") as folder,
         show_progress(survey.steps) as progress,
     ):
-        report = survey.run(Path(scene).name, opened, MpirunJob(ranks, Path(folder)), progress)
+        report = survey.run(Path(public_address(scene)).name, opened, MpirunJob(ranks, Path(folder)), progress)
     with replacing_folder(output, NUMBERS) as temporary:
         write_report(temporary, report)
     print_info("\n".join(report.verdict))

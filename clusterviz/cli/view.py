@@ -8,8 +8,11 @@ import secrets
 import socket
 import sys
 import warnings
+from collections.abc import Sequence
 from ipaddress import ip_address
+from pathlib import Path
 from typing import Annotated, NoReturn
+from urllib.parse import quote
 
 import typer
 
@@ -19,7 +22,8 @@ from clusterviz.cli.instrumentation import start
 from clusterviz.cli.jobs import OVERSUBSCRIBE, job_command
 from clusterviz.comm import agree
 from clusterviz.comm.placement import launched
-from clusterviz.data import open_scene
+from clusterviz.data import FILE_AND_DATASET, open_scene
+from clusterviz.data.remote import is_url
 from clusterviz.errors import ClustervizError, InputError
 from clusterviz.frame import Options
 from clusterviz.viewer.pace import Pace
@@ -29,6 +33,7 @@ from clusterviz.viewer.session import Session
 
 TOKEN_VARIABLE = "CLUSTERVIZ_TOKEN"
 """Environment variable with the token of the URL; without it a random one is made."""
+SHORTEST_TOKEN = 16
 REMOTE_VARIABLES = ("SSH_CONNECTION", "SLURM_JOB_ID", "PBS_JOBID")
 
 
@@ -51,6 +56,13 @@ def command(
     origin: Annotated[
         list[str] | None, typer.Option(metavar="URL", help="Origin of pages behind a proxy: https://hub.example.")
     ] = None,
+    root: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder whose files browsers may open, beside that of the scene; /: all files, and all addresses.",
+        ),
+    ] = None,
     device: DeviceOption = None,
 ) -> None:
     """Show a scene or a data file in the browser; the ranks of a job draw it."""
@@ -62,6 +74,7 @@ def command(
         raise ClustervizError(f"view needs {error.name}: pip install 'clusterviz[view]'") from None
     if ranks is not None and launched():
         raise InputError("the launcher sets the number of ranks", where="--ranks", found=ranks, allowed="no --ranks")
+    token, folders = _token(), _folders_of(scene, root or [])
     if ranks is not None and ranks > 1:
         open_socket(host, port).close()  # a port in use is found before the job starts
         _start_job(ranks)
@@ -78,8 +91,7 @@ def command(
     if listening is None:
         loop.follow()
         return
-    session = Session(loop.scene, loop.content, channel.size, budget, shared, end_alone)
-    token = os.environ.get(TOKEN_VARIABLE) or secrets.token_urlsafe(24)
+    session = Session(loop.scene, loop.content, channel.size, budget, shared, end_alone, folders=folders)
     server, reason = Server(session, listening, token, origins=tuple(origin or ())), "the job has failed"
     server.start()
     try:
@@ -103,10 +115,37 @@ def _start_job(ranks: int) -> NoReturn:
     os.execvpe(command_line[0], command_line, {**OVERSUBSCRIBE, **os.environ})
 
 
+def _token() -> str:
+    """Return the token of the environment, or a random one."""
+    token = os.environ.get(TOKEN_VARIABLE) or secrets.token_urlsafe(24)
+    try:
+        token.encode()
+    except UnicodeEncodeError:
+        raise InputError("not UTF-8", where=TOKEN_VARIABLE, allowed="a text") from None
+    if len(token) < SHORTEST_TOKEN:
+        found, allowed = f"{len(token)} characters", f"{SHORTEST_TOKEN} or more, which nobody can guess"
+        raise InputError("too short", where=TOKEN_VARIABLE, found=found, allowed=allowed)
+    return token
+
+
+def _folders_of(scene: str, more: Sequence[Path]) -> list[Path] | None:
+    """Return the folders of files that clients may name: that of a scene or a data file, and more; None: any file."""
+    if any(folder.resolve() == Path("/") for folder in more):
+        return None
+    for folder in more:
+        if not folder.is_dir():
+            raise InputError("no such folder", where="--root", found=folder)
+    if is_url(scene) or scene.startswith("field:"):
+        return list(more)
+    dataset = FILE_AND_DATASET.fullmatch(scene)
+    file = Path(dataset[1] if dataset else scene)
+    return [file if file.is_dir() else file.parent, *more]
+
+
 def _announce(host: str, port: int, token: str) -> None:
     """Print the URL, and how to reach it from elsewhere."""
     name = "127.0.0.1" if _is_loopback(host) else socket.gethostname() if host in ("0.0.0.0", "::") else host
-    print(f"http://{name}:{port}/?token={token}", flush=True)
+    print(f"http://{name}:{port}/?token={quote(token, safe='')}", flush=True)
     if _is_loopback(host) and any(os.environ.get(name) for name in REMOTE_VARIABLES):
         where = socket.gethostname()
         print_info(f"from another machine, first:   ssh -L {port}:127.0.0.1:{port} {getpass.getuser()}@{where}")

@@ -23,9 +23,9 @@ INTERRUPTED_STATUS = 130
 
 def describe(error: BaseException) -> str:
     """Return the message of an error in one line, with its type unless it is a ClustervizError."""
-    if isinstance(error, ClustervizError):
-        return str(error)
-    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    if not isinstance(error, ClustervizError):
+        error = ClustervizError(f"{type(error).__name__}: {error}" if str(error) else type(error).__name__)
+    return str(error)
 
 
 def _status(error: BaseException) -> int:

@@ -53,7 +53,7 @@ class _Named(Protocol):
 
 
 def kind_of(start: bytes) -> str:
-    """Return the kind of a file by its first bytes, for messages; the bytes themselves if it is unknown."""
+    """Return the kind of a file by its first bytes, for messages, which show nothing of the content."""
     if start[344:347] in (b"n+1", b"ni1") or start[4:7] in (b"n+2", b"ni2"):
         return "NIfTI"
     if start[128:132] == b"DICM":
@@ -65,15 +65,29 @@ def kind_of(start: bytes) -> str:
         return kind
     if not any(start):
         return "zeros"
-    if all(32 <= byte < 127 or byte in b"\t\r\n" for byte in start):
-        return f"text that begins {' '.join(start[:40].decode().split())!r}"
-    return f"bytes {start[:8].hex(' ')}"
+    return "text" if all(32 <= byte < 127 or byte in b"\t\r\n" for byte in start) else "bytes of an unknown kind"
 
 
 def start_of(path: Path) -> bytes:
     """Return the first bytes of an existing file."""
     with path.open("rb") as file:
         return file.read(START_BYTES)
+
+
+def require_regular_file(path: Path) -> None:
+    """Check that `path` is a regular file, links resolved, before anything opens it: others may block for ever.
+
+    Raises
+    ------
+    DataError
+        Missing, a directory, or another kind of file.
+    """
+    with readable(path):
+        mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise DataError("a directory, not a data file", where=str(path))
+    if not stat.S_ISREG(mode):
+        raise DataError("not a regular file", where=str(path))
 
 
 def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
@@ -88,14 +102,11 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
     DataError
         Missing, a directory, unreadable, empty, or a wrong magic.
     """
+    require_regular_file(path)
     with readable(path):
         descriptor = os.open(path, os.O_RDONLY)
         try:
             status = os.fstat(descriptor)
-            if stat.S_ISDIR(status.st_mode):
-                raise DataError("a directory, not a data file", where=str(path))
-            if not stat.S_ISREG(status.st_mode):
-                raise DataError("not a regular file", where=str(path))
             if status.st_size == 0:
                 raise DataError("the file is empty", where=str(path))
             start = os.read(descriptor, START_BYTES)

@@ -19,7 +19,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from clusterviz.data.files import readable
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, public_address
 
 ATTEMPTS = 5
 FIRST_WAIT_SECONDS = 0.25
@@ -53,10 +53,8 @@ class RemotePath:
         return replace(self, url="/".join([self.url.rstrip("/"), *filter(None, name.split("/"))]))
 
     def __str__(self) -> str:
-        """Return the URL without what may be secret: user, password and query."""
-        scheme, _, rest = self.url.partition("://")
-        host, slash, path = rest.partition("/")
-        return f"{scheme}://{host.rpartition('@')[2]}{slash}{path}"
+        """Return the URL without what may be secret, see `public_address`."""
+        return public_address(self.url)
 
     def joinpath(self, *names: str) -> RemotePath:
         """Return the path of a file below this one."""

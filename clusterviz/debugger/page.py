@@ -14,7 +14,7 @@ from rich.text import Text
 
 from clusterviz.debugger.session import Session, State
 from clusterviz.debugger.watches import Watched
-from clusterviz.errors import InputError
+from clusterviz.errors import InputError, escaped
 
 AROUND = 6
 """Lines of the source in front of and behind the next one."""
@@ -140,7 +140,7 @@ class Page:
         stack = Table.grid(padding=(0, 1))
         for level in session.stack[::-1]:
             loops = ", ".join(f"iteration {number}" for number in level.iterations)
-            stack.add_row(level.function, f"{level.file}:{level.line}", loops)
+            stack.add_row(level.function, escaped(f"{level.file}:{level.line}"), loops)
         parts: list[Any] = [Panel(self._source(), title=self._title(), title_align="left"), stack, self._states()]
         if self._now:
             parts.append(self._table(list(self._now.values())))
@@ -150,13 +150,13 @@ class Page:
 
     def _title(self) -> str:
         level, number = self._session.stack[-1], self._session.number
-        return f"{level.file}:{level.line} in {level.function}, dispatch {number}"
+        return f"{escaped(level.file)}:{level.line} in {level.function}, dispatch {number}"
 
     def _source(self) -> Text:
         session, place = self._session, self._session.place
         assert place, "the draw is stopped"
         text = session.draw.shader.source.text
-        lines, at = text.splitlines(), text.count("\n", 0, place.statement.at)
+        lines, at = escaped(text).split("\n"), text.count("\n", 0, place.statement.at)
         number = session.draw.shader.where(place.statement.at)[1]
         begin, end = at, at
         while begin > 0 and at - begin < AROUND and not lines[begin - 1].startswith("#line"):

@@ -123,10 +123,10 @@ class FrameLoop:
         *,
         several: bool = True,
     ) -> None:
-        _refuse_undrawn(scene)
         run = self._run = Run(channel, options or Options())
-        if run.options.annotate and not scene.annotations.is_empty:
-            with run.local("open"):
+        with run.local("open"):
+            _refuse_undrawn(scene)
+            if run.options.annotate and not scene.annotations.is_empty:
                 from clusterviz.annotations import check_library
 
                 check_library()
@@ -256,13 +256,15 @@ class FrameLoop:
     def _open_time_steps(self, run: Run, scene: Scene) -> None:
         """Open the time steps of a frame, and drop the bricks that may differ from those of the last frame."""
         if every := [n for n, volume in enumerate(scene.volumes) if volume.time == "all"]:
-            raise SceneError(ONE_STEP, where=f"volumes[{every[0]}].time", found="all", allowed=ALL_STEPS)
+            with run.local("open"):  # all ranks see it, and may go on with another scene
+                raise SceneError(ONE_STEP, where=f"volumes[{every[0]}].time", found="all", allowed=ALL_STEPS)
         before, plan = self._opened, self._planner.last_plan
         times = [volume.time for volume in scene.volumes]
         if before is None or len(times) != len(before.volumes) or times == [each.time for each in before.volumes]:
             return
         if self._is_given:
-            raise SceneError("data that are given have one time step", found="another time", allowed="files")
+            with run.local("open"):
+                raise SceneError("data that are given have one time step", found="another time", allowed="files")
         opened, bricks = open_time_steps(run, scene, before)
         with run.local("load", "load"):
             held = self._reader.held | self._drawing.held

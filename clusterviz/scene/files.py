@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any
 
 import yaml
 from pydantic import ValidationError
 
-from clusterviz.errors import SceneError, guard
+from clusterviz.errors import SceneError, guard, public_address
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import apply_overrides, parse_overrides
@@ -110,8 +111,21 @@ def load_picture_scene(path: str | os.PathLike[str], text: str, overrides: Seque
 
 
 def dump_scene(scene: Scene) -> str:
-    """Return a scene as YAML with all keys, including defaults; `load_scene` reads it back as an equal scene."""
-    return write_yaml(scene.model_dump(mode="json"))
+    """Return a scene as YAML with all keys, including defaults; `load_scene` reads it back as an equal scene.
+
+    The secrets of addresses are left out, see `public_data`.
+    """
+    return write_yaml(public_data(scene))
+
+
+def public_data(scene: Scene, exclude: AbstractSet[str] = frozenset()) -> dict[str, Any]:
+    """Return a scene as JSON values that are kept or shown, without the secrets of addresses.
+
+    Parameters
+    ----------
+    exclude : sections that are left out
+    """
+    return change_paths(scene.model_dump(mode="json", exclude=set(exclude)), public_address)
 
 
 def scene_schema() -> dict[str, Any]:
@@ -157,8 +171,12 @@ def _sections(data: Any, where: str) -> dict[str, Any]:
 
 
 def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return raw scene data with paths joined to a folder."""
-    return change_paths(data, lambda text: os.path.normpath(folder / Path(text).expanduser()))
+    """Return raw scene data with paths joined to a folder; addresses stay."""
+
+    def joined(text: str) -> str:
+        return text if "://" in text else os.path.normpath(folder / Path(text).expanduser())
+
+    return change_paths(data, joined)
 
 
 def data_paths(scene: Scene) -> dict[str, str]:
@@ -171,7 +189,7 @@ def data_paths(scene: Scene) -> dict[str, str]:
 
 
 def change_paths(data: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """Return raw scene data with other paths of files; values of other types are left to validation."""
+    """Return raw scene data with other paths and addresses of files; values of other types are left to validation."""
     lists = [data.get(name) for name in ("volumes", *LISTED_SECTIONS)]
     for entry in (entry for entries in lists if isinstance(entries, list) for entry in entries):
         if not isinstance(entry, dict):
@@ -185,10 +203,10 @@ def change_paths(data: dict[str, Any], change: Callable[[str], str]) -> dict[str
 
 
 def _is_path(key: str, text: str) -> bool:
-    """Return whether the value of a key is a file path; field:NAME, URLs and names of colour maps are not."""
+    """Return whether the value of a key is a path or an address; field:NAME and names of colour maps are not."""
     if key == "cmap":
         return text.lower().endswith(".json")
-    return bool(text.strip()) and not text.startswith("field:") and "://" not in text
+    return bool(text.strip()) and not text.startswith("field:")
 
 
 def check_scene(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]) -> Scene:

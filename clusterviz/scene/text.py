@@ -11,9 +11,10 @@ from typing import Any
 
 import yaml
 
+from clusterviz.errors import public_address, without_secrets
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.field_types import Section
-from clusterviz.scene.files import change_paths
+from clusterviz.scene.files import change_paths, public_data
 from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.geometry import GeometrySection, LinesSection, PointsSection
 from clusterviz.scene.values import Scene, Volume
@@ -31,7 +32,7 @@ def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
     scene : keys that are null or empty are left out
     notes : lines of the file's leading comment
     """
-    lines = [f"# {note}" for note in notes]
+    lines = [f"# {without_secrets(' '.join(note.splitlines()))}" for note in notes]
     for name in Scene.model_fields:
         value = getattr(scene, name)
         own = [item for item in value if not item.of_flow] if isinstance(value, tuple) else []
@@ -72,7 +73,7 @@ def picture_metadata(scene: Scene, folder: Path) -> str:
     ----------
     folder : of the picture, absolute; see `portable_path`
     """
-    data = scene.model_dump(mode="json", exclude={"cluster"})
+    data = public_data(scene, {"cluster"})
     return write_yaml(change_paths(data, lambda path: portable_path(path, folder)))
 
 
@@ -94,6 +95,7 @@ def _key_lines(section: Section, indent: str) -> list[str]:
         value = data[name]
         if value in (None, [], {}) and name != "path":
             continue
+        value = public_address(value) if name == "path" else value
         text = yaml.dump({name: value}, Dumper=SceneDumper, default_flow_style=True, allow_unicode=True, width=1 << 30)
         meaning = re.split(r"[;.] |[;.]$| \(|, relative", field.description or "")[0]
         short = meaning if len(meaning) <= MAX_COMMENT else meaning[: meaning.rfind(" ", 0, MAX_COMMENT)] + " …"

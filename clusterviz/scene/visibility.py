@@ -9,6 +9,7 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.errors import public_address
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import project_points
 from clusterviz.scene.colormaps import follows_clim
@@ -53,7 +54,7 @@ def visibility_warnings(scene: Scene, infos: Sequence[Info], is_blank: bool) -> 
         if reason and volume.of_flow:
             found[volume.path] = f"{volume.path}: {reason}"
         elif reason:
-            name = "" if volume.path == "array" else f" ({PurePath(volume.path).name})"
+            name = "" if volume.path == "array" else f" ({PurePath(public_address(volume.path)).name})"
             found[f"volumes[{number}]"] = f"volumes[{number}]{name}: {reason}"
     boxes = [box_corners(_box_of(*entry)) for entry in entries]
     corners = np.concatenate([*(info.corners for info in each), *boxes])

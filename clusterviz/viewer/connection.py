@@ -17,7 +17,8 @@ from typing import Any, Protocol
 from pydantic_core import to_json
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from clusterviz.errors import ClustervizError, InputError
+from clusterviz.comm.agree import describe
+from clusterviz.errors import InputError
 from clusterviz.viewer.encoding import Picture
 from clusterviz.viewer.flow_control import FlowControl
 from clusterviz.viewer.messages import Ack, Message, Ping, pack, parse
@@ -33,7 +34,7 @@ MAX_READ, MAX_HANDLED = 20_000, 2000
 WRITE_SECONDS, CLOSE_SECONDS = 20.0, 2.0
 """Time for a client to take a message, and to answer the end of the connection."""
 VIEW_PREFIX = '{"type":"view"'
-GOING_AWAY, UNSUPPORTED, POLICY = 1001, 1003, 1008
+GOING_AWAY, UNSUPPORTED, ABNORMAL, POLICY = 1001, 1003, 1006, 1008
 """Codes with which websockets are closed, RFC 6455, section 7.4.1."""
 
 
@@ -213,9 +214,9 @@ class Connection:
             case _:
                 try:
                     session.receive(self._number, message)
-                except ClustervizError as error:
+                except Exception as error:  # whatever it is, it is the client's
                     found = getattr(message, "input", None)
-                    self.send({"type": "error", "message": str(error), "key": None, "input": found})
+                    self.send({"type": "error", "message": describe(error), "key": None, "input": found})
 
     async def _write_queued(self) -> None:
         while True:
@@ -247,6 +248,8 @@ class Connection:
                 await self._websocket.send({"type": "websocket.send", kind: data})
         except TimeoutError:
             raise ClosedError(POLICY, "the client does not read") from None
+        except RuntimeError:  # another task has found that the client has left
+            raise WebSocketDisconnect(ABNORMAL) from None
 
     async def _close(self, closing: ClosedError) -> None:
         """Close the websocket, and the connection below it if the client does not answer."""

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
+from clusterviz.errors import InputError, public_address
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.colormaps import colour_points, map_names
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, complete_scene, divided_infos
 from clusterviz.scene.presets import PRESETS, apply_preset
@@ -54,6 +55,9 @@ class Content:
             "colour_maps": known_colour_maps(),
             "presets": [{"name": name, "description": each.description} for name, each in PRESETS.items()],
             "keys": known_keys(),
+            "blend_modes": {
+                name: {"threshold": mode.threshold, "surfaces": mode.surfaces} for name, mode in BLEND_MODES.items()
+            },
         }
 
     def preset(self, volume: int, name: str) -> dict[str, Any]:
@@ -124,7 +128,12 @@ def _entry(key: str, section: Any) -> dict[str, Any]:
         colours = np.column_stack([values, rgb])[:MOST_BINS].tolist()
     if clim is not None and opacity is not None and not isinstance(opacity, float):
         opacities = np.column_stack(opacity_points(opacity, clim))[:MOST_BINS].tolist()
-    return {"key": key, "name": Path(section.path).name, "colour_points": colours, "opacity_points": opacities}
+    return {
+        "key": key,
+        "name": Path(public_address(section.path)).name,
+        "colour_points": colours,
+        "opacity_points": opacities,
+    }
 
 
 def _bounds(box: NDArray[np.float64]) -> list[list[float]]:

@@ -53,7 +53,7 @@ class RemoteSession:
             path = Path(self._folder.name)
             saved = path / "scene.json"
             saved.write_text(json.dumps(_with_files(scene, sources, path).model_dump(mode="json", exclude_unset=True)))
-            options = ["--ranks", str(ranks), "--port", "0", "--shared", "--end-alone"]
+            options = ["--ranks", str(ranks), "--port", "0", "--shared", "--end-alone", "--root", "/"]
             self._errors = (path / "errors").open("w+")
             self._job = subprocess.Popen(
                 [sys.executable, "-m", "clusterviz", "view", str(saved), *options],

@@ -17,8 +17,9 @@ from typing import Any, Literal
 import numpy as np
 
 from clusterviz.comm import Channel
+from clusterviz.comm.agree import describe, is_agreed
 from clusterviz.comm.channel import Pending
-from clusterviz.errors import ClustervizError, RankError
+from clusterviz.errors import ClustervizError
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.frame.opening import Given, Opened
 from clusterviz.frame.run import Image
@@ -158,6 +159,7 @@ class RenderLoop:
         kept: dict[str, Any] = {"overlap": False, "keep_bricks": True, "keep_drawn": True, "annotate": True}
         self._options = replace(options or Options(), **kept, poll=self._abandoning.poll, write=self._note)
         self._made: Provenance | None = None
+        self._fatal: Exception | None = None
         self._loop = FrameLoop(scene, channel, source, self._options)
         self._frames, self._is_new = 0, False
         self._content = self.content
@@ -219,10 +221,8 @@ class RenderLoop:
         scene = pace.settings(completed) if request.moving else completed
         try:
             rendered = self._draw_on_all(Command("draw", scene, not request.moving, not request.moving))
-        except ClustervizError as error:
-            if not error.agreed:
-                raise
-            session.failed(request, error)
+        except Exception as error:
+            session.failed(request, self._answerable(error))
             return
         seconds = time.perf_counter() - began
         if not request.moving:
@@ -250,11 +250,9 @@ class RenderLoop:
             else:
                 name, media_type, content = self._saved(scene, message)
                 session.answer(job.client, lambda client: client.send_file(message.save, name, media_type, content))
-        except ClustervizError as error:
-            if self._channel.size > 1 and isinstance(error, RankError) and not error.agreed:
-                raise
+        except Exception as error:
             about = {"pick": message.pick} if isinstance(message, Pick) else {"save": message.save}
-            failed = {"type": "error", "message": str(error), "key": None, **about}
+            failed = {"type": "error", "message": str(self._answerable(error)), "key": None, **about}
             session.answer(job.client, lambda client: client.send(failed))
 
     def _picked(self, scene: Scene, hidden: Sequence[str], message: Pick) -> dict[str, Any]:
@@ -308,9 +306,8 @@ class RenderLoop:
         for trial in trials(request.completed):
             try:
                 rendered = self._draw_on_all(Command("draw", trial.scene, may_stop=True)) if session.is_idle else None
-            except ClustervizError as error:
-                if not error.agreed:
-                    raise
+            except Exception as error:
+                self._answerable(error)
                 self._measured = request.revision
                 return
             if rendered is None or rendered.image is None:
@@ -321,7 +318,18 @@ class RenderLoop:
 
     def _draw_on_all(self, command: Command) -> Rendered | None:
         self._send(command)
-        return self._draw(command)
+        try:
+            return self._draw(command)
+        except Exception as error:
+            if self._channel.size > 1 and not is_agreed(error):
+                self._fatal = error
+            raise
+
+    def _answerable(self, error: Exception) -> ClustervizError:
+        """Return an error for clients; raise one after which other ranks wait for messages that will not come."""
+        if error is self._fatal:
+            raise error
+        return error if isinstance(error, ClustervizError) else ClustervizError(describe(error))
 
     def _draw(self, command: Command) -> Rendered | None:
         """Draw a frame; None if it was abandoned; collective."""
@@ -336,8 +344,9 @@ class RenderLoop:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # clients are told
                 rendered = self._loop.frame(scene, self._frames, alone=command.alone)
-        except ClustervizError:
-            if command.may_stop and self._abandoning.end():
+        except Exception as error:
+            is_answered = is_agreed(error) or self._channel.size == 1
+            if command.may_stop and is_answered and self._abandoning.end():
                 return None
             raise
         return None if command.may_stop and self._abandoning.end() else rendered

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data import open_scene
-from clusterviz.errors import ClustervizError
+from clusterviz.errors import ClustervizError, without_secrets
 from clusterviz.frame.picture_file import write_picture
 from clusterviz.report.provenance import Provenance
 from clusterviz.scene.grids import LISTED_SECTIONS
@@ -81,7 +81,7 @@ def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
         if not missing:
             words = ["clusterviz", "render", file.name, *(["--preset", file.preset] if file.preset else [])]
             words += [word for option in options for word in ("-D", option)]
-            return shlex.join([*words, "-o", "picture.png"])
+            return without_secrets(shlex.join([*words, "-o", "picture.png"]))
         found |= missing
     raise ClustervizError("this scene has no command line: save the scene as a file")
 

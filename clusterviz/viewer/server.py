@@ -1,14 +1,17 @@
 """HTTP and websocket server of the viewer: one port for the page, its files and its messages.
 
 It runs in a thread with an event loop of its own. Requests need the session's token: `/?token=…` sets it as a cookie,
-programs send `Authorization: Bearer …`. If the socket is bound to the loopback interface, `Host` must name that, so no
-foreign name that resolves to it is served (DNS rebinding). The `Origin` of a websocket must be the server's own.
+programs send `Authorization: Bearer …`, where it may be quoted as in the URL. A connection that has not shown it is
+closed after `HEADER_SECONDS`, or where there are too many, the oldest first. If the socket is bound to the loopback
+interface, `Host` must name that, so no foreign name that resolves to it is served (DNS rebinding). The `Origin` of a
+websocket must be the server's own.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
+import resource
 import socket
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +20,8 @@ from hmac import compare_digest
 from ipaddress import ip_address
 from pathlib import Path
 from threading import Thread
-from urllib.parse import urlsplit
+from typing import Any, cast
+from urllib.parse import quote, unquote_to_bytes, urlsplit
 
 import uvicorn
 from starlette.applications import Starlette
@@ -26,7 +30,9 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from starlette.websockets import WebSocket
+from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from clusterviz.errors import InputError
@@ -52,8 +58,16 @@ SECURITY_HEADERS = {
     "Cache-Control": "no-store",
 }
 MAX_CLIENTS = 64
+HEADER_SECONDS = 10.0
+"""Time for a connection to send a request with the token."""
+MAX_WAITING, FILES_A_WAITING = 64, 8
+"""Connections that have not shown the token, at most: this number, or a share of the files that may be open."""
+BACKLOG = 64
+"""Connections that are accepted at a time, and that the system keeps until then."""
 MAX_PORT = 65535
 TRY_LATER = 1013
+REFUSED = 400
+"""First status of requests that are not followed."""
 
 
 def open_socket(host: str, port: int) -> socket.socket:
@@ -100,7 +114,8 @@ class Server:
         config = uvicorn.Config(
             Guard(Starlette(routes=routes), token, self.host, self.port, origins),
             loop="asyncio",
-            http="h11",
+            http=_HttpProtocol,
+            backlog=BACKLOG,
             ws=_WebSocketProtocol,
             ws_max_size=MAX_TEXT_BYTES,
             ws_per_message_deflate=False,
@@ -131,6 +146,7 @@ class Server:
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
+        self._loop.set_exception_handler(_report)
         try:
             self._loop.run_until_complete(self._server.serve(sockets=[self._socket]))
         finally:
@@ -155,6 +171,29 @@ class Server:
             self._connections.discard(connection)
 
 
+class Waiting:
+    """Connections that have not shown the token: each is closed in time, and the oldest if there are too many."""
+
+    def __init__(self) -> None:
+        self._timers: dict[asyncio.Transport, asyncio.TimerHandle] = {}
+        self._most = max(1, min(MAX_WAITING, resource.getrlimit(resource.RLIMIT_NOFILE)[0] // FILES_A_WAITING))
+
+    def add(self, transport: asyncio.Transport) -> None:
+        """Add a new connection."""
+        self._timers[transport] = asyncio.get_running_loop().call_later(HEADER_SECONDS, self._close, transport)
+        if len(self._timers) > self._most:
+            self._close(next(iter(self._timers)))
+
+    def discard(self, transport: asyncio.Transport) -> None:
+        """Remove a connection that has shown the token, or has ended."""
+        if timer := self._timers.pop(transport, None):
+            timer.cancel()
+
+    def _close(self, transport: asyncio.Transport) -> None:
+        self.discard(transport)
+        transport.abort()
+
+
 class Guard:
     """ASGI middleware that serves only those who know the token, under an own name and to pages of an own origin.
 
@@ -163,6 +202,10 @@ class Guard:
     app : application behind it
     token, origins : as of `Server`
     host, port : that the socket is bound to
+
+    Attributes
+    ----------
+    waiting : connections that have not shown the token
     """
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int, origins: Sequence[str]) -> None:
@@ -170,12 +213,17 @@ class Guard:
         self._cookie = f"clusterviz-{port}"
         names = LOOPBACK_NAMES | {host} | {urlsplit(each).hostname for each in origins}
         self._names = names if ip_address(host).is_loopback else None
+        self.waiting = Waiting()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or pass it on."""
         answer = self._answer(HTTPConnection(scope))
-        if scope["type"] == "websocket" and answer:
-            await WebSocket(scope, receive, send).send_denial_response(answer)
+        if answer is None or answer.status_code < REFUSED:
+            self.waiting.discard(scope["state"]["transport"])
+        if scope["type"] == "websocket":
+            with suppress(WebSocketDisconnect):  # the client did not wait for the answer
+                websocket = WebSocket(scope, receive, send)
+                await (websocket.send_denial_response(answer) if answer else self._app(scope, receive, send))
             return
 
         async def send_with_headers(message: Message) -> None:
@@ -185,7 +233,7 @@ class Guard:
                     headers.setdefault(name, value)
             await send(message)
 
-        await (answer or self._app)(scope, receive, send if scope["type"] == "websocket" else send_with_headers)
+        await (answer or self._app)(scope, receive, send_with_headers)
 
     def _answer(self, request: HTTPConnection) -> Response | None:
         """Return the answer to a request that is refused, or that sets the cookie."""
@@ -193,7 +241,7 @@ class Guard:
         host, origin = headers.get("host", ""), headers.get("origin")
         if self._names is not None and _hostname(host) not in self._names:
             return PlainTextResponse("421: this is not a name of the server; pages of a proxy need --origin\n", 421)
-        if not is_websocket and request.url.path == "/" and "token" in request.query_params:
+        if not is_websocket and request.scope["path"] == "/" and "token" in request.query_params:
             return self._login(request) if self._is_token(request.query_params["token"]) else _unauthorized()
         has_bearer = self._is_token(headers.get("authorization", "").removeprefix("Bearer "))
         if not has_bearer and not any(self._is_token(value) for value in self._cookies(headers.get("cookie", ""))):
@@ -208,7 +256,7 @@ class Guard:
         # A browser sends a strict cookie along with a redirection only if no other site led it here.
         is_foreign = request.headers.get("sec-fetch-site") == "cross-site"
         response = Response(headers={"Refresh": "0; url=./"}) if is_foreign else RedirectResponse("./", 303)
-        response.set_cookie(self._cookie, self._token.decode(), path=None, httponly=True, samesite="strict")
+        response.set_cookie(self._cookie, quote(self._token, safe=""), path=None, httponly=True, samesite="strict")
         return response
 
     def _cookies(self, header: str) -> list[str]:
@@ -216,19 +264,47 @@ class Guard:
         return [value for name, _, value in pairs if name == self._cookie]
 
     def _is_token(self, text: str) -> bool:
-        return compare_digest(text.encode(), self._token)
+        """Return whether a text of a header, or of the query, is the token, as it is or quoted as in a URL."""
+        given = text.encode("latin-1", "replace"), text.encode(), unquote_to_bytes(text)
+        return any(compare_digest(each, self._token) for each in given)
+
+
+class _HttpProtocol(H11Protocol):
+    """Protocol whose connections wait until the guard has seen the token."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self.app_state = {**self.app_state, "transport": transport}
+        cast(Guard, self.app).waiting.add(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        cast(Guard, self.app).waiting.discard(self.transport)
+        super().connection_lost(exc)
 
 
 class _WebSocketProtocol(WebSocketsSansIOProtocol):
-    """Protocol that hands its transport to the application, which ends clients that do not read."""
+    """Protocol of clients; the application has its transport, and ends those that do not read."""
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        super().connection_made(transport)
-        self.app_state = {**self.app_state, "transport": transport}
+    def connection_lost(self, exc: Exception | None) -> None:
+        cast(Guard, self.app).waiting.discard(self.transport)
+        super().connection_lost(exc)
+
+    async def send(self, message: Any) -> None:
+        if self.transport.is_closing():  # the client has left, which the protocol is told later
+            raise ClientDisconnected
+        await super().send(message)
+        if message["type"] == "websocket.http.response.body":
+            self.handshake_complete = True  # it was refused; else that counts as a fault of the application
 
     def keepalive_timeout(self) -> None:
         # Closing in order would wait for the client to read what is buffered.
         self.transport.abort()
+
+
+def _report(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Report a fault in a callback of the loop, but not those of connections, which their clients make."""
+    if not isinstance(context.get("exception"), OSError):
+        loop.default_exception_handler(context)
 
 
 def _hostname(host: str) -> str | None:
@@ -240,7 +316,8 @@ def _hostname(host: str) -> str | None:
 
 
 def _unauthorized() -> Response:
-    return PlainTextResponse("401: open the address that `clusterviz view` printed, with its token\n", 401)
+    text = "401: open the address that `clusterviz view` printed, with its token\n"
+    return PlainTextResponse(text, 401, {"Connection": "close"})
 
 
 async def _page(request: Request) -> Response:

@@ -10,19 +10,21 @@ import copy
 import re
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol
 
-from clusterviz.errors import ClustervizError, SceneError
+from clusterviz.comm.agree import describe
+from clusterviz.errors import ClustervizError, SceneError, public_address
 from clusterviz.scene.background import background_rgb
-from clusterviz.scene.files import check_scene
+from clusterviz.scene.files import change_paths, check_scene, public_data
 from clusterviz.scene.flow_content import without_flows
 from clusterviz.scene.flows import FlowSection
-from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import apply_changes
 from clusterviz.scene.values import Camera, Scene
 from clusterviz.viewer.encoding import Picture
+from clusterviz.viewer.limits import LISTS, Limits
 from clusterviz.viewer.messages import (
     PROTOCOL,
     Edit,
@@ -57,7 +59,6 @@ Change = View | Edit | Undo | Redo | Reset | Preset | Size
 """Messages that change what is shown; only the client that steers may send them."""
 HIDDEN = "hidden"
 """Key of edits, beside those of a scene: list of the entries that are not drawn, such as volumes.1."""
-LISTS = ("volumes", *LISTED_SECTIONS)
 CAMERA = ("position", "focal_point", "view_up", "view_angle", "parallel_scale")
 """Keys of the camera that clients are told."""
 LENS = ("window_center", "aperture", "focal_distance")
@@ -180,6 +181,7 @@ class Session:
     shared : whether all clients steer
     ends_alone : whether the session ends `ALONE_SECONDS` after the last client has left
     clock : seconds
+    folders : of the files that clients may name, see `Limits`
     """
 
     def __init__(
@@ -191,12 +193,13 @@ class Session:
         shared: bool = False,
         ends_alone: bool = False,
         clock: Callable[[], float] = time.monotonic,
+        folders: Sequence[Path] | None = None,
     ) -> None:
         self._lock = threading.Condition()
         self._content, self._clock, self._shared, self._ends_alone = content, clock, shared, ends_alone
         self._about = {"ranks": ranks, "budget_ms": budget_ms}
         data = _data_of(scene)
-        self._opened = data
+        self._opened, self._limits = data, Limits(data, folders)
         self._shown = _Shown(data, Scene.model_validate(data), scene)
         self._drawn_data = data
         self._members: dict[int, _Member] = {}
@@ -435,7 +438,7 @@ class Session:
         self._pending.append((number, message))
 
     def _apply(self, number: int, message: Change) -> None:
-        """Apply a message to what is shown; an error leaves it as it is."""
+        """Apply a message to what is shown; an error, whatever it is, is answered and leaves it as it is."""
         try:
             match message:
                 case View(camera=camera):
@@ -453,8 +456,8 @@ class Session:
                     self._redo()
                 case Reset():
                     self._reset()
-        except ClustervizError as error:
-            found = _error(str(error), message)
+        except Exception as error:
+            found = _error(describe(error), message)
             self.answer(number, lambda client: client.send(found))
         if isinstance(message, (View, Edit)):
             self._inputs = {**self._inputs, number: max(message.input, self._inputs.get(number, 0))}
@@ -462,8 +465,7 @@ class Session:
     def _resize(self, message: Size) -> None:
         size = [message.width, message.height]
         if size != list(self._shown.completed.image.size):
-            image = {**self._shown.data.get("image", {}), "size": size}
-            self._show({**self._shown.data, "image": image})
+            self._show({**self._shown.data, "image": {**self._shown.data["image"], "size": size}})
 
     def _undo(self) -> None:
         shown = self._shown
@@ -512,12 +514,15 @@ class Session:
 
         Raises
         ------
-        SceneError
-            They are not a scene; what is shown stays.
+        InputError
+            They are not a scene within the limits; what is shown stays.
         """
-        scene = check_scene(copy.deepcopy({key: value for key, value in data.items() if key != HIDDEN}), "scene", {})
+        given = self._limits.admit(_scene_part(data))
+        scene = check_scene(given, "scene", {})
+        self._limits.check(scene)
         hidden = _checked_entries(data.get(HIDDEN, []), scene)
         completed = self._content.complete(scene)
+        data = _with_view_of(given | ({HIDDEN: list(hidden)} if HIDDEN in data else {}), completed)
         with self._lock:
             self._shown.data, self._shown.scene, self._shown.completed = data, scene, completed
             self._shown.hidden = hidden
@@ -553,8 +558,8 @@ class Session:
         return {
             "type": "state",
             "revision": self._revision,
-            "scene": shown.completed.model_dump(mode="json"),
-            "given": {key: value for key, value in shown.data.items() if key != HIDDEN},
+            "scene": public_data(shown.completed),
+            "given": change_paths(_scene_part(shown.data), public_address),
             "hidden": list(shown.hidden),
             "steering": self._steering,
             "clients": list(self._members),
@@ -613,9 +618,19 @@ def _data_of(scene: Scene) -> Data:
     """Return a completed scene as data with the keys that were set or chosen, and a whole camera."""
     data = scene.model_dump(mode="json", exclude_unset=True)
     data.pop("automatic", None)
-    image = {**data.get("image", {}), "size": list(scene.image.size)}
-    lens = scene.camera.model_dump(mode="json", include=set(LENS), exclude_defaults=True)
-    return {**data, "camera": {**_camera_of(scene.camera), **lens}, "image": image}
+    return _with_view_of(data, scene)
+
+
+def _with_view_of(data: Data, completed: Scene) -> Data:
+    """Return scene data with the whole camera and the size of a completed scene, whatever they leave out."""
+    lens = completed.camera.model_dump(mode="json", include=set(LENS), exclude_defaults=True)
+    image = {**data.get("image", {}), "size": list(completed.image.size)}
+    return {**data, "camera": {**_camera_of(completed.camera), **lens}, "image": image}
+
+
+def _scene_part(data: Data) -> Data:
+    """Return a copy of scene data without what is hidden."""
+    return copy.deepcopy({key: value for key, value in data.items() if key != HIDDEN})
 
 
 def _camera_of(camera: Camera) -> Data:

@@ -167,8 +167,8 @@ SCENES = [
 ]
 DATA: list[tuple[str, bytes, str]] = [
     ("empty.npy", b"", "empty"),
-    ("wrong.nii", b"not a header " * 40, "found text that begins 'not a header not"),
-    ("unknown.abc", b"1 2 3", "unknown extension; found .abc, text that begins '1 2 3'; allowed .npy, "),
+    ("wrong.nii", b"not a header " * 40, "found text"),
+    ("unknown.abc", b"1 2 3", "unknown extension; found .abc, text; allowed .npy, "),
     ("picture.abc", PNG, "unknown extension; found .abc, a PNG picture; allowed .npy, "),
     ("a.npy", PNG, "a.npy: wrong magic: not what its name says; found a PNG picture; allowed a NumPy array (.npy)"),
     ("a.nrrd", PNG, "found a PNG picture; allowed NRRD"),
@@ -181,7 +181,7 @@ DATA: list[tuple[str, bytes, str]] = [
     ("b.mrc", bytes(2000), "found zeros; at byte 208 b"),
     ("a.tiff", bytes(344) + b"n+1\0" + bytes(8), "found NIfTI; allowed TIFF"),
     ("b.nrrd", bytes(128) + b"DICM" + bytes(300), "found DICOM; allowed NRRD"),
-    ("c.nrrd", bytes(range(128, 192)) * 9, "found bytes 80 81 82 83 84 85 86 87; allowed NRRD"),
+    ("c.nrrd", bytes(range(128, 192)) * 9, "found bytes of an unknown kind; allowed NRRD"),
     ("a.raw", b"1234", "a.raw.yaml with the keys shape, dtype, byte_order, "),
 ]
 CASES = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,17 +12,21 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image as Pillow
+from PIL.PngImagePlugin import PngInfo
+from rich.console import Console
 
+from clusterviz.cli.console import escaped_output
 from clusterviz.cli.jobs import run_job
 from clusterviz.data.identity import PART_BYTES, PARTS, data_identity
 from clusterviz.frame.picture_file import read_record, write_picture
-from clusterviz.image.files import read_text
+from clusterviz.image.files import RECORD_KEY, TEXT_KEY, read_text
 from clusterviz.report.decisions import Accuracy, Detail
 from clusterviz.report.provenance import Provenance, stated_error
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.text import portable_path
 from clusterviz.scene.values import Quality
 
+CONTROLS = {chr(code) for code in (*range(9), *range(11, 32), *range(127, 160), 0x202E)}
 SMALL = ("--size", "24x18", "-D", "cluster.brick=8")
 VOXELS = np.random.default_rng(0).random((12, 12, 12), np.float32).cumsum(axis=0)
 
@@ -99,6 +104,38 @@ def test_a_single_wrong_pixel_is_found(cli: Callable[..., Any], picture: Path) -
         Pillow.fromarray(pixels).save(edited, pnginfo=kept)
         outcome = cli("replay", str(edited))
         assert (outcome.status, "row 5, column 7" in outcome.err) == (status, status == 1)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_strings_of_a_record_do_not_reach_the_terminal_as_they_are(
+    cli: Callable[..., Any], picture: Path, options: tuple[str, ...]
+) -> None:
+    """A record says what its author likes: here it sets the terminal's title, goes up a line and turns text around."""
+    strange = "\x1b]0;title\x07 \x1b[A \x9b2J \r \x7f \u202e"
+    record = read_record(picture)
+    record |= {"renderer": strange, "driver": [strange], "versions": {strange: strange}}
+    text = PngInfo()
+    for key, value in ((TEXT_KEY, read_text(picture)), (RECORD_KEY, json.dumps(record))):
+        text.add_itxt(key, value)
+    with Pillow.open(picture) as file:
+        file.save(picture, pnginfo=text)
+    outcome = cli("replay", str(picture), *options)
+    assert outcome.status == 0
+    assert set(strange) & CONTROLS & set(outcome.out + outcome.err) == set()
+    assert r"\u001b]0;title\u0007" in outcome.out
+    if options:
+        assert json.loads(outcome.out)["then"]["renderer"] == strange
+
+
+@pytest.mark.parametrize("stream", ["out", "err"])
+def test_control_characters_are_escaped_on_both_streams(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with escaped_output():
+        file = getattr(sys, f"std{stream}")
+        print("é\ta\x1b[31m", file=file)
+        file.writelines(["\x00", "b\n"])
+        Console(file=file, force_terminal=True, color_system="standard").print("[red]c[/]", end="")
+    assert getattr(capsys.readouterr(), stream) == "é\ta\\u001b[31m\n\\u0000b\n\x1b[31mc\x1b[0m"
 
 
 def test_pictures_that_cannot_be_rendered_again(cli: Callable[..., Any], tmp_path: Path) -> None:

@@ -19,10 +19,17 @@ import pytest
 import zarr
 from data.checks import check_source, refused
 
+from clusterviz.annotations.contents import name_of
+from clusterviz.cli import run
+from clusterviz.cli.termination import RANK_VARIABLES
 from clusterviz.data import open_scene, open_source, remote
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.store.shards import BrickCodec
 from clusterviz.data.store.writer import write_store
+from clusterviz.errors import ClustervizError, DataError, without_secrets
+from clusterviz.image.files import RECORD_KEY, read_text
+from clusterviz.scene import dump_scene
+from clusterviz.viewer.saving import scene_file
 
 FIELD = np.random.default_rng(1).integers(0, 255, (20, 21, 22), np.uint8)
 OWN, OTHER = "own.ome.zarr", "other.ome.zarr"
@@ -201,6 +208,49 @@ def test_secrets_of_urls_are_sent_and_not_told(site: Site) -> None:
     assert site.users == {f"Basic {base64.b64encode(b'me:sec ret').decode()}"}
     site.faults[f"{OWN}/zarr.json"] = "403"
     refused(lambda: open_source(f"{url}/{OWN}?token=hidden"), "^(?!.*(sec|hidden)).*HTTP 403")
+
+
+@pytest.mark.parametrize(
+    ("text", "public"),
+    [
+        ("http://me:SECRET@host:80/a@1/b.zarr?sig=SECRET&x=1", "http://host:80/a@1/b.zarr"),
+        ("s3://bucket/a.zarr", "s3://bucket/a.zarr"),
+        ("https://SECRET@host?SECRET", "https://host"),
+        ("http://me:SEC?RET@host/a", "http://host/a"),
+        ("no such file: 'http://me:SECRET@h/a b'; allowed", "no such file: 'http://h/a b'; allowed"),
+        ("(https://h/a?sig=SECRET), then ftp://u:SECRET@h/b.", "(https://h/a), then ftp://h/b."),
+        ("volumes.0.path=http://h/a?SECRET", "volumes.0.path=http://h/a"),
+        ("a://", "a://"),
+        ("what? me@host", "what? me@host"),
+    ],
+)
+def test_texts_show_no_secrets_of_addresses(text: str, public: str) -> None:
+    assert without_secrets(text) == public
+    assert str(DataError(text)) == str(ClustervizError(text)) == public
+    assert str(DataError("what", where=text, found=text)) == f"{public}: what; found {public}"
+    long = f"http://me:{'SECRET' * 300}@host/{'a' * 2000}?sig=SECRET"
+    assert "SECRET" not in str(DataError(long, where=long, found=long, allowed=long))
+
+
+def test_what_is_kept_or_shown_has_no_secrets_of_addresses(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in RANK_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    url, picture = f"{site.url.replace('//', '//me:SECRET@')}/{OWN}?sig=SECRET", tmp_path / "a.png"
+    small = ("--size", "16x12", "--device", "cpu")
+    assert run(["render", url, "-o", str(picture), "--stats", str(tmp_path / "a.json"), *small]) == 0
+    assert all(path.endswith("?sig=SECRET") for path, _ in site.requests)
+    assert run(["scene", url]) == run(["scene", str(picture)]) == run(["info", url]) == 0
+    assert run(["replay", str(picture), "--json", "--device", "cpu"]) == 0
+    assert run(["render", url, "-o", str(picture), "-D", f"volumes.0.cmap={url}", *small]) == 2
+    scene = open_scene(url, ["volumes.0.clim=[1, 2]"])
+    assert "SECRET" in scene.volumes[0].path
+    said = capsys.readouterr()
+    texts = [said.out, said.err, (tmp_path / "a.json").read_text(), read_text(picture), read_text(picture, RECORD_KEY)]
+    texts += [dump_scene(scene), scene_file(scene).decode(), name_of(scene.volumes[0])]
+    assert [text for text in texts if "SECRET" in text] == []
+    assert f"{site.url}/{OWN}" in texts[3]
 
 
 def test_urls_in_scenes_and_of_other_kinds(site: Site, written: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -100,7 +100,7 @@ def test_what_cannot_be_done_changes_nothing(viewer: Viewer) -> None:
             assert (answer["input"], answer["key"]) == (number, key)
             assert what in answer["message"]
         send(client, "edit", changes={"volumes.0.path": "no/such/file.nrrd"}, moving=False, input=98)
-        assert until(client, type="error")["message"] == "no/such/file.nrrd: no such file"
+        assert "not a file that the live view may open" in until(client, type="error")["message"]
         send(client, "edit", changes={"quality.step": 2}, moving=False, input=99)
         expected = before | {"quality": before["quality"] | {"step": 2}}
         while until(client, type="state")["scene"] != expected:

@@ -224,6 +224,15 @@ def test_isovalues(panels: Panels) -> None:
     assert len(panels.change()["volumes.0.isosurfaces"]) == 3
 
 
+def test_a_blend_mode_that_the_table_gains_shows_its_threshold(panels: Panels) -> None:
+    hello, state = described()
+    hello["blend_modes"]["own"] = {"threshold": True, "surfaces": "refused"}
+    state["scene"]["volumes"][0]["blending"] = "own"
+    for message in (hello, state):
+        panels.tell(message)
+    assert panels.open("contents").get_by_label("Threshold").is_visible()
+
+
 CHANGES = [
     (
         "contents",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.data import open_scene
 from clusterviz.errors import ClustervizError
-from clusterviz.frame import Options, render_frame
+from clusterviz.frame import FrameLoop, Options, render_frame
 from clusterviz.image import read_image
 from clusterviz.scene import Scene
 from clusterviz.scene.animation import load_path
@@ -160,10 +160,20 @@ def test_still_pictures_have_the_bits_of_render(ranks: int) -> None:
     assert np.abs([box["corners"] for box in boxes]).max() == pytest.approx(1.0)
 
 
-def test_a_scene_that_cannot_be_drawn_is_an_error_on_all_ranks_and_the_session_goes_on() -> None:
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("volumes__0__path", "/nowhere.npy", "/nowhere.npy: no such file"),
+        ("volumes__0__time", "all", "a picture shows one time step"),
+        ("volumes__0__path", "field:gaussian:nothing", "gaussian:nothing"),
+    ],
+)
+def test_a_scene_that_cannot_be_drawn_is_an_error_on_all_ranks_and_the_session_goes_on(
+    key: str, value: str, text: str
+) -> None:
     def act(viewer: Viewer) -> None:
         viewer.still()
-        viewer.edit(volumes__0__path="/nowhere.npy")
+        viewer.edit(**{key: value})
         viewer.wait(lambda: any(each["type"] == "error" for each in viewer.messages))
         viewer.edit(volumes__0__opacity=0.3)
         viewer.still()
@@ -171,7 +181,30 @@ def test_a_scene_that_cannot_be_drawn_is_an_error_on_all_ranks_and_the_session_g
     viewer, fresh = watch(3, act)
     check_same(viewer, fresh, 2)
     error = next(each for each in viewer.messages if each["type"] == "error")
-    assert "/nowhere.npy: no such file" in error["message"]
+    assert text in error["message"]
+
+
+def test_any_exception_of_a_frame_is_answered_on_one_rank(monkeypatch: pytest.MonkeyPatch) -> None:
+    suits = FrameLoop.suits
+
+    def failing(loop: FrameLoop, scene: Scene) -> bool:
+        if scene.volumes[0].opacity == 0.7:
+            raise ZeroDivisionError("in the midst")
+        return suits(loop, scene)
+
+    def act(viewer: Viewer) -> None:
+        viewer.still()
+        viewer.edit(volumes__0__opacity=0.7)
+        viewer.wait(lambda: any(each["type"] == "error" for each in viewer.messages))
+        viewer.edit(volumes__0__opacity=0.3)
+        viewer.still()
+
+    monkeypatch.setattr(FrameLoop, "suits", failing)
+    viewer, fresh = watch(1, act)
+    check_same(viewer, fresh, 2)
+    assert [each["message"] for each in viewer.messages if each["type"] == "error"] == [
+        "ZeroDivisionError: in the midst"
+    ]
 
 
 def test_a_still_picture_is_abandoned_on_all_ranks(monkeypatch: pytest.MonkeyPatch) -> None:

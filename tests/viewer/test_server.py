@@ -9,21 +9,25 @@ import json
 import logging
 import secrets
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, closing, contextmanager
-from typing import Any
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
+from typing import Any, cast
+from urllib.parse import quote
 
 import numpy as np
 import pytest
 from PIL import Image
+from starlette.websockets import WebSocket, WebSocketDisconnect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from clusterviz.cli.view import TOKEN_VARIABLE, _announce, _token
 from clusterviz.errors import InputError
-from clusterviz.viewer import connection, flow_control
+from clusterviz.viewer import connection, flow_control, server
 from clusterviz.viewer.connection import MAX_MALFORMED, MAX_QUEUED, Connection
 from clusterviz.viewer.encoding import Picture
 from clusterviz.viewer.messages import MAX_TEXT_BYTES, Edit, Message, Undo, View, unpack
@@ -64,16 +68,16 @@ class Session:
 
     def show(self, number: int, still: bool = False) -> None:
         picture = Picture(self.rgba, (0, 0, 0), number, 0, dict.fromkeys(self.clients, number), still, {}, 0.0)
-        for client in self.clients.values():
+        for client in list(self.clients.values()):
             client.show(picture)
 
 
 class Served:
     """Server with its session, and what a client does."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, token: str = TOKEN, **options: Any) -> None:
         self.session = Session()
-        self.server = Server(self.session, open_socket("127.0.0.1", 0), TOKEN, **options)
+        self.server = Server(self.session, open_socket("127.0.0.1", 0), token, **options)
         self.address = f"127.0.0.1:{self.server.port}"
         self.cookie = {"Cookie": f"clusterviz-{self.server.port}={TOKEN}"}
         self.server.start()
@@ -105,9 +109,9 @@ def served() -> Iterator[Served]:
 
 
 @contextmanager
-def serving() -> Iterator[Served]:
+def serving(token: str = TOKEN) -> Iterator[Served]:
     """A server of one test."""
-    found = Served()
+    found = Served(token)
     try:
         yield found
     finally:
@@ -485,6 +489,155 @@ def test_token_is_in_no_log(caplog: pytest.LogCaptureFixture, capfd: pytest.Capt
         with served.connect() as websocket:
             received(websocket)
     assert TOKEN not in caplog.text + "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize(
+    "token", ["with spaces & a = b", ';#%20%"?/\\+,', "ünïcödé ✓ letters", "ends in a line\n", "a" * 300]
+)
+def test_any_token_logs_in_by_the_address_that_is_printed(token: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with serving(token) as served:
+        _announce("127.0.0.1", served.server.port, token)
+        address = capsys.readouterr().out.rstrip("\n")
+        assert address.startswith(f"http://{served.address}/?token=")
+        assert address.isascii()
+        answer = served.get(address.removeprefix(f"http://{served.address}"), {})
+        assert answer.status == 303
+        assert served.get("/", {"Cookie": answer.headers["Set-Cookie"].partition(";")[0]}).status == 200
+        assert served.get("/?token=" + quote(token[1:]), {}).status == 401
+        quoted = address.partition("token=")[2]
+        bearers = [quoted] if "\n" in token else [quoted, token.encode().decode("latin-1")]
+        assert {served.get("/", {"Authorization": f"Bearer {each}"}).status for each in bearers} == {200}
+        with served.connect(Authorization=f"Bearer {quoted}") as client:
+            assert received(client)["type"] == "hello"
+
+
+@pytest.mark.parametrize(("token", "what"), [("fifteen letters", "too short; found 15"), ("\udcff" * 20, "not UTF-8")])
+def test_tokens_that_protect_nothing_are_refused(token: str, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.environ", {TOKEN_VARIABLE: token})
+    with pytest.raises(InputError, match=f"{TOKEN_VARIABLE}: {what}") as refused:
+        _token()
+    assert token not in str(refused.value)
+
+
+def half_open(served: Served, count: int) -> list[socket.socket]:
+    """Connections that begin a request and wait."""
+    clients = [socket.create_connection(("127.0.0.1", served.server.port), PATIENCE) for _ in range(count)]
+    for client in clients:
+        with suppress(ConnectionError):
+            client.sendall(b"GET / HTTP/1.1\r\nHo")
+    return clients
+
+
+def is_ended(client: socket.socket) -> bool:
+    """Whether the server has closed a connection, or does so before the time-out."""
+    try:
+        return client.recv(1) == b""
+    except TimeoutError:
+        return False
+    except ConnectionError:
+        return True
+
+
+def test_connections_without_a_token_keep_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "MAX_WAITING", 4)
+    with serving() as served, served.connect() as early, ExitStack() as stack:
+        received(early)
+        clients = [stack.enter_context(client) for client in half_open(served, 20)]
+        assert all(map(is_ended, clients[:16]))
+        assert served.get("/", BEARER).status == 200
+        with served.connect() as late:
+            assert received(late)["type"] == "hello"
+        early.send(text({"type": "ping", "time": 0}))
+        assert received(early)["type"] == "pong"
+
+
+def test_few_connections_wait_where_few_files_can_be_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("resource.getrlimit", lambda _: (64, 4096))
+    assert server.Waiting()._most == 64 // server.FILES_A_WAITING
+
+
+def test_connections_without_a_token_end_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "HEADER_SECONDS", 0.1)
+    with serving() as served, served.connect() as known, ExitStack() as stack:
+        received(known)
+        address = "127.0.0.1", served.server.port
+        idle = stack.enter_context(socket.create_connection(address, PATIENCE))
+        body = stack.enter_context(socket.create_connection(address, PATIENCE))
+        body.sendall(f"POST / HTTP/1.1\r\nHost: {served.address}\r\nContent-Length: 9999\r\n\r\n".encode())
+        assert body.recv(12) == b"HTTP/1.1 401"
+        while body.recv(4096):
+            pass
+        assert is_ended(idle)
+        assert all(is_ended(stack.enter_context(client)) for client in half_open(served, 3))
+        known.send(text({"type": "ping", "time": 0}))
+        assert received(known)["type"] == "pong"
+
+
+@pytest.mark.parametrize(
+    "refused", [{}, {"Authorization": "Bearer wrong"}, {**BEARER, "Origin": "http://evil.example"}]
+)
+def test_a_refused_websocket_leaves_no_trace(
+    refused: dict[str, str], capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    with serving() as served:
+        for _ in range(3):
+            with pytest.raises(InvalidStatus), served.connect(**(refused or {"X": "y"})):
+                pass
+    assert capfd.readouterr() == ("", "")
+    assert not caplog.records
+
+
+def test_clients_that_leave_in_the_midst_leave_no_trace(
+    capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    with serving() as served:
+        served.session.rgba = np.random.default_rng(1).random((300, 400, 4), np.float32)
+        for number in range(1, 20):
+            with silent(served) as client:
+                for _ in range(20):
+                    served.session.clients[number].send({"type": "text", "text": "x" * 20_000})
+                served.session.show(1, still=True)
+                served.session.show(2, still=True)
+                # Closed with what was not read, the system answers the server's next message by a reset.
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            until(lambda: not served.session.clients)
+        assert served.get("/", BEARER).status == 200
+    assert capfd.readouterr() == ("", "")
+    assert not caplog.records
+
+
+def test_two_tasks_may_find_that_a_client_has_left() -> None:
+    """One finds it while it sends; then the library refuses the other's message as a fault of the program."""
+
+    class Leaving:
+        """Websocket whose client leaves while a message and a picture are on their way."""
+
+        has_left = asyncio.Event()
+
+        async def receive(self) -> None:
+            await asyncio.Event().wait()
+
+        async def send(self, message: dict[str, Any]) -> None:
+            if "text" in message:
+                await self.has_left.wait()
+                raise WebSocketDisconnect
+            self.has_left.set()
+            await asyncio.sleep(0)
+            raise RuntimeError('Cannot call "send" once a close message has been sent.')
+
+    class Showing(Session):
+        def join(self, client: Connection) -> int:
+            number = super().join(client)
+            self.show(1)
+            return number
+
+    async def serve() -> None:
+        session = Showing()
+        await Connection(cast(WebSocket, Leaving()), encoders).serve(session)
+        assert not session.clients
+
+    with ThreadPoolExecutor(1) as encoders:
+        asyncio.run(serve())
 
 
 @pytest.mark.parametrize("port", ["taken", -1, 70_000])

@@ -14,6 +14,7 @@ from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.devices import Device
 from clusterviz.render.choice import make_caster
 from clusterviz.scene import Scene
+from clusterviz.scene.files import public_data
 
 
 def command(
@@ -67,5 +68,5 @@ def measure(scene: Scene, frames: int, device: Device = None) -> dict[str, Any]:
         "renderer": caster.renderer,
         "size": list(share.scene.image.size),
         "frames": frames,
-        "scene": share.scene.model_dump(mode="json"),
+        "scene": public_data(share.scene),
     }

@@ -16,6 +16,7 @@ from clusterviz.report.complexity.measure import FrameComplexity, Report
 from clusterviz.report.output import make_figure, page_html, svg_of
 from clusterviz.report.tradeoff.pictures import data_url, thumbnail_url
 from clusterviz.scene import background_rgb, dump_scene
+from clusterviz.scene.files import public_data
 
 PAGE, NUMBERS, PICTURE, COUNTS = "index.html", "complexity.json", "complexity.png", "complexity.npy"
 CMAP = "viridis"
@@ -36,7 +37,7 @@ def as_json(report: Report) -> dict[str, Any]:
     """Return the contents of the JSON file."""
     return {
         "clusterviz": version("clusterviz"),
-        "scene": report.scene.model_dump(mode="json"),
+        "scene": public_data(report.scene),
         "ranks": report.ranks,
         "renderer": report.renderer,
         "degrees": report.degrees,

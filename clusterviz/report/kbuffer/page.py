@@ -14,6 +14,7 @@ from clusterviz.report.kbuffer.measure import DIFFERS, Report
 from clusterviz.report.output import make_figure, page_html, svg_of
 from clusterviz.report.tradeoff.pictures import data_url, thumbnail_url
 from clusterviz.scene import background_rgb, dump_scene
+from clusterviz.scene.files import public_data
 
 PAGE, NUMBERS, PICTURE, NEEDED = "index.html", "kbuffer.json", "kbuffer.png", "kbuffer.npy"
 COLOURS = {"sorted": "#0072B2", "unsorted": "#D55E00", "": "#444444"}
@@ -31,7 +32,7 @@ def as_json(report: Report) -> dict[str, Any]:
     """Return the contents of the JSON file."""
     return {
         "clusterviz": version("clusterviz"),
-        "scene": report.scene.model_dump(mode="json"),
+        "scene": public_data(report.scene),
         "renderer": report.renderer,
         "tetrahedra": report.tetrahedra,
         "faces": report.faces,

@@ -16,6 +16,7 @@ from clusterviz.report.profile.code import Code, Share
 from clusterviz.report.profile.measure import RankProfile, Report
 from clusterviz.report.tradeoff.pictures import data_url, heat, thumbnail_url
 from clusterviz.scene import background_rgb, dump_scene
+from clusterviz.scene.files import public_data
 
 PAGE, NUMBERS, MAPS = "index.html", "profile.json", "maps.npz"
 TOP = 10
@@ -43,7 +44,7 @@ def as_json(report: Report) -> dict[str, Any]:
     code = report.code and {key: value for key, value in asdict(report.code).items() if key != "source"}
     return {
         "clusterviz": version("clusterviz"),
-        "scene": report.scene.model_dump(mode="json"),
+        "scene": public_data(report.scene),
         "renderer": report.renderer,
         "clock": report.clock,
         "block_side": report.block_side,

@@ -17,6 +17,7 @@ from clusterviz.report.scale.survey import SurveyResult
 from clusterviz.report.scale.verdict import verdict
 from clusterviz.report.statistics import STAGES
 from clusterviz.scene import Scene, dump_scene
+from clusterviz.scene.files import public_data
 
 PAGE, NUMBERS, TABLE, BALANCE_TABLE = "index.html", "scale.json", "scale.csv", "balance.csv"
 
@@ -82,7 +83,7 @@ def numbers(report: Report) -> dict[str, Any]:
     machine = report.machine
     return {
         "clusterviz": version("clusterviz"),
-        "scene": report.scene.model_dump(mode="json"),
+        "scene": public_data(report.scene),
         "size": list(report.scene.image.size),
         "frames": report.frames,
         "threads_per_rank": report.threads,

@@ -17,6 +17,7 @@ from clusterviz.report.tradeoff.pictures import error_map_url, thumbnail_url
 from clusterviz.report.tradeoff.rating import FailedSetting, RatedSetting, by_rms, verdict
 from clusterviz.scene import Scene, background_rgb, dump_scene
 from clusterviz.scene.background import RGB
+from clusterviz.scene.files import public_data
 
 PAGE, NUMBERS = "index.html", "tradeoff.json"
 PIXELATED = 200
@@ -90,7 +91,7 @@ def numbers(report: Report) -> dict[str, Any]:
     del truth["picture"]
     return {
         "clusterviz": version("clusterviz"),
-        "scene": report.scene.model_dump(mode="json"),
+        "scene": public_data(report.scene),
         "ranks": report.ranks,
         "size": list(report.scene.image.size),
         "frames": report.frames,

@@ -7,8 +7,6 @@ import {contentEntry} from "./transfer_model.js";
 
 const CONTENT_KINDS = {volumes: "volume", meshes: "mesh", lines: "lines", points: "points", grids: "grid", flows: "flow"};
 const LONGEST_NAME = 34;
-const MIXED_MODES = ["composite", "isosurface"];
-const THRESHOLD_MODES = ["local-maximum", "first-hit"];
 
 /** A name that fits into a row: long ones lose their middle, since beginnings and endings differ. */
 function shortenedName(name) {
@@ -102,7 +100,7 @@ function volumeEditor(panel, form, path, state) {
   panel.parts.push(transfer);
   const mode = form.select(`${path}.blending`, "Blend mode", undefined, (value) => surfacesFor(panel, path, value));
   const threshold = form.number(`${path}.threshold`, "Threshold", {empty: true});
-  form.bind(`${path}.blending`, mode, (value) => (threshold.hidden = !THRESHOLD_MODES.includes(value)));
+  form.bind(`${path}.blending`, mode, (value) => (threshold.hidden = !modeFacts(panel, value).threshold));
   return [
     presetRow(panel, path),
     transfer.element,
@@ -150,12 +148,18 @@ function geometryRows(form, path, state) {
   return rows;
 }
 
-/** Keys that have to change with a blend mode: isosurfaces are needed by one mode, and refused by projections. */
+/** What is known of a blend mode: whether it has a threshold, and whether isosurfaces are allowed, required or refused. */
+function modeFacts(panel, mode) {
+  return panel.viewer.hello?.blend_modes?.[mode] ?? {};
+}
+
+/** Keys that have to change with a blend mode, as far as it requires isosurfaces or refuses them. */
 function surfacesFor(panel, path, mode) {
+  const {surfaces} = modeFacts(panel, mode);
   const {isosurfaces, clim} = valueAt(panel.viewer.state.scene, path);
   const middle = Number(((clim[0] + clim[1]) / 2).toPrecision(4));
-  if (mode === "isosurface" && !isosurfaces.length) return {[`${path}.isosurfaces`]: [[middle, 1]]};
-  return !MIXED_MODES.includes(mode) && isosurfaces.length ? {[`${path}.isosurfaces`]: []} : {};
+  if (surfaces === "required" && !isosurfaces.length) return {[`${path}.isosurfaces`]: [[middle, 1]]};
+  return surfaces === "refused" && isosurfaces.length ? {[`${path}.isosurfaces`]: []} : {};
 }
 
 function presetRow(panel, path) {
