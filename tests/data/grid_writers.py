@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -22,23 +22,24 @@ CORNERS = [row for corners in GRID.cells.values() for row in corners]
 ENDS = np.cumsum([len(row) for row in CORNERS])
 KIND = GRID.cell_arrays["kind"].astype("i4")
 HEAT = GRID.point_arrays["f"].astype("f4")
+Arrays = Mapping[str, Mapping[str, Any]]
+"""Further arrays of bytes by section, PointData or CellData, and name."""
 
 
-def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], ghosts: int = 0) -> str:
+def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], more: Arrays) -> str:
     corners = [CORNERS[row] for row in rows]
     arrays: dict[str, dict[str, np.ndarray]] = {
         "Points": {"": GRID.points.astype("f4")},
         "Cells": {
-            "connectivity": np.concatenate(corners).astype("<i8"),
+            "connectivity": np.concatenate([np.zeros(0, int), *corners]).astype("<i8"),
             "offsets": np.cumsum([len(row) for row in corners]).astype("<i4"),
             "types": NUMBERS[rows],
         },
         "PointData": {"f": HEAT},
         "CellData": {"kind": KIND[rows]},
     }
-    if ghosts:
-        arrays["CellData"]["vtkGhostType"] = np.arange(len(rows), dtype="u1") >= len(rows) - ghosts
-        arrays["CellData"]["vtkGhostType"] = arrays["CellData"]["vtkGhostType"].astype("u1")
+    for section, each in more.items():
+        arrays[section] |= {name: np.array(array, "u1") for name, array in each.items()}
     tags = ""
     for section, members in arrays.items():
         each = "".join(pack(name, array, 3 if section == "Points" else 1) for name, array in members.items())
@@ -46,13 +47,13 @@ def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], ghosts:
     return f'<Piece NumberOfPoints="{len(HEAT)}" NumberOfCells="{len(rows)}">{tags}</Piece>'
 
 
-def streams(path: Path, form: str = "vtu") -> Path:
+def streams(path: Path, form: str = "vtu", more: Arrays = {}) -> Path:
     """The cells as polyhedra; forms are streams of .vtu and .vtk, and VTK's arrays from 9.4 on."""
     faces = [[row[list(face)] for face in FACES[kind]] for kind, rows in GRID.cells.items() for row in rows]
     each = [np.concatenate([[len(some)], *([len(face), *face] for face in some)]) for some in faces]
     flat = [face for some in faces for face in some]
     if form == "vtk":
-        return vtk(path, "ASCII", rows=each, types=np.full(4, 42))
+        return vtk(path, "ASCII", rows=each, types=np.full(4, 42), more=more)
     arrays = {"faces": np.concatenate(each), "faceoffsets": np.cumsum([len(row) for row in each])}
     if form == "new":
         arrays = {"face_connectivity": np.concatenate(flat), "face_offsets": np.cumsum([len(face) for face in flat])}
@@ -62,12 +63,12 @@ def streams(path: Path, form: str = "vtu") -> Path:
         f'<DataArray type="Int64" Name="{name}" format="ascii">{" ".join(map(str, array.tolist()))}</DataArray>'
         for name, array in arrays.items()
     )
-    text = vtu(path).read_text().replace("</Cells>", tags + "</Cells>").replace("10 14 13 12", "42 42 42 42")
+    text = vtu(path, more=more).read_text().replace("</Cells>", tags + "</Cells>").replace("10 14 13 12", "42 42 42 42")
     path.write_text(text)
     return path
 
 
-def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), ghosts: int = 0) -> Path:
+def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), more: Arrays = {}) -> Path:
     appended = b""
 
     def pack(name: str, array: np.ndarray, components: int) -> str:
@@ -79,7 +80,7 @@ def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), g
         begin, appended = len(appended), appended + writers.vti_packed(array.tobytes(), "<u4", form, False)
         return tag + f'format="appended" offset="{begin}"/>'
 
-    piece = _piece(list(rows), pack, ghosts)
+    piece = _piece(list(rows), pack, more)
     packing = f'compressor="{form}"' if form.startswith("vtk") else ""
     text = f'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" {packing}><UnstructuredGrid>{piece}'
     more = b'<AppendedData encoding="raw">_' + appended + b"</AppendedData>" if appended else b""
@@ -90,7 +91,7 @@ def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), g
 def pvtu(path: Path) -> Path:
     """Two pieces, of which the second repeats a cell of the first as a ghost."""
     vtu(path.with_name("a_0.vtu"), rows=(0, 1))
-    vtu(path.with_name("a_1.vtu"), rows=(2, 3, 0), ghosts=1)
+    vtu(path.with_name("a_1.vtu"), rows=(2, 3, 0), more={"CellData": {"vtkGhostType": [0, 0, 1]}})
     names = "".join(f'<Piece Source="a_{n}.vtu"/>' for n in range(2))
     path.write_text(f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{names}</PUnstructuredGrid></VTKFile>')
     return path
@@ -118,7 +119,9 @@ def series(path: Path) -> Path:
     return path
 
 
-def vtk(path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS) -> Path:
+def vtk(
+    path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS, more: Arrays = {}
+) -> Path:
     rows = CORNERS if rows is None else rows
     ends = np.cumsum([len(row) for row in rows])
     parts: list[Any] = [f"POINTS {len(HEAT)} float", GRID.points.astype("f4")]
@@ -129,13 +132,28 @@ def vtk(path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, ty
         whole = np.concatenate([[len(row), *row] for row in CORNERS]).astype("i4")
         parts += [f"CELLS {len(CORNERS)} {len(whole)}", whole]
     parts += [f"CELL_TYPES {len(types)}", types.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
-    parts += ["SCALARS kind int 1", "LOOKUP_TABLE default", KIND]
-    parts += [f"POINT_DATA {len(HEAT)}", "SCALARS f float 1", "LOOKUP_TABLE default", HEAT]
+    ghosts = {
+        section: [
+            part for name, bits in each.items() for part in (f"FIELD a 1\n{name} 1 {len(bits)} unsigned_char", bits)
+        ]
+        for section, each in more.items()
+    }
+    ghosts = {
+        section: [p if isinstance(p, str) else np.array(p, "u1") for p in each] for section, each in ghosts.items()
+    }
+    parts += ["SCALARS kind int 1", "LOOKUP_TABLE default", KIND, *ghosts.get("CellData", ())]
+    parts += [
+        f"POINT_DATA {len(HEAT)}",
+        "SCALARS f float 1",
+        "LOOKUP_TABLE default",
+        HEAT,
+        *ghosts.get("PointData", ()),
+    ]
     head = "# vtk DataFile Version 5.1\na title\n{form}\nDATASET UNSTRUCTURED_GRID\n"
     return writers.vtk_parts(path, form, *parts, head=head)
 
 
-def vtkhdf(path: Path) -> Path:
+def vtkhdf(path: Path, more: Arrays = {}) -> Path:
     """Two pieces with points of their own."""
     with h5py.File(path, "w") as file:
         root = file.create_group("VTKHDF")
@@ -148,6 +166,9 @@ def vtkhdf(path: Path) -> Path:
         root["Connectivity"], root["Types"] = np.concatenate(CORNERS), NUMBERS
         root["Offsets"] = np.concatenate([np.append(0, np.cumsum(each)) for each in lengths])
         root["PointData/f"], root["CellData/kind"] = np.tile(HEAT, 2), KIND
+        for section, each in more.items():
+            for name, bits in each.items():
+                root[f"{section}/{name}"] = np.tile(np.array(bits, "u1"), 2 if section == "PointData" else 1)
     return path
 
 

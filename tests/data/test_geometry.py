@@ -121,6 +121,37 @@ def test_pieces_of_vtp_are_joined(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.lines.offsets, [0, 3, 5, 8, 10])
 
 
+POLYDATA_GHOSTS = {  # bits of the cells or points: the labels of the triangles, lines and vertices that are left
+    "CellData": ([0, 1, 32, 0, 8, 0, 2], [5, 6, 6], [3], [0]),
+    "PointData": ([0, 2, 0, 0, 0, 0, 0, 1, 0], [5], [2, 3], [0, 1]),
+}
+
+
+@pytest.mark.parametrize("section", POLYDATA_GHOSTS)
+def test_ghosts_of_polygonal_data_are_left_out(section: str, tmp_path: Path) -> None:
+    bits, triangles, lines, vertices = POLYDATA_GHOSTS[section]
+    path = write("vtp-ascii", tmp_path)
+    array = f'<DataArray type="UInt8" Name="vtkGhostType" format="ascii">{" ".join(map(str, bits))}</DataArray>'
+    path.write_text(path.read_text().replace(f"</{section}>", f"{array}</{section}>"))
+    found = read_geometry(path)
+    assert found.mesh.triangle_attributes["label"].tolist() == triangles
+    assert found.lines.line_attributes["label"].tolist() == lines
+    assert found.points.attributes["label"].tolist() == vertices
+    assert "vtkGhostType" not in {*found.mesh.vertex_attributes, *found.mesh.triangle_attributes}
+
+
+def test_ghosts_of_legacy_polygonal_data_and_of_points_alone_are_left_out(tmp_path: Path) -> None:
+    path = write("vtk-ascii", tmp_path)
+    path.write_text(path.read_text() + "FIELD a 1\nvtkGhostType 1 6 unsigned_char\n1 0 0 32 0 8\n")
+    found = read_geometry(path)
+    assert found.lines.line_attributes["label"].tolist() == [1]
+    assert found.mesh.triangle_attributes["label"].tolist() == [2, 4]
+    head = "# vtk DataFile Version 3.0\na title\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 2 0 0\n"
+    bits = "POINT_DATA 3\nSCALARS vtkGhostType unsigned_char 1\nLOOKUP_TABLE default\n0 1 2\n"
+    (tmp_path / "b.vtk").write_text(head + bits)
+    assert read_geometry(tmp_path / "b.vtk").points.positions.tolist() == [[0, 0, 0]]
+
+
 @pytest.mark.parametrize("name", ["gltf", "glb"])
 def test_gltf_is_placed_by_its_nodes(name: str, tmp_path: Path) -> None:
     found = read(name, tmp_path)

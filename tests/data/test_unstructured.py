@@ -352,9 +352,62 @@ def test_a_file_that_ends_early_is_refused(name: str, tmp_path: Path) -> None:
             read_grid(path)
         except DataError as error:
             taken += [] if path.name in str(error) else [str(error)]
-        else:  # the arrays of legacy VTK are optional
-            taken += [] if content[count:].lstrip().startswith((b"CELL_DATA", b"POINT_DATA", b"SCALARS")) else [count]
+        else:  # cells and arrays of legacy VTK are optional
+            optional = (b"CELLS", b"CELL_DATA", b"POINT_DATA", b"SCALARS")
+            taken += [] if content[count:].lstrip().startswith(optional) else [count]
     assert taken == []
+
+
+@pytest.mark.parametrize(
+    ("section", "name", "bits", "left"),
+    [
+        ("CellData", "vtkGhostType", [0, 32, 0, 0], [4, 6, 8]),
+        ("CellData", "vtkGhostType", [8, 2, 1, 4], [5, 8]),
+        ("CellData", "vtkGhostLevels", [0, 0, 0, 2], [4, 5, 6]),
+        ("PointData", "vtkGhostType", [1, *[0] * 9, 2, 1], [4, 6, 8]),
+    ],
+)
+@pytest.mark.parametrize("name_of_file", ["vtu-ascii", "vtu-streams", "vtk-binary", "vtk-streams", "vtkhdf"])
+def test_ghost_cells_and_cells_with_a_hidden_point_are_left_out(
+    name_of_file: str, section: str, name: str, bits: list[int], left: list[int], tmp_path: Path
+) -> None:
+    file, _ = FILES[name_of_file]
+    kind, _, form = name_of_file.partition("-")
+    write = getattr(grid_writers, "streams" if form == "streams" else kind)
+    grid = read_grid(
+        write(tmp_path / file, **({"form": kind} if form == "streams" else {}), more={section: {name: bits}})
+    )
+    assert np.unique(grid.array("kind")[0]).tolist() == left
+    assert {*grid.point_arrays, *grid.cell_arrays} == {"f", "kind"}
+
+
+@pytest.mark.parametrize("form", ["ascii", "", "vtkZLibDataCompressor"])
+@pytest.mark.parametrize("file", ["a.pvtu", "a_[0-9].vtu", "a.pvd"])
+def test_pieces_without_cells_are_read(file: str, form: str, tmp_path: Path) -> None:
+    """With points and without, as programs write them on more ranks than there are cells."""
+    grid_writers.vtu(tmp_path / "a_0.vtu", form)
+    grid_writers.vtu(tmp_path / "a_1.vtu", form, rows=(), more={"CellData": {"vtkGhostType": []}})
+    (tmp_path / "a_2.vtu").write_text(
+        '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece NumberOfPoints="0" NumberOfCells="0"/>'
+        "</UnstructuredGrid></VTKFile>"
+    )
+    names = [f"a_{n}.vtu" for n in (1, 0, 2)]
+    pieces = "".join(f'<Piece Source="{name}"/>' for name in names)
+    (tmp_path / "a.pvtu").write_text(
+        f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{pieces}</PUnstructuredGrid></VTKFile>'
+    )
+    sets = "".join(f'<DataSet timestep="0" part="{n}" file="{name}"/>' for n, name in enumerate(names))
+    (tmp_path / "a.pvd").write_text(f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>')
+    check_grid(read_grid(tmp_path / file), "vtu")
+
+
+def test_legacy_files_without_cells_are_read(tmp_path: Path) -> None:
+    grid_writers.vtk(tmp_path / "a_0.vtk")
+    head = "# vtk DataFile Version 5.1\na title\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+    (tmp_path / "a_1.vtk").write_text(head + "POINTS 0 double\n\n")
+    check_grid(read_grid(tmp_path / "a_?.vtk"), "vtk")
+    (tmp_path / "a_1.vtk").write_text(head + "POINTS 0 double\nCELL_TYPES 0\n")
+    refused(lambda: read_grid(tmp_path / "a_1.vtk"), "no cells; allowed CELLS and CELL_TYPES")
 
 
 def test_time_steps_of_exodus(tmp_path: Path) -> None:
