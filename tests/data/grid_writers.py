@@ -24,6 +24,7 @@ KIND = GRID.cell_arrays["kind"].astype("i4")
 HEAT = GRID.point_arrays["f"].astype("f4")
 Arrays = Mapping[str, Mapping[str, Any]]
 """Further arrays of bytes by section, PointData or CellData, and name."""
+NO_ARRAYS: Arrays = {}
 
 
 def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], more: Arrays) -> str:
@@ -47,7 +48,7 @@ def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], more: A
     return f'<Piece NumberOfPoints="{len(HEAT)}" NumberOfCells="{len(rows)}">{tags}</Piece>'
 
 
-def streams(path: Path, form: str = "vtu", more: Arrays = {}) -> Path:
+def streams(path: Path, form: str = "vtu", more: Arrays = NO_ARRAYS) -> Path:
     """The cells as polyhedra; forms are streams of .vtu and .vtk, and VTK's arrays from 9.4 on."""
     faces = [[row[list(face)] for face in FACES[kind]] for kind, rows in GRID.cells.items() for row in rows]
     each = [np.concatenate([[len(some)], *([len(face), *face] for face in some)]) for some in faces]
@@ -68,7 +69,7 @@ def streams(path: Path, form: str = "vtu", more: Arrays = {}) -> Path:
     return path
 
 
-def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), more: Arrays = {}) -> Path:
+def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), more: Arrays = NO_ARRAYS) -> Path:
     appended = b""
 
     def pack(name: str, array: np.ndarray, components: int) -> str:
@@ -120,7 +121,7 @@ def series(path: Path) -> Path:
 
 
 def vtk(
-    path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS, more: Arrays = {}
+    path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS, more: Arrays = NO_ARRAYS
 ) -> Path:
     rows = CORNERS if rows is None else rows
     ends = np.cumsum([len(row) for row in rows])
@@ -153,7 +154,7 @@ def vtk(
     return writers.vtk_parts(path, form, *parts, head=head)
 
 
-def vtkhdf(path: Path, more: Arrays = {}) -> Path:
+def vtkhdf(path: Path, more: Arrays = NO_ARRAYS) -> Path:
     """Two pieces with points of their own."""
     with h5py.File(path, "w") as file:
         root = file.create_group("VTKHDF")

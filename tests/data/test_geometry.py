@@ -123,7 +123,7 @@ def test_pieces_of_vtp_are_joined(tmp_path: Path) -> None:
 
 POLYDATA_GHOSTS = {  # bits of the cells or points: the labels of the triangles, lines and vertices that are left
     "CellData": ([0, 1, 32, 0, 8, 0, 2], [5, 6, 6], [3], [0]),
-    "PointData": ([0, 2, 0, 0, 0, 0, 0, 1, 0], [5], [2, 3], [0, 1]),
+    "PointData": ([0, 0, 2, 0, 0, 0, 0, 1, 0], [5], [2, 3], [0, 1]),
 }
 
 

@@ -3,7 +3,8 @@ those in pieces (.pvti, .pvtr); see `clusterviz.data.vtk_xml`.
 
 Point data lies on the samples; cell data is point data at the cells' centres. Without a name the active scalars are
 taken, or the only scalar array. Of files in pieces only the pieces are read that a box meets; where pieces overlap, the
-first one counts that does not have the sample as a ghost. Uneven coordinates are those of `clusterviz.data.rectilinear`.
+first one counts that does not have the sample as a ghost. Uneven coordinates are those of
+`clusterviz.data.rectilinear`.
 """
 
 from __future__ import annotations
