@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -292,6 +293,87 @@ def exodus(path: Path, form: str = "NETCDF3_CLASSIC") -> Path:
     return path
 
 
+GMSH_TYPES = {"tetra": 4, "pyramid": 7, "wedge": 6, "hexahedron": 5}
+
+
+def gmsh(path: Path, version: str = "2.2", binary: bool = False, steps: tuple[float, ...] = (0.5, 1.5)) -> Path:
+    """Numbers with gaps, in falling order; a vertex and a triangle among the cells; f, negative but at the last step.
+
+    The cells' kinds are data of elements at the last step, in another order.
+    """
+    nodes, numbers = 10 * np.arange(len(HEAT), 0, -1), 7 + 3 * np.arange(6, 0, -1)
+    elements = [("vertex", 15, GRID.cells["tetra"][:1, :1]), ("triangle", 2, GRID.cells["tetra"][:1, :3])]
+    elements += [(kind, GMSH_TYPES[kind], corners) for kind, corners in GRID.cells.items()]
+
+    def pack(*parts: Any, size: str = "<i4") -> bytes:
+        """Whole numbers of a size, and others, one line of text each or bytes."""
+        if not binary:
+            return (" ".join(map(str, [each for part in parts for each in np.ravel(part).tolist()])) + "\n").encode()
+        arrays = [np.asarray(part) for part in parts]
+        return b"".join(a.astype("<f8" if a.dtype.kind == "f" else size).tobytes() for a in arrays)
+
+    def section(name: str, *parts: bytes) -> bytes:
+        return b"$%b\n%b%b$End%b\n" % (name.encode(), b"".join(parts), b"\n" * binary, name.encode())
+
+    def data(name: str, key: str, step: int, own: np.ndarray, values: np.ndarray) -> bytes:
+        text = f'1\n"{name}"\n1\n{steps[step]}\n3\n{step}\n1\n{len(own)}\n'
+        return section(key, text.encode(), *(pack(n, v) for n, v in zip(own, values.astype("f8"), strict=True)))
+
+    one = np.array([1], "<i4").tobytes() + b"\n" if binary else b""
+    body = section("MeshFormat", f"{version} {int(binary)} 8\n".encode(), one)
+    places = zip(nodes, GRID.points, strict=True)
+    if version == "2.2":
+        body += section("Nodes", b"%d\n" % len(nodes), *(pack(n, place) for n, place in places))
+        head = [pack([kind, 1, 2]) if binary else b"" for _, kind, _ in elements]
+        rows = [
+            pack([n, *([] if binary else [kind, 2]), 4, 5], nodes[corners[0]])
+            for n, (_, kind, corners) in zip(numbers, elements, strict=True)
+        ]
+        body += section("Elements", b"6\n", *(part for pair in zip(head, rows, strict=True) for part in pair))
+    else:
+        new, size = version == "4.1", "<u8"
+        box = [0.0] * 6
+        body += section(
+            "Entities",
+            pack([1, 0, 0, 1], size=size),
+            pack([9]) + pack(box[: 3 if new else 6]) + pack([0], size=size),
+            pack([5]) + pack(box) + pack([1], size=size) + pack([4]) + pack([0], size=size),
+        )
+        counts = [1, len(nodes), 10, 120] if new else [1, len(nodes)]
+        heads = pack(counts, size=size), pack([3, 5, 0] if new else [5, 3, 0]), pack([len(nodes)], size=size)
+        each = [pack(nodes, size=size), pack(GRID.points)] if new else [pack(n, place) for n, place in places]
+        body += section("Nodes", *heads, *each)
+        counts = [6, 6, 1, 99] if new else [6, 6]
+        parts = [pack(counts, size=size)]
+        for n, (_, kind, corners) in zip(numbers, elements, strict=True):
+            parts += [pack([3, 5, kind] if new else [5, 3, kind]), pack([1], size=size)]
+            parts.append(pack(n, nodes[corners[0]], size=size if new else "<i4"))
+        body += section("Elements", *parts)
+    for step in range(len(steps)):
+        sign, order = 1 if step == len(steps) - 1 else -1, np.random.default_rng(step).permutation(len(nodes))
+        body += data("f", "NodeData", step, nodes[order], sign * HEAT[order])
+    body += data("kind", "ElementData", len(steps) - 1, numbers[[4, 2, 5, 3]], KIND[[2, 0, 3, 1]])
+    path.write_bytes(body)
+    return path
+
+
+def avs(path: Path) -> Path:
+    """Numbers with gaps, in falling order, and data in another one; the cells' kinds are their material too."""
+    names = {"tetra": "tet", "pyramid": "pyr", "wedge": "prism", "hexahedron": "hex"}
+    places = {"tetra": [0, 1, 3, 2], "pyramid": [4, 0, 1, 2, 3], "wedge": [3, 4, 5, 0, 1, 2]}
+    places["hexahedron"] = [4, 5, 6, 7, 0, 1, 2, 3]
+    nodes, numbers = 10 * np.arange(len(HEAT), 0, -1), [9, 7, 5, 3]
+    lines = ["# a comment", f"{len(HEAT)} 4 4 1 0"]
+    lines += [" ".join(map(str, (n, *row))) for n, row in zip(nodes, GRID.points.tolist(), strict=True)]
+    for number, (kind, corners), material in zip(numbers, GRID.cells.items(), KIND, strict=True):
+        lines.append(" ".join(map(str, (number, material, names[kind], *nodes[corners[0][places[kind]]]))))
+    lines += ["2 1 3", "f, K", "the flow, m/s"]
+    lines += [f"{nodes[n]} {HEAT[n]} {n} 0 {-n}" for n in np.random.default_rng(1).permutation(len(HEAT))]
+    lines += ["1 1", "kind, none", *(f"{numbers[n]} {KIND[n]}" for n in (2, 0, 3, 1))]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
 def meshlane(path: Path, *but: str, of_cells: bool = True, **options: Any) -> Path:
     import meshlane as package
 
@@ -323,6 +405,12 @@ FILES: dict[str, tuple[str, Write]] = {
     "openfoam-pieces": ("a.foam", decomposed),
     "cgns": ("a.cgns", cgns),
     "cgns-mixed": ("a.cgns", lambda path: cgns(path, mixed=True)),
+    "avs": ("a.avs", avs),
+    **{
+        f"gmsh-{version}{'-binary' * binary}": ("a.msh", partial(gmsh, version=version, binary=binary))
+        for version in ("2.2", "4.0", "4.1")
+        for binary in (False, True)
+    },
 }
 if find_spec("netCDF4"):
     FILES["exodus-3"] = ("a.ex2", exodus)
@@ -330,9 +418,9 @@ if find_spec("netCDF4"):
     FILES["exodus-4"] = ("a.exo", lambda path: exodus(path, "NETCDF4"))
 if find_spec("meshlane"):
     FILES["xdmf"] = ("a.xdmf", lambda path: meshlane(path, data_format="XML"))
-    FILES["gmsh"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22", binary=False))
-    FILES["gmsh-binary"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22"))
+    FILES["gmsh-meshlane"] = ("a.msh", lambda path: meshlane(path, file_format="gmsh22", binary=False))
+    FILES["gmsh-meshlane-binary"] = ("a.msh", lambda path: meshlane(path, file_format="gmsh22"))
     FILES["abaqus"] = ("a.inp", lambda path: meshlane(path, "pyramid", of_cells=False, file_format="abaqus"))
     FILES["med"] = ("a.med", lambda path: meshlane(path, of_cells=False))
     FILES["tetgen"] = ("a.ele", lambda path: meshlane(path, "pyramid", "wedge", "hexahedron", of_cells=False))
-    FILES |= {name: (f"a.{name}", meshlane) for name in ("nas", "mesh", "meshb", "su2", "avs", "ugrid")}
+    FILES |= {name: (f"a.{name}", meshlane) for name in ("nas", "mesh", "meshb", "su2", "ugrid")}

@@ -19,7 +19,7 @@ from clusterviz.data.faces import NONE, Faces, find_neighbours
 from clusterviz.data.predicates import determinant_sign, orientation
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
 from clusterviz.data.unstructured import CORNERS, FACES, SECOND_ORDER, Polyhedra, UnstructuredGrid, linearised
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, DataWarning
 
 KINDS = list(FACES)
 
@@ -308,7 +308,7 @@ def test_signs_of_volumes_are_exact(scale: float) -> None:
 
 
 WITHOUT_F = ("abaqus", "nas", "mesh", "meshb", "su2", "tetgen", "ugrid")
-WITHOUT_KIND = (*WITHOUT_F, "avs", "gmsh", "gmsh-binary", "med")
+WITHOUT_KIND = (*WITHOUT_F, "med")
 """Formats whose files have no such arrays, or where meshlane does not write them."""
 
 
@@ -423,6 +423,69 @@ def test_time_steps_of_exodus(tmp_path: Path) -> None:
     refused(lambda: read_grid(grid_writers.vtu(tmp_path / "a.vtu"), 1), "no time steps", "Exodus")
 
 
+def test_time_steps_of_gmsh(tmp_path: Path) -> None:
+    path = grid_writers.gmsh(tmp_path / "a.msh")
+    with pytest.warns(DataWarning, match="the last time step is taken; found 2 from 0.5 to 1.5"):
+        check_grid(read_grid(path), "gmsh")
+    for time, sign in ((0, -1), (1.5, 1), (1, 1), (0.5, -1)):
+        grid = read_grid(path, time)
+        np.testing.assert_allclose(grid.array("f")[0], sign * x_plus(grid.points))
+        assert grid.array("kind")[0].tolist() == [4, 5, 6, 8]  # of its only step
+    refused(lambda: read_grid(path, 2), "no such time step; found 2; allowed 0 to 1, or a time from 0.5 to 1.5")
+    grid_writers.gmsh(path, steps=(7.0, 7.0))  # told apart by their numbers
+    np.testing.assert_allclose(read_grid(path, 0.0).array("f")[0], -x_plus(grid.points))
+
+
+def test_data_of_gmsh_has_gaps_and_is_named(tmp_path: Path) -> None:
+    path = grid_writers.gmsh(tmp_path / "a.msh", "4.1", steps=(0.0,))
+    head, key, rest = path.read_text().partition("$NodeData")
+    other = f"{key}{rest[: rest.index('$End')]}".replace(key, "$ElementNodeData") + "$EndElementNodeData\n"
+    path.write_text(head + key + rest.replace("\n100 ", "\n101 ") + other)
+    with pytest.warns(DataWarning) as caught:
+        grid = read_grid(path)
+    said = [str(one.message).partition(": ")[2] for one in caught]
+    assert said == [
+        "not read; found $ElementNodeData",
+        "values of $NodeData are left out; found 1 with unknown numbers",
+    ]
+    assert np.flatnonzero(np.isnan(grid.array("f")[0])).tolist() == [2]
+    assert grid.array("gmsh:physical")[0].tolist() == [4] * 4
+    assert grid.array("gmsh:geometrical")[0].tolist() == [5] * 4
+
+
+@pytest.mark.parametrize("kind", ["tetra10", "pyramid13", "wedge15", "hexahedron20", "hexahedron27"])
+def test_gmsh_has_nodes_of_second_order_in_its_own_order(kind: str, tmp_path: Path) -> None:
+    package = pytest.importorskip("meshlane")
+    order = SECOND_ORDER[kind]
+    linear = np.array(UNIT[kind.rstrip("0123456789")])
+    points = np.array([linear[list(node)].mean(axis=0) for node in order.stored])
+    blocks = [(kind, np.arange(len(points))[None])]
+    package.write(tmp_path / "a.msh", package.Mesh(points, blocks), file_format="gmsh22")
+    found, expected = read_grid(tmp_path / "a.msh"), linearised(points, blocks, {}, {}, "a")
+    np.testing.assert_allclose(found.points, expected.points)
+    for part, corners in expected.cells.items():
+        np.testing.assert_array_equal(found.cells[part], corners)
+
+
+def test_avs_has_data_of_nodes_and_of_cells(tmp_path: Path) -> None:
+    path = grid_writers.avs(tmp_path / "a.avs")
+    grid = read_grid(path)
+    assert grid.array("kind")[0].tolist() == grid.array("avsucd:material")[0].tolist() == [4, 5, 6, 8]
+    np.testing.assert_array_equal(grid.point_arrays["the_flow"], np.arange(12)[:, None] * [1, 0, -1])
+    for old, new, said in (
+        ("\n9 4 tet", "\n9 4 tot", "not a cell; found 9 4 tot .*; allowed number, material, pt, line, "),
+        ("\n9 4 tet 70", "\n9 4 tet 71", "unknown numbers of nodes; found 71"),
+        ("\n9 4 tet", "\n7 4 tet", "two cells have one number"),
+        ("12 4 4 1 0", "12 4 4 1", "not AVS-UCD; .*; allowed text that begins with five counts"),
+        ("12 4 4 1 0", "13 4 4 1 0", "not a number: .*tet"),
+        ("\n3 8\n", "\n", "truncated; found 37 lines; allowed 38"),
+    ):
+        text = grid_writers.avs(path).read_text()
+        assert old in text, text
+        path.write_text(text.replace(old, new))
+        refused(lambda: read_grid(path), said)
+
+
 def test_time_steps_of_openfoam(tmp_path: Path) -> None:
     path = grid_writers.openfoam(tmp_path / "a.foam")
     for time, arrays in ((None, {"kind", "U"}), (1, {"kind", "U"}), (0.5, {"kind"}), (10.0, {"kind", "U"})):
@@ -462,7 +525,13 @@ DAMAGED = [
     ("pvd", b"DataSet", b"Set", "lists no files"),
     ("series", b'"time"', b'"step"', "not a list of a file series"),
     ("series", b'"none.vtu"', b"7", "not a time and a file; found 0.5, 7"),
-    ("gmsh", b"NodeData\n1\n", b"NodeData\n999999999\n", "damaged: reading does not end"),
+    ("gmsh-2.2", b"NodeData\n1\n", b"NodeData\n999999999\n", r"\$NodeData: truncated; found no further line"),
+    ("gmsh-2.2", b"$Nodes\n12\n", b"$Nodes\n13\n", r"\$Nodes: truncated, or the header lies about its size"),
+    ("gmsh-2.2", b"2.2 0 8", b"3 0 8", r"\$MeshFormat: an unknown format; found 3 0 8; allowed version 2, "),
+    ("gmsh-2.2", b"$EndElements", b"$Elements", r"truncated: no \$EndElements"),
+    ("gmsh-2.2", b" 15 2 4 5 ", b" 77 2 4 5 ", "elements of an unknown type; found 77"),
+    ("gmsh-2.2", b"\n10 2.0 1.0 2.0\n", b"\n11 2.0 1.0 2.0\n", "an element has an unknown node; found 10"),
+    ("gmsh-4.1", b"$Elements\n6 ", b"$Elements\n7 ", r"\$Elements: truncated, or the header lies"),
     ("vtk-ascii", b"CELL_TYPES 4", b"CELL_TYPES 99999999999", "lies about its size"),
     ("vtk-ascii", b"UNSTRUCTURED_GRID", b"POLYDATA", "not an unstructured grid; found DATASET POLYDATA"),
 ]
