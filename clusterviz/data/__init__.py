@@ -418,7 +418,9 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
         if found.magic:
             require_file(path, found.magic)
         if time is not None and not found.has_steps:
-            allowed = f"a file of {', '.join(each.name for each in GRID_FORMATS if each.has_steps)}, {' or '.join(SERIES)}"
+            allowed = (
+                f"a file of {', '.join(each.name for each in GRID_FORMATS if each.has_steps)}, {' or '.join(SERIES)}"
+            )
             raise DataError("no time steps", where=str(path), found=time, allowed=allowed)
         grid: UnstructuredGrid = _function(found.opener)(path, *([time] if time is not None else []))
         return grid

@@ -357,6 +357,87 @@ def gmsh(path: Path, version: str = "2.2", binary: bool = False, steps: tuple[fl
     return path
 
 
+XDMF_KINDS = {"tetra": 6, "pyramid": 7, "wedge": 8, "hexahedron": 9}
+
+
+class XdmfItems:
+    """DataItems of a file, whose numbers are text, datasets of HDF5, or raw files of the other byte order."""
+
+    def __init__(self, path: Path, form: str) -> None:
+        self.path, self.form, self.count = path, form, 0
+
+    def __call__(self, array: Any) -> str:
+        array = np.asarray(array)
+        kind, dims = {"f": "Float", "i": "Int", "u": "UInt"}[array.dtype.kind], " ".join(map(str, array.shape))
+        name, self.count = f"{self.path.stem}{self.count}", self.count + 1
+        if self.form == "HDF":
+            with h5py.File(self.path.with_suffix(".h5"), "w" if self.count == 1 else "a") as file:
+                file[f"Mesh/{name}"] = array
+            text = f"{self.path.stem}.h5:/Mesh/{name}"
+        elif self.form == "Binary":
+            text = f"{name}.bin"
+            self.path.with_name(text).write_bytes(b"skip" + array.astype(array.dtype.newbyteorder(">")).tobytes())
+        else:
+            text = " ".join(map(repr, array.ravel().tolist()))
+        more = 'Endian="Big" Seek="4"' if self.form == "Binary" else ""
+        keys = f'Dimensions="{dims}" NumberType="{kind}" Precision="{array.dtype.itemsize}" Format="{self.form}"'
+        return f"<DataItem {keys} {more}>{text}</DataItem>"
+
+
+def xdmf(path: Path, form: str = "dolfinx", numbers: str = "HDF") -> Path:
+    """Two time steps, at 0.5 and 1.5, of f, which is negative at first, and of kind.
+
+    Forms: those of FEniCSx, a mesh and a collection for each function; of FEniCS, a collection whose first step has the
+    mesh; and pieces, each with a half of the cells, in a collection of steps.
+    """
+    item = XdmfItems(path, numbers)
+
+    def mesh(rows: Any = range(4)) -> str:
+        kinds = [XDMF_KINDS[kind] for kind in GRID.cells]
+        mixed = np.concatenate([np.append(kinds[row], CORNERS[row]) for row in rows]).astype("i8")
+        topology = f'<Topology TopologyType="Mixed" NumberOfElements="{len(rows)}">{item(mixed)}</Topology>'
+        return f'{topology}<Geometry GeometryType="XYZ">{item(GRID.points)}</Geometry>'
+
+    def array(name: str, values: np.ndarray, center: str) -> str:
+        return f'<Attribute Name="{name}" AttributeType="Scalar" Center="{center}">{item(values[:, None])}</Attribute>'
+
+    def collection(steps: list[str], name: str = "", kind: str = "Temporal") -> str:
+        return f'<Grid Name="{name}" GridType="Collection" CollectionType="{kind}">{"".join(steps)}</Grid>'
+
+    def grid(*parts: str, name: str = "") -> str:
+        return f'<Grid Name="{name}" GridType="Uniform">{"".join(parts)}</Grid>'
+
+    def include(place: str) -> str:
+        return f"<xi:include xpointer='xpointer({place}/*[self::Topology or self::Geometry])'/>"
+
+    times = [f'<Time Value="{time}"/>' for time in (0.5, 1.5)]
+    heat, cells = [array("f", sign * HEAT, "Node") for sign in (-1, 1)], array("kind", KIND, "Cell")
+    if form == "dolfinx":
+        place = include("/Xdmf/Domain/Grid[@GridType=&apos;Uniform&apos;][1]")
+        steps = [
+            [grid(place, time, each) for time, each in zip(times, arrays, strict=True)]
+            for arrays in (heat, [cells] * 2)
+        ]
+        body = grid(mesh(), name="mesh") + collection(steps[0], "f") + collection(steps[1][:1], "kind")
+    elif form == "dolfin":
+        place = include('//Grid[@Name="TimeSeries"]/Grid[1]')
+        body = collection([grid(mesh(), times[0], heat[0], cells), grid(place, times[1], heat[1], cells)], "TimeSeries")
+    else:
+        pieces = [
+            collection(
+                [grid(mesh(rows), each, array("kind", KIND[rows], "Cell")) for rows in ([0, 1], [2, 3])], "", "Spatial"
+            )
+            for each in heat
+        ]
+        listed = f'<Time TimeType="List">{item(np.array([0.5, 1.5]))}</Time>'
+        body = collection([listed, *pieces])
+    head = '<?xml version="1.0"?><!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []>'
+    path.write_text(
+        f'{head}<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude"><Domain>{body}</Domain></Xdmf>'
+    )
+    return path
+
+
 def avs(path: Path) -> Path:
     """Numbers with gaps, in falling order, and data in another one; the cells' kinds are their material too."""
     names = {"tetra": "tet", "pyramid": "pyr", "wedge": "prism", "hexahedron": "hex"}
@@ -406,6 +487,9 @@ FILES: dict[str, tuple[str, Write]] = {
     "cgns": ("a.cgns", cgns),
     "cgns-mixed": ("a.cgns", lambda path: cgns(path, mixed=True)),
     "avs": ("a.avs", avs),
+    "xdmf-dolfinx": ("a.xdmf", xdmf),
+    "xdmf-dolfin": ("a.xdmf", partial(xdmf, form="dolfin", numbers="XML")),
+    "xdmf-pieces": ("a.xmf", partial(xdmf, form="pieces", numbers="Binary")),
     **{
         f"gmsh-{version}{'-binary' * binary}": ("a.msh", partial(gmsh, version=version, binary=binary))
         for version in ("2.2", "4.0", "4.1")

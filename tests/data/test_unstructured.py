@@ -467,6 +467,67 @@ def test_gmsh_has_nodes_of_second_order_in_its_own_order(kind: str, tmp_path: Pa
         np.testing.assert_array_equal(found.cells[part], corners)
 
 
+@pytest.mark.parametrize("form", ["dolfinx", "dolfin", "pieces"])
+def test_time_steps_of_xdmf(form: str, tmp_path: Path) -> None:
+    path = grid_writers.xdmf(tmp_path / "a.xdmf", form)
+    with pytest.warns(DataWarning, match="the last time step is taken; found 2 from 0.5 to 1.5"):
+        assert read_grid(path).count == 4
+    for time, sign in ((0, -1), (0.5, -1), (1, 1), (1.5, 1)):
+        grid = read_grid(path, time)
+        np.testing.assert_allclose(grid.array("f")[0], sign * x_plus(grid.points))
+        assert grid.array("kind")[0].tolist() == [4, 5, 6, 8]  # also of a function with a step less
+    refused(lambda: read_grid(path, 2), "no such time step; found 2; allowed 0 to 1, or a time from 0.5 to 1.5")
+
+
+TETRA = "0 0 0 1 0 0 0 1 0 0 0 1"
+XDMF = """<Xdmf Version="2.0"><Domain><Grid><Topology Type="Tetrahedron"><DataItem Dimensions="1 4" DataType="Int">
+{corners}</DataItem></Topology>{geometry}{more}</Grid></Domain></Xdmf>"""
+XYZ = f'<Geometry Type="XYZ"><DataItem Dimensions="4 3">{TETRA}</DataItem></Geometry>'
+COLUMNS = "".join(f'<DataItem Dimensions="4">{row}</DataItem>' for row in ("0 1 0 0", "0 0 1 0", "0 0 0 1"))
+SLAB = """<Attribute Name="f" Center="Node"><DataItem ItemType="HyperSlab" Dimensions="4"><DataItem Dimensions="3 2"
+NumberType="Int">0 1 1 1 4 1</DataItem><DataItem Dimensions="4 2">9 0 9 1 9 2 9 3</DataItem></DataItem></Attribute>"""
+FUNCTION = """<Attribute ItemType="FiniteElementFunction" Name="g" Center="Other"><DataItem Dimensions="1">0</DataItem>
+</Attribute><Attribute Name="h" Center="Face"><DataItem Dimensions="1">0</DataItem></Attribute>"""
+
+
+def test_parts_of_xdmf(tmp_path: Path) -> None:
+    """Geometry in columns, a part of an array, numbers by reference, and arrays that are not read."""
+    path = tmp_path / "a.xdmf"
+    path.write_text(XDMF.format(corners="0 1 2 3", geometry=XYZ, more=""))
+    expected = read_grid(path)
+    columns = f'<Geometry Type="X_Y_Z">{COLUMNS}</Geometry>'
+    path.write_text(XDMF.format(corners="0 1 2 3", geometry=columns, more=SLAB + FUNCTION))
+    with pytest.warns(DataWarning, match="not read; found FiniteElementFunction g, Center=Face h"):
+        found = read_grid(path)
+    np.testing.assert_array_equal(found.points, expected.points)
+    assert found.array("f")[0].tolist() == [0, 1, 2, 3]
+    reference = '<DataItem Reference="XML">/Xdmf/Domain/Grid/Geometry/DataItem</DataItem>'
+    path.write_text(XDMF.format(corners="0 1 2 3", geometry=XYZ, more=f'<Attribute Name="g">{reference}</Attribute>'))
+    np.testing.assert_array_equal(read_grid(path).point_arrays["g"], expected.points)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("Tetrahedron", "3DCoRectMesh", "an unsupported topology; found 3DCoRectMesh; allowed Polyvertex, "),
+        ('Type="XYZ"', 'Type="ORIGIN_DXDYDZ"', "an unsupported geometry; found ORIGIN_DXDYDZ, 1 DataItem; allowed XYZ"),
+        ("0 1 2 3<", "0 1 2 4<", "out of range; found 4; allowed 0 to 3"),
+        ('Dimensions="1 4"', 'Dimensions="2 4"', "lies about its size; found 4 numbers; allowed 8"),
+        ("<Grid>", '<Grid GridType="Subset"><Grid/>', "unsupported type; found subset"),
+        ("</Grid>", '<Attribute Name="f"><DataItem>1 2 3</DataItem></Attribute></Grid>', "f: an array does not fit"),
+        ('<DataItem Dimensions="1 4" DataType="Int">', '<DataItem Format="HDF">b.h5:/a', "b.h5.*: no such file"),
+        ('DataType="Int"', 'DataType="Complex"', "an unknown type of numbers; found complex"),
+        ("</Domain>", "", "truncated or damaged XML"),
+        ("Domain>", "Range>", "not XDMF; found <Xdmf>"),
+    ],
+)
+def test_xdmf_that_is_not_read(old: str, new: str, said: str, tmp_path: Path) -> None:
+    text = XDMF.format(corners="0 1 2 3", geometry=XYZ, more="").replace("\n", "")
+    assert old in text
+    (tmp_path / "a.xdmf").write_text(text.replace(old, new))
+    refused(lambda: read_grid(tmp_path / "a.xdmf"), said)
+
+
 def test_avs_has_data_of_nodes_and_of_cells(tmp_path: Path) -> None:
     path = grid_writers.avs(tmp_path / "a.avs")
     grid = read_grid(path)
@@ -478,7 +539,7 @@ def test_avs_has_data_of_nodes_and_of_cells(tmp_path: Path) -> None:
         ("\n9 4 tet", "\n7 4 tet", "two cells have one number"),
         ("12 4 4 1 0", "12 4 4 1", "not AVS-UCD; .*; allowed text that begins with five counts"),
         ("12 4 4 1 0", "13 4 4 1 0", "not a number: .*tet"),
-        ("\n3 8\n", "\n", "truncated; found 37 lines; allowed 38"),
+        ("\n3 8\n", "\n", "truncated; found 36 lines; allowed 37"),
     ):
         text = grid_writers.avs(path).read_text()
         assert old in text, text
