@@ -628,6 +628,53 @@ def test_a_damaged_case_of_openfoam_is_refused(file: str, old: bytes, new: bytes
     refused(lambda: read_grid(path), said)
 
 
+FOAM_FIELDS: dict[str, tuple[bytes, Any]] = {  # fields of cells as text, and their values in the order of kinds
+    "equal": (b"internalField nonuniform List<scalar> 4{7};", 7),
+    "macro": (b'#include "../init"\ninternalField uniform $T0; // $none', 5),
+    "braces": (b"T0 3;\ninternalField uniform ${T0};\n", 3),
+    "whole": (b"$none is here a comment;\ninside uniform 9;\ninternalField $inside;", 9),
+    "one line": (b"internalField nonuniform 4(4 5 6 8);", None),
+    "own class": (b"value nonuniform List<scalar> 4(4 5 6 8);", None),
+}
+
+
+def foam_field(folder: Path, body: bytes, kind: str = "volScalarField", form: str = "ascii") -> Path:
+    path = grid_writers.openfoam(folder / "a.foam")
+    (folder / "init").write_bytes(b"/* T0 4; */\nT0 $base;\nbase 5; // K\n")
+    head = f'FoamFile\n{{\nversion 2.0;\nformat {form};\narch "LSB;label=32;scalar=64";\nclass {kind};\nobject T;\n}}\n'
+    more = b"\nboundaryField\n{\nwall { type fixedValue; value uniform 99; }\n}\n"
+    (folder / "10/kind").write_bytes(head.encode() + b"dimensions [0 0 0 0 0 0 0];\n" + body + more)
+    return path
+
+
+@pytest.mark.parametrize("name", FOAM_FIELDS)
+def test_fields_of_openfoam(name: str, tmp_path: Path) -> None:
+    body, value = FOAM_FIELDS[name]
+    path = foam_field(tmp_path, body, "volScalarField::Internal" if name == "own class" else "volScalarField")
+    found = np.unique(read_grid(path, 10.0).array("kind")[0]).tolist()
+    assert found == ([4, 5, 6, 8] if value is None else [value])
+
+
+def test_equal_entries_of_binary_openfoam_and_fields_that_are_not_read(tmp_path: Path) -> None:
+    body = b"internalField nonuniform List<vector> 4{" + np.array([1.0, 2, 3]).tobytes() + b"};"
+    path = foam_field(tmp_path, body, "volVectorField", "binary")
+    assert np.unique(read_grid(path, 10.0).cell_arrays["kind"], axis=0).tolist() == [[1, 2, 3]]
+    with pytest.warns(DataWarning, match=r"10/kind: a field that is computed is not read; found #calc"):
+        grid = read_grid(foam_field(tmp_path, b'internalField #calc "1 + 1";'), 10.0)
+    assert set(grid.cell_arrays) == {"U"}
+    for body, said in (
+        (b"internalField uniform $T1;", r"10/kind: no such entry; found \$T1; allowed entries of this file"),
+        (b'#include "none"\ninternalField uniform $T1;', "none: no such file"),
+        (b"internalField uniform (1 2 3);", r"not a field; found uniform 1 2 3; allowed uniform and 1 numbers"),
+        (b"internalField nonuniform List<scalar> 4{1 2};", "truncated; found 2 numbers; allowed 1"),
+        (b"internalField nonuniform List<scalar> 99999999999{1};", "too large"),
+        (b"internalField nonuniform List<scalar> 5{1};", "does not fit; found float64 .5,.; allowed numbers, 4 cells"),
+        (b"internalField nonuniform List<scalar> 5;", r"no list; allowed N \( … \) or N \{ … \}"),
+    ):
+        path = foam_field(tmp_path, body)
+        refused(lambda path=path: read_grid(path, 10.0), said)
+
+
 def test_names_and_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.case"
     path.write_text("FORMAT\ntype: ensight gold\n")
