@@ -593,6 +593,7 @@ DAMAGED = [
     ("gmsh-2.2", b" 15 2 4 5 ", b" 77 2 4 5 ", "elements of an unknown type; found 77"),
     ("gmsh-2.2", b"\n10 2.0 1.0 2.0\n", b"\n11 2.0 1.0 2.0\n", "an element has an unknown node; found 10"),
     ("gmsh-4.1", b"$Elements\n6 ", b"$Elements\n7 ", r"\$Elements: truncated, or the header lies"),
+    ("nas", b"BEGIN BULK", b"END BULK", "damaged: reading does not end"),
     ("vtk-ascii", b"CELL_TYPES 4", b"CELL_TYPES 99999999999", "lies about its size"),
     ("vtk-ascii", b"UNSTRUCTURED_GRID", b"POLYDATA", "not an unstructured grid; found DATASET POLYDATA"),
 ]
