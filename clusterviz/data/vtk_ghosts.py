@@ -53,7 +53,7 @@ def drawn_cells(
     offsets : int64 (m + 1,); cell i has the points corners[offsets[i]:offsets[i + 1]]
     bits, of_points : of cells (m,) and of points
     """
-    is_drawn = bits & UNDRAWN_CELLS == 0
+    is_drawn: NDArray[np.bool_] = bits & UNDRAWN_CELLS == 0
     if (of_points & HIDDEN_POINT).any():
         hidden = np.append(0, np.cumsum(of_points.take(corners, mode="clip") & HIDDEN_POINT != 0))
         is_drawn &= hidden[offsets[1:]] == hidden[offsets[:-1]]
@@ -133,7 +133,8 @@ class VisibleSource:
     @property
     def dtype(self) -> np.dtype[Any]:
         """Float32, or float64 if float32 cannot hold the stored type."""
-        return np.result_type(self.source.dtype, np.float32)
+        found: np.dtype[Any] = np.result_type(self.source.dtype, np.float32)
+        return found
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""

@@ -16,6 +16,7 @@ from data.grid_writers import FILES
 
 from clusterviz.data import GRID_EXTENSIONS, read_grid
 from clusterviz.data.faces import NONE, Faces, find_neighbours
+from clusterviz.data.formats import meshlane
 from clusterviz.data.predicates import determinant_sign, orientation
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
 from clusterviz.data.unstructured import CORNERS, FACES, SECOND_ORDER, Polyhedra, UnstructuredGrid, linearised
@@ -593,7 +594,6 @@ DAMAGED = [
     ("gmsh-2.2", b" 15 2 4 5 ", b" 77 2 4 5 ", "elements of an unknown type; found 77"),
     ("gmsh-2.2", b"\n10 2.0 1.0 2.0\n", b"\n11 2.0 1.0 2.0\n", "an element has an unknown node; found 10"),
     ("gmsh-4.1", b"$Elements\n6 ", b"$Elements\n7 ", r"\$Elements: truncated, or the header lies"),
-    ("nas", b"BEGIN BULK", b"END BULK", "damaged: reading does not end"),
     ("vtk-ascii", b"CELL_TYPES 4", b"CELL_TYPES 99999999999", "lies about its size"),
     ("vtk-ascii", b"UNSTRUCTURED_GRID", b"POLYDATA", "not an unstructured grid; found DATASET POLYDATA"),
 ]
@@ -676,6 +676,13 @@ def test_equal_entries_of_binary_openfoam_and_fields_that_are_not_read(tmp_path:
         refused(lambda path=path: read_grid(path, 10.0), said)
 
 
+def test_reading_that_does_not_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("meshlane")
+    monkeypatch.setattr(meshlane, "SECONDS", 0.2)
+    (tmp_path / "a.nas").write_text("BEGIN BULK\n")  # the library waits for a line
+    refused(lambda: read_grid(tmp_path / "a.nas"), "damaged: reading does not end")
+
+
 def test_names_and_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.case"
     path.write_text("FORMAT\ntype: ensight gold\n")
@@ -684,7 +691,7 @@ def test_names_and_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     refused(lambda: read_grid(tmp_path / "b_*.vtu"), r"b_\*.vtu: no file matches")
     page = (Path(__file__).parents[2] / "docs/reference/data-formats.md").read_text()
     assert [word for word in GRID_EXTENSIONS if f"`{word}`" not in page] == []
-    for package, name in (("netCDF4", "a.exo"), ("meshlane", "a.msh")):
+    for package, name in (("netCDF4", "a.exo"), ("meshlane", "a.su2")):
         monkeypatch.setitem(sys.modules, package, None)
         (tmp_path / name).write_bytes(b"CDF\1")
         refused(lambda name=name: read_grid(tmp_path / name), f"needs the {package} package", r"clusterviz\[grids\]")

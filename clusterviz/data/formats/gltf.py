@@ -169,7 +169,7 @@ class _File:
             }
             if arrays.get("POSITION", np.empty(0)).ndim != 2:
                 raise DataError("a primitive has no positions", where=self.where, allowed="POSITION, VEC3")
-            vertices = arrays.pop("POSITION").astype(np.float32, copy=False)
+            vertices: NDArray[Any] = arrays.pop("POSITION").astype(np.float32, copy=False)
             if (matrix != np.eye(4)).any():
                 vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
             if "NORMAL" in arrays:

@@ -258,8 +258,7 @@ class _File:
             blocks = [("vertex", np.arange(points)[:, None])]
         else:
             kind, corners = WORDS[word[1]] + word[2], self.numbers(self._item(topology)).astype(np.int64)
-            flat = int(topology.get("NodesPerElement", "0")) or NODES.get(kind, 1)
-            width = flat if corners.ndim == 1 or word[1].startswith("poly") else NODES.get(kind, corners.shape[-1])
+            width = int(topology.get("NodesPerElement", "0")) or NODES.get(kind, 0) or int(corners.shape[-1])
             blocks = [(kind, corners.reshape(-1, width))]
         base = int(topology.get("BaseOffset", "0"))
         return [(kind, corners - base) for kind, corners in blocks]
@@ -296,9 +295,9 @@ class _File:
         """Return numbers of a raw file beside this one."""
         file, begin = self.path.parent / name, int(item.get("Seek", "0"))
         check_size(require_file(file), begin + count * dtype.itemsize, str(file))
-        order = ">" if item.get("Endian", "Native").lower() == "big" else "="
+        stored = dtype.newbyteorder(">") if item.get("Endian", "Native").lower() == "big" else dtype
         with readable(file):
-            return np.fromfile(file, dtype.newbyteorder(order), count, offset=begin).astype(dtype)
+            return np.fromfile(file, stored, count, offset=begin).astype(dtype)
 
     def _dataset(self, text: str) -> NDArray[Any]:
         """Return a dataset of HDF5, named by file:path."""
