@@ -85,7 +85,8 @@ def choose_step(times: NDArray[Any], time: float | None, where: str) -> int:
     if time is None:
         if len(times) > 1:
             found = f"{len(times)} from {times[0]:g} to {times[-1]:g}"
-            warn_of_data("the last time step is taken", where=where, found=found, allowed="time: a number, or a time")
+            # Without the file, as each piece of a grid says it.
+            warn_of_data("the last time step is taken", where="", found=found, allowed="time: a number, or a time")
         return max(0, len(times) - 1)
     if isinstance(time, int) and 0 <= time < len(times):
         return time

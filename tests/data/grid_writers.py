@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.util import find_spec
@@ -238,7 +239,8 @@ def openfoam(path: Path, binary: bool = False) -> Path:
         file = path.parent / name
         file.parent.mkdir(parents=True, exist_ok=True)
         head = f'FoamFile\n{{\nversion 2.0;\nformat {form};\narch "LSB;label=32;scalar=64";\n'
-        file.write_bytes(f"{head}class {kind};\nobject {file.name};\n}}\n// * * //\n\n".encode() + body)
+        head += f"class {kind};\nobject {file.name};\n}}\n// * * * //\n\n"
+        file.write_bytes(head.encode() + body + b"\n\n// *** //\n")
 
     mesh = "constant/polyMesh/"
     write(mesh + "points", "vectorField", packed(GRID.points.astype("f8")))
@@ -260,8 +262,16 @@ def openfoam(path: Path, binary: bool = False) -> Path:
 
 
 def decomposed(path: Path) -> Path:
-    """A case of OpenFOAM in one piece, as its programs leave it on several ranks."""
+    """A case of OpenFOAM in a piece and one without cells, as its programs leave it on several ranks."""
     openfoam(path.parent / "processor0" / path.name)
+    openfoam(path.parent / "processor1" / path.name)
+    for file in (path.parent / "processor1").rglob("*"):
+        if file.is_file() and file.suffix != ".foam":
+            head, end, body = file.read_bytes().partition(b"// * * * //\n")
+            empty = re.sub(
+                rb"(?s)(nonuniform List<scalar>\s*|^\s*)\d+\s*\(.*\)", rb"\g<1>0()", body.partition(b"// ***")[0]
+            )
+            file.write_bytes(head + end + empty + b"// *** //\n")
     path.touch()
     return path
 

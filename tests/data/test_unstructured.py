@@ -421,7 +421,24 @@ def test_time_steps_of_exodus(tmp_path: Path) -> None:
     assert make_tetrahedra(grid, "kind").counts["invalid"] == 1
     for time in (2, -1, 1.0):
         refused(lambda time=time: read_grid(path, time), "no such time step; .*; allowed 0 to 1, or a time from 0.5")
-    refused(lambda: read_grid(grid_writers.vtu(tmp_path / "a.vtu"), 1), "no time steps", "a file of exodus, openfoam, xdmf, gmsh, .pvd or .series")
+    refused(
+        lambda: read_grid(grid_writers.vtu(tmp_path / "a.vtu"), 1),
+        "no time steps",
+        "a file of exodus, openfoam, xdmf, gmsh, .pvd or .series",
+    )
+
+
+def test_a_piece_of_exodus_may_have_no_nodes(tmp_path: Path) -> None:
+    netcdf = pytest.importorskip("netCDF4")
+    grid_writers.exodus(tmp_path / "a.e.2.0")
+    with netcdf.Dataset(tmp_path / "a.e.2.1", "w", format="NETCDF3_CLASSIC") as file:
+        file.createDimension("num_dim", 3)
+        file.createDimension("time_step", None)
+        file.createVariable("time_whole", "f8", ("time_step",))[:] = [0.5, 1.5]
+    with pytest.warns(DataWarning) as caught:
+        check_grid(read_grid(tmp_path / "a.e.2.*"), "exodus")
+    said = "the last time step is taken; found 2 from 0.5 to 1.5; allowed time: a number, or a time"
+    assert {str(one.message) for one in caught} == {said}  # of both pieces, which Python shows once
 
 
 def test_time_steps_of_gmsh(tmp_path: Path) -> None:

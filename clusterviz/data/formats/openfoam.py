@@ -32,6 +32,7 @@ WIDTHS = {"volScalarField": 1, "volVectorField": 3}
 COUNT = re.compile(rb"(\d+)\s*\(")
 LIST = re.compile(rb"(\d+)\s*([({;])")
 """A list N(…), one of equal entries N{…}, or an empty one."""
+COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)
 MACRO = re.compile(rb"\$\{?[:.]*([\w.]+)\}?")
 MOST = 1 << 30
 """Entries of a list."""
@@ -129,8 +130,9 @@ def _load(path: Path) -> _File:
     found = re.search(rb"FoamFile\s*\{(.*?)\}", content, re.DOTALL)
     if found is None:
         raise DataError("not a file of OpenFOAM", where=str(path), allowed="FoamFile { … }")
-    entries = re.findall(r'(\w+)\s+("[^"]*"|[^;]+);', found[1].decode("ascii", "replace"))
-    return _File(path, dict(entries), content[found.end() :])
+    entries = dict(re.findall(r'(\w+)\s+("[^"]*"|[^;]+);', found[1].decode("ascii", "replace")))
+    body = content[found.end() :]
+    return _File(path, entries, body if entries.get("format") == "binary" else COMMENT.sub(b"", body))
 
 
 def _faces(file: _File) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -156,9 +158,8 @@ def _field(path: Path, cells: int) -> NDArray[Any] | None:
     if width is None or found is None:
         return None
     if found[1].startswith(b"#"):
-        warn_of_data(
-            "a field that is computed is not read", where=str(file.path), found=found[1].decode("ascii", "replace")
-        )
+        where, found_in = "/".join(file.path.parts[-2:]), found[1].decode("ascii", "replace")  # alike in all pieces
+        warn_of_data("a field that is computed is not read", where=where, found=found_in)
         return None
     if found[1] == b"nonuniform":
         values = file.numbers(width, begin=found.start(2))[0]
@@ -188,7 +189,7 @@ def _expanded(text: bytes, file: _File) -> bytes:
 
 def _entries(path: Path, text: bytes, depth: int = 0) -> dict[bytes, bytes]:
     """Return the entries of a file and of those that it includes, by name; later ones count."""
-    text = re.sub(rb"//[^\n]*|/\*.*?\*/", b"", text, flags=re.DOTALL)
+    text = COMMENT.sub(b"", text)
     found = dict[bytes, bytes]()
     for name in re.findall(rb'#include\w*\s+"([^"]+)"', text) if depth < DEEPEST else ():
         case = re.sub(r"^(\$FOAM_CASE|<case>)", str(path.parent.parent), name.decode("utf-8", "replace"))
