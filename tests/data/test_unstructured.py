@@ -554,9 +554,11 @@ def test_avs_has_data_of_nodes_and_of_cells(tmp_path: Path) -> None:
     for old, new, said in (
         ("\n9 4 tet", "\n9 4 tot", "not a cell; found 9 4 tot .*; allowed number, material, pt, line, "),
         ("\n9 4 tet 70", "\n9 4 tet 71", "unknown numbers of nodes; found 71"),
-        ("\n9 4 tet", "\n7 4 tet", "two cells have one number"),
+        ("\n9 4 tet", "\n7 4 tet", "unknown numbers of cells; found 9"),
+        ("\n9 4 tet", "\n9 x tet", "not a whole number"),
+        ("\n9 4 tet 70", "\n9 4 tet x", "not a whole number"),
         ("12 4 4 1 0", "12 4 4 1", "not AVS-UCD; .*; allowed text that begins with five counts"),
-        ("12 4 4 1 0", "13 4 4 1 0", "not a number: .*tet"),
+        ("12 4 4 1 0", "13 4 4 1 0", "not a number"),
         ("\n3 8\n", "\n", "truncated; found 36 lines; allowed 37"),
     ):
         text = grid_writers.avs(path).read_text()
@@ -610,6 +612,7 @@ DAMAGED = [
     ("gmsh-2.2", b"$EndElements", b"$Elements", r"truncated: no \$EndElements"),
     ("gmsh-2.2", b" 15 2 4 5 ", b" 77 2 4 5 ", "elements of an unknown type; found 77"),
     ("gmsh-2.2", b"\n10 2.0 1.0 2.0\n", b"\n11 2.0 1.0 2.0\n", "an element has an unknown node; found 10"),
+    ("gmsh-2.2", b" 15 2 4 5 ", b" 15 2 4 x ", r"\$Elements: not a whole number"),
     ("gmsh-4.1", b"$Elements\n6 ", b"$Elements\n7 ", r"\$Elements: truncated, or the header lies"),
     ("vtk-ascii", b"CELL_TYPES 4", b"CELL_TYPES 99999999999", "lies about its size"),
     ("vtk-ascii", b"UNSTRUCTURED_GRID", b"POLYDATA", "not an unstructured grid; found DATASET POLYDATA"),

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.files import kind_of, readable, require_file
-from clusterviz.data.storage import numbers_of_words
+from clusterviz.data.formats.gmsh import NumberedRows, numbers_of_text
 from clusterviz.data.unstructured import UnstructuredGrid, linearised
 from clusterviz.errors import DataError
 
@@ -33,7 +33,6 @@ KINDS: dict[bytes, tuple[str, tuple[int, ...]]] = {
     b"hex": ("hexahedron", (4, 5, 6, 7, 0, 1, 2, 3)),
 }
 """meshio's names of kinds of cells, and the places of VTK's corners: in a file the top comes first."""
-Lines = Sequence[list[bytes]]
 
 
 def read_avs(path: Path) -> UnstructuredGrid:
@@ -48,30 +47,33 @@ def read_avs(path: Path) -> UnstructuredGrid:
     require_file(path)
     with readable(path):
         content = path.read_bytes()
-    lines = [line.split() for line in re.sub(rb"(?m)^[ \t]*#.*$", b"", content).splitlines() if line.strip()]
-    if not lines or len(lines[0]) != 5 or not all(word.isdigit() and len(word) < 16 for word in lines[0]):
+    lines = [line for line in re.sub(rb"(?m)^[ \t]*#.*$", b"", content).splitlines() if line.strip()]
+    counts = lines[0].split() if lines else []
+    if len(counts) != 5 or not all(word.isdigit() and len(word) < 16 for word in counts):
         allowed = "text that begins with five counts"
         raise DataError("not AVS-UCD", where=where, found=kind_of(content[:348]), allowed=allowed)
-    nodes, cells, of_nodes, of_cells, _ = map(int, lines[0])
+    nodes, cells, of_nodes, of_cells, _ = map(int, counts)
     text = _Text(lines[1:], where)
     table = text.numbers(nodes, 4)
-    rows, points = _row_of(table[:, 0], "nodes", where), table[:, 1:]
-    listed = text.take(cells)
+    rows, points = NumberedRows(table[:, 0].astype(np.int64)), table[:, 1:]
+    listed = [line.split() for line in text.take(cells)]
     blocks, order = _blocks(listed, rows, where)
-    arrays = text.data(nodes, rows, "nodes") if of_nodes else {}
-    numbers = _row_of(numbers_of_words([row[0] for row in listed], np.float64), "cells", where)
-    on_cells = text.data(cells, numbers, "cells") if of_cells else {}
-    on_cells["avsucd:material"] = numbers_of_words([row[1] for row in listed], np.int64)
+    heads = numbers_of_text(b" ".join(word for row in listed for word in row[:2]), np.int64, where)
+    if len(heads) != 2 * cells:
+        raise DataError("not cells", where=where, found=f"{len(heads)} numbers", allowed=f"{cells} x number, material")
+    arrays = text.data(rows, "nodes") if of_nodes else {}
+    on_cells = text.data(NumberedRows(heads[::2]), "cells") if of_cells else {}
+    on_cells["avsucd:material"] = heads[1::2]
     return linearised(points, blocks, arrays, {name: array[order] for name, array in on_cells.items()}, where)
 
 
 class _Text:
-    """Lines of words that are left."""
+    """Lines that are left."""
 
-    def __init__(self, lines: Lines, where: str) -> None:
+    def __init__(self, lines: Sequence[bytes], where: str) -> None:
         self._lines, self._at, self._where = lines, 0, where
 
-    def take(self, count: int) -> Lines:
+    def take(self, count: int) -> Sequence[bytes]:
         """Return the next lines."""
         found, self._at = self._lines[self._at : self._at + count], self._at + count
         if len(found) != count:
@@ -80,48 +82,37 @@ class _Text:
 
     def numbers(self, count: int, width: int) -> NDArray[np.float64]:
         """Return the numbers of the next lines, (count, width)."""
-        rows = self.take(count)
-        if any(len(row) < width for row in rows):
-            raise DataError("truncated: a line lacks numbers", where=self._where, allowed=width)
-        try:
-            return numbers_of_words([word for row in rows for word in row[:width]], np.float64).reshape(count, width)
-        except ValueError as error:
-            raise DataError(f"not a number: {error}", where=self._where) from error
+        lines = self.take(count)
+        found = numbers_of_text(b"\n".join(lines), np.float64, self._where)
+        if len(found) != count * width:
+            allowed = f"{count} lines of {width}"
+            raise DataError("a line lacks numbers", where=self._where, found=f"{len(found)} numbers", allowed=allowed)
+        return found.reshape(count, width)
 
-    def data(self, count: int, rows: dict[int, int], noun: str) -> dict[str, NDArray[Any]]:
-        """Return the arrays of numbered nodes or cells by name, (count,) or (count, components)."""
-        sizes = [int(word) for word in self.take(1)[0][1:]]
-        labels = [b" ".join(row).partition(b",")[0].decode("utf-8", "replace") for row in self.take(len(sizes))]
-        table = self.numbers(count, 1 + sum(sizes))
-        own = _rows_of(table[:, 0], rows, noun, self._where)
-        values = np.empty((count, sum(sizes)))
-        values[own] = table[:, 1:]
+    def data(self, rows: NumberedRows, noun: str) -> dict[str, NDArray[Any]]:
+        """Return the arrays of numbered nodes or cells by name, (n,) or (n, components)."""
+        sizes = [int(word) for word in self.take(1)[0].split()[1:]]
+        labels = [line.partition(b",")[0].decode("utf-8", "replace").strip() for line in self.take(len(sizes))]
+        table = self.numbers(rows.count, 1 + sum(sizes))
+        values = np.empty((rows.count, sum(sizes)))
+        values[_known(rows, table[:, 0].astype(np.int64), noun, self._where)] = table[:, 1:]
         ends, found = np.cumsum(sizes), dict[str, NDArray[Any]]()
         for label, end, size in zip(labels, ends.tolist(), sizes, strict=True):
             array = values[:, end - size : end]
-            found[label.strip().replace(" ", "_")] = array[:, 0] if size == 1 else array
+            found[label.replace(" ", "_")] = array[:, 0] if size == 1 else array
         return found
 
 
-def _row_of(numbers: NDArray[np.float64], noun: str, where: str) -> dict[int, int]:
-    """Return the row of each number."""
-    found = {number: row for row, number in enumerate(numbers.astype(np.int64).tolist())}
-    if len(found) != len(numbers):
-        raise DataError(f"two {noun} have one number", where=where, found=f"{len(numbers) - len(found)} times")
+def _known(rows: NumberedRows, numbers: NDArray[np.int64], noun: str, where: str) -> NDArray[np.int64]:
+    """Return the rows of numbers."""
+    found, is_known = rows.of(numbers)
+    if not is_known.all():
+        raise DataError(f"unknown numbers of {noun}", where=where, found=int(numbers[~is_known][0]))
     return found
 
 
-def _rows_of(numbers: NDArray[np.float64], rows: dict[int, int], noun: str, where: str) -> NDArray[np.int64]:
-    """Return the rows of numbers."""
-    listed = numbers.astype(np.int64).tolist()
-    unknown = [number for number in listed if number not in rows]
-    if unknown:
-        raise DataError(f"unknown numbers of {noun}", where=where, found=unknown[0])
-    return np.array([rows[number] for number in listed], np.int64)
-
-
 def _blocks(
-    listed: Lines, rows: dict[int, int], where: str
+    listed: Sequence[list[bytes]], rows: NumberedRows, where: str
 ) -> tuple[list[tuple[str, NDArray[np.int64]]], NDArray[np.int64]]:
     """Return the cells of each kind, and their places in the file."""
     of_kind: dict[bytes, list[int]] = {}
@@ -133,8 +124,9 @@ def _blocks(
     blocks, order = list[tuple[str, NDArray[np.int64]]](), [np.zeros(0, np.int64)]
     for word, places in of_kind.items():
         kind, corners = KINDS[word]
-        words = [each for number in places for each in listed[number][3:]]
-        nodes = _rows_of(numbers_of_words(words, np.float64), rows, "nodes", where).reshape(-1, len(corners))
-        blocks.append((kind, nodes[:, corners]))
+        numbers = numbers_of_text(b" ".join(each for number in places for each in listed[number][3:]), np.int64, where)
+        if len(numbers) != len(places) * len(corners):
+            raise DataError("not a number of a node", where=where, found=f"{len(numbers)} numbers")
+        blocks.append((kind, _known(rows, numbers, "nodes", where).reshape(-1, len(corners))[:, corners]))
         order.append(np.array(places))
     return blocks, np.concatenate(order)

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.grid_files import choose_step
-from clusterviz.data.storage import numbers_of_words
 from clusterviz.data.unstructured import SECOND_ORDER, UnstructuredGrid, linearised
 from clusterviz.errors import DataError, warn_of_data
 
@@ -91,9 +90,9 @@ def read_gmsh(path: Path, time: float | None = None) -> UnstructuredGrid:
     if not nodes:
         raise DataError("no nodes", where=where, found=", ".join(names), allowed="$Nodes")
     numbers, points = (np.concatenate(each) for each in zip(*nodes, strict=True))
-    rows = _Rows(numbers)
+    rows = NumberedRows(numbers)
     blocks = [each.block(rows, where) for each in elements]
-    own = _Rows(np.concatenate([np.zeros(0, np.int64), *(each.numbers for each in elements)]))
+    own = NumberedRows(np.concatenate([np.zeros(0, np.int64), *(each.numbers for each in elements)]))
     chosen = _at_step(data, time, where) if data or time is not None else []
     of_elements = _arrays(chosen, "ElementData", own, where) | _tags(elements, physical)
     return linearised(points, blocks, _arrays(chosen, "NodeData", rows, where), of_elements, where)
@@ -171,7 +170,7 @@ class _Values:
             self._at += count * row.itemsize
             return found["ints"].astype(np.int64), found["floats"].astype(np.float64)
         if self._numbers is None:
-            self._numbers, self._at = numbers_of_words(self._body[self._at :].split(), np.float64), 0
+            self._numbers, self._at = numbers_of_text(self._body[self._at :], np.float64, self.where), 0
         begin, width = self._at, ints + floats
         self._need(count, width, len(self._numbers) - begin)
         self._at += count * width
@@ -180,8 +179,7 @@ class _Values:
 
     def rest(self) -> Ints:
         """Return all whole numbers that are left of text."""
-        numbers = numbers_of_words(self._body[self._at :].split(), np.float64)
-        return numbers.astype(np.int64)
+        return numbers_of_text(self._body[self._at :], np.int64, self.where)
 
     def sizes(self, count: int) -> list[int]:
         """Return numbers of the type of counts."""
@@ -239,7 +237,7 @@ class _Elements:
     tags: Ints
     entity: tuple[int, int] | None = None
 
-    def block(self, rows: _Rows, where: str) -> tuple[str, Ints]:
+    def block(self, rows: NumberedRows, where: str) -> tuple[str, Ints]:
         """Return the elements as `linearised` takes them."""
         kind = KINDS[self.kind][0]
         corners, is_known = rows.of(self.nodes)
@@ -319,7 +317,22 @@ def _nodes_of(kind: int, where: str) -> int:
     return KINDS[kind][1]
 
 
-class _Rows:
+def numbers_of_text(text: bytes, dtype: type[np.float64] | type[np.int64], where: str) -> NDArray[Any]:
+    """Return the numbers in text, several times as fast as from words.
+
+    Raises
+    ------
+    DataError
+        A word is no number; by old versions of NumPy numbers end there.
+    """
+    try:
+        return np.fromstring(text, dtype, sep=" ")
+    except ValueError as error:
+        what = "not a whole number" if dtype is np.int64 else "not a number"
+        raise DataError(what, where=where, found="a word among numbers") from error
+
+
+class NumberedRows:
     """Rows of numbered nodes or elements.
 
     Attributes
@@ -379,7 +392,7 @@ def _at_step(data: Sequence[_Data], time: float | None, where: str) -> list[_Dat
     return [each for known in found.values() for each in known]
 
 
-def _arrays(data: Sequence[_Data], section: str, rows: _Rows, where: str) -> dict[str, NDArray[Any]]:
+def _arrays(data: Sequence[_Data], section: str, rows: NumberedRows, where: str) -> dict[str, NDArray[Any]]:
     """Return the arrays of all nodes or elements by name, (n,) or (n, components), NaN where there is no value."""
     found, unknown = dict[str, NDArray[Any]](), 0
     for each in data:
