@@ -128,7 +128,8 @@ class VisibleSource:
 
     @property
     def stored_dtype(self) -> np.dtype[Any]:
-        return np.dtype(self.source.stored_dtype)
+        found: np.dtype[Any] = self.source.stored_dtype
+        return found
 
     @property
     def dtype(self) -> np.dtype[Any]:
