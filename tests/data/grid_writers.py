@@ -330,7 +330,8 @@ def gmsh(path: Path, version: str = "2.2", binary: bool = False, steps: tuple[fl
         return section(key, text.encode(), *(pack(n, v) for n, v in zip(own, values.astype("f8"), strict=True)))
 
     one = np.array([1], "<i4").tobytes() + b"\n" if binary else b""
-    body = section("MeshFormat", f"{version} {int(binary)} 8\n".encode(), one)
+    stated = "4" if version == "4.0" else version  # as Gmsh states it
+    body = section("MeshFormat", f"{stated} {int(binary)} 8\n".encode(), one)
     places = zip(nodes, GRID.points, strict=True)
     if version == "2.2":
         body += section("Nodes", b"%d\n" % len(nodes), *(pack(n, place) for n, place in places))

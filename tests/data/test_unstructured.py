@@ -454,6 +454,12 @@ def test_time_steps_of_gmsh(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_grid(path, 0.0).array("f")[0], -x_plus(grid.points))
 
 
+def test_gmsh_4_1_that_is_called_4(tmp_path: Path) -> None:
+    path = grid_writers.gmsh(tmp_path / "a.msh", "4.1")
+    path.write_text(path.read_text().replace("4.1 0 8", "4 0 8"))
+    check_grid(read_grid(path, 1.5), "gmsh")
+
+
 def test_data_of_gmsh_has_gaps_and_is_named(tmp_path: Path) -> None:
     path = grid_writers.gmsh(tmp_path / "a.msh", "4.1", steps=(0.0,))
     head, key, rest = path.read_text().partition("$NodeData")

@@ -2,8 +2,7 @@
 
 Nodes and elements have numbers, by which data refers to them; those without a value are NaN. Of several time steps one
 is read; data without this step is that of the step before. The numbers of entities become the arrays `gmsh:physical`
-and `gmsh:geometrical`, where they are not all 0. `$ElementNodeData` and interpolation schemes are ignored, with a
-warning.
+and `gmsh:geometrical`, where they are not all 0. `$ElementNodeData` is ignored, with a warning.
 
 References
 ----------
@@ -14,7 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +49,8 @@ SIDES = {
 }
 """Corners between which nodes on edges, and on faces and inside, lie, in Gmsh's order."""
 COMPONENTS = 1, 3, 9
-VERSIONS = {"2": "2", "2.1": "2", "2.2": "2", "4.0": "4.0", "4": "4.1", "4.1": "4.1"}
-DATA, UNREAD = ("NodeData", "ElementData"), ("ElementNodeData", "InterpolationScheme")
+VERSIONS = {"2": "2", "2.1": "2", "2.2": "2", "4.0": "4.0", "4": "4.0", "4.1": "4.1"}
+DATA, UNREAD = ("NodeData", "ElementData"), ("ElementNodeData",)
 
 
 def read_gmsh(path: Path, time: float | None = None) -> UnstructuredGrid:
@@ -74,6 +73,9 @@ def read_gmsh(path: Path, time: float | None = None) -> UnstructuredGrid:
     if names[:1] != ["MeshFormat"]:
         raise DataError("not a mesh of Gmsh 2 or 4", where=where, found=names[:1], allowed="$MeshFormat")
     form = _Form.of(sections[0][1], where)
+    heads = [body.partition(b"\n")[0].split() for name, body in sections if name == "Nodes"]
+    if form.version == "4.0" and not form.order and heads and len(heads[0]) == 4:
+        form = replace(form, version="4.1")  # of programs that call it 4, as Gmsh calls 4.0
     if unread := [name for name in UNREAD if name in names]:
         warn_of_data("not read", where=where, found=", ".join(f"${name}" for name in unread))
     physical, data, nodes, elements = dict[tuple[int, int], int](), [], list[tuple[Ints, Floats]](), list[_Elements]()
