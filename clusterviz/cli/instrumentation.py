@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import os
 import time
-import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import clusterviz
 from clusterviz.cli.console import announce_compilation
 from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, open_channel
-from clusterviz.errors import without_secrets
 from clusterviz.image.replace import check_replaceable, replacing
 from clusterviz.report.statistics import FrameStatistics, statistics_file
 from clusterviz.report.trace import RankTrace, Span, measure_offset, write_trace
@@ -29,8 +27,6 @@ def start(*, several_threads: bool = False) -> tuple[Channel, dict[str, float]]:
     age = _process_age()
     channel = open_channel(several_threads=several_threads)
     limit_threads(channel.placement())
-    # Without the line of code.
-    warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {without_secrets(str(message))}\n"
     if channel.rank == 0:
         announce_compilation()
     ready = time.perf_counter()

@@ -57,6 +57,7 @@ class Format:
     opener : module in clusterviz.data.formats and its function, imported on first use
     recognises : function that tells these files from volumes with the same extension; empty if there are none
     section : of a scene for its content; empty if the files of a format differ
+    has_steps : whether files may have time steps, of which the opener takes one
     """
 
     name: str
@@ -65,6 +66,7 @@ class Format:
     opener: str
     recognises: str = ""
     section: str = ""
+    has_steps: bool = False
 
     def open(self, path: Path, subset: Subset) -> Source:
         """Open a volume."""
@@ -132,15 +134,15 @@ GRID_FORMATS = (
     Format("list", (".pvtu", *SERIES), (), ""),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_unstructured", "vtk.is_unstructured"),
     Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf.read_vtkhdf", "vtkhdf_image.is_grid"),
-    Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", b"\x89HDF"), "exodus.read_exodus"),
+    Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", b"\x89HDF"), "exodus.read_exodus", has_steps=True),
     Format("cgns", (".cgns",), (b"\x89HDF",), "cgns.read_cgns"),
-    Format("openfoam", (".foam",), (), "openfoam.read_openfoam"),
+    Format("openfoam", (".foam",), (), "openfoam.read_openfoam", has_steps=True),
+    Format("xdmf", (".xdmf", ".xmf"), (), "xdmf.read_xdmf", has_steps=True),
+    Format("gmsh", (".msh",), (), "gmsh.read_gmsh", has_steps=True),
+    Format("avs", (".avs",), (), "avs.read_avs"),
     Format(
         "meshlane",
-        (
-            *(".xdmf", ".xmf", ".msh", ".bdf", ".fem", ".nas", ".inp", ".med", ".mesh", ".meshb", ".ele"),
-            *(".su2", ".ugrid", ".avs"),
-        ),
+        (".bdf", ".fem", ".nas", ".inp", ".med", ".mesh", ".meshb", ".ele", ".su2", ".ugrid"),
         (),
         "meshlane.read_meshlane",
     ),
@@ -415,8 +417,10 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
             raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(GRID_EXTENSIONS))
         if found.magic:
             require_file(path, found.magic)
-        if time is not None and found.name not in ("exodus", "openfoam"):
-            allowed = f"a file of Exodus II, OpenFOAM, {' or '.join(SERIES)}"
+        if time is not None and not found.has_steps:
+            allowed = (
+                f"a file of {', '.join(each.name for each in GRID_FORMATS if each.has_steps)}, {' or '.join(SERIES)}"
+            )
             raise DataError("no time steps", where=str(path), found=time, allowed=allowed)
         grid: UnstructuredGrid = _function(found.opener)(path, *([time] if time is not None else []))
         return grid

@@ -270,6 +270,26 @@ def triangulate_strips(
     return np.stack([corners[begin], corners[begin + 1 + odd], corners[begin + 2 - odd]], axis=1), strip
 
 
+def scaled_colours(colours: NDArray[Any]) -> NDArray[Any]:
+    """Return colours whose file does not say which number is full: bytes as they are, others in 0..1.
+
+    Full is the smallest of 1, 255 and 65535 that no number exceeds, but numbers below 2 count as up to 1. Of opacities
+    it is found apart from the others.
+
+    Parameters
+    ----------
+    colours : numbers (n, 3) or (n, 4): red, green, blue, and opacity
+    """
+    if colours.dtype == np.uint8:
+        return colours
+    parts = colours[:, :3], colours[:, 3:]
+    largest = [float(np.nanmax(part, initial=0)) for part in parts]
+    if colours.dtype.kind == "f" and max(largest) < 2:
+        return colours
+    full = [next((n for n, most in ((1, 2), (255, 256)) if value < most), 65535) for value in largest]
+    return np.concatenate([part / n for part, n in zip(parts, full, strict=True)], axis=1, dtype=np.float32)
+
+
 def check_indices(indices: NDArray[np.integer[Any]], count: int, where: str) -> None:
     """Check that indices of vertices lie in [0, count).
 

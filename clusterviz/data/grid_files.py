@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.files import readable, require_file
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, warn_of_data
 
 SERIES = (".pvd", ".series")
 """Extensions of files that list time steps, each a file of its own."""
@@ -75,7 +75,7 @@ def grid_files(path: Path, time: float | None = None) -> list[GridFile]:
 
 
 def choose_step(times: NDArray[Any], time: float | None, where: str) -> int:
-    """Return the number of the step that a number (int) or a time (float) names; None: the last one.
+    """Return the number of the step that a number (int) or a time (float) names; None: the last one, with a warning.
 
     Raises
     ------
@@ -83,6 +83,10 @@ def choose_step(times: NDArray[Any], time: float | None, where: str) -> int:
         There is no such step.
     """
     if time is None:
+        if len(times) > 1:
+            found = f"{len(times)} from {times[0]:g} to {times[-1]:g}"
+            # Without the file, as each piece of a grid says it.
+            warn_of_data("the last time step is taken", where="", found=found, allowed="time: a number, or a time")
         return max(0, len(times) - 1)
     if isinstance(time, int) and 0 <= time < len(times):
         return time

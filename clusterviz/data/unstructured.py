@@ -296,6 +296,24 @@ class Polyhedra:
         kept = self.begins[faces], self.sizes[faces]
         return Polyhedra(int(is_kept.sum()), number[self.owners[faces]], *kept, self.values)
 
+    def touched(self, is_one: NDArray[np.bool_], where: str) -> NDArray[np.bool_]:
+        """Return which cells have one of some points, bool (count,)."""
+        if not is_one.any():
+            return np.zeros(self.count, bool)
+        face, _, _, corners = self._corners(len(is_one), where)
+        return np.bincount(self.owners[face], is_one[corners], self.count) > 0
+
+    def _corners(self, points: int, where: str) -> tuple[NDArray[np.int64], ...]:
+        """Return the face of each corner, its place in the face, the first corner of each face, and the corners."""
+        ends = self.begins + self.sizes
+        if (self.sizes < 3).any() or self.begins.min(initial=0) < 0 or ends.max(initial=0) > len(self.values):
+            raise DataError("the faces of polyhedra are wrong", where=where, allowed="3 or more corners each")
+        face, first = np.repeat(np.arange(len(self.sizes)), self.sizes), np.cumsum(self.sizes) - self.sizes
+        within = np.arange(len(face)) - first[face]
+        corners = self.values[self.begins[face] + within]
+        check_indices(corners, points, where)
+        return face, within, first, corners
+
     def cut(
         self, points: NDArray[Any], of_points: Attributes, where: str
     ) -> tuple[NDArray[Any], Attributes, NDArray[np.int64], NDArray[np.int64]]:
@@ -309,13 +327,7 @@ class Polyhedra:
         tetrahedra : (t, 4)
         owners : int64 (t,), cell of each
         """
-        ends = self.begins + self.sizes
-        if (self.sizes < 3).any() or self.begins.min(initial=0) < 0 or ends.max(initial=0) > len(self.values):
-            raise DataError("the faces of polyhedra are wrong", where=where, allowed="3 or more corners each")
-        face, first = np.repeat(np.arange(len(self.sizes)), self.sizes), np.cumsum(self.sizes) - self.sizes
-        within = np.arange(len(face)) - first[face]
-        corners = self.values[self.begins[face] + within]
-        check_indices(corners, len(points), where)
+        face, within, first, corners = self._corners(len(points), where)
         smallest = np.lexsort((hashes(points)[corners], face))[first]
         ring = corners[first[face] + (within + (smallest - first)[face]) % self.sizes[face]]
         second = np.flatnonzero((within > 0) & (within < self.sizes[face] - 1))

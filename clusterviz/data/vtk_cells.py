@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.geometry import Attributes, check_attributes, named_arrays, positions_of
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, grid_of_blocks, linearised
+from clusterviz.data.vtk_ghosts import HIDDEN_POINT, UNDRAWN_CELLS, drawn_cells, some_cells, split_ghosts
 from clusterviz.errors import DataError
 
 KINDS = {
@@ -58,11 +59,15 @@ def grid_of_cells(
     DataError
         Offsets that do not rise, unsupported types, or as of `linearised`.
     """
-    counts = np.diff(offsets)
-    if len(offsets) != len(types) + 1 or (counts < 0).any() or offsets[0] != 0 or offsets[-1] > len(corners):
+    if len(offsets) != len(types) + 1 or (np.diff(offsets) < 0).any() or offsets[0] != 0 or offsets[-1] > len(corners):
         allowed = f"{len(types)} + 1 that rise from 0 to {len(corners)}"
         raise DataError("the cells' offsets are wrong", where=where, found=f"{len(offsets)} offsets", allowed=allowed)
+    check_attributes(of_points, len(points), "points", where)
     check_attributes(of_cells, len(types), "cells", where)
+    of_points, of_cells, types, offsets, corners, polyhedra = _visible(
+        of_points, of_cells, types, offsets, corners, polyhedra, where
+    )
+    counts = np.diff(offsets)
     blocks, order = list[tuple[str, NDArray[np.int64] | Polyhedra]](), [np.zeros(0, np.int64)]
     for kind in np.unique(types).tolist():
         if kind == POLYHEDRON and polyhedra is not None:
@@ -87,6 +92,29 @@ def grid_of_cells(
         order.append(rows)
     numbers = np.concatenate(order)
     return linearised(points, blocks, of_points, {name: array[numbers] for name, array in of_cells.items()}, where)
+
+
+def _visible(
+    of_points: Attributes,
+    of_cells: Attributes,
+    types: NDArray[np.integer],
+    offsets: NDArray[np.int64],
+    corners: NDArray[np.int64],
+    polyhedra: Polyhedra | None,
+    where: str,
+) -> tuple[Attributes, Attributes, NDArray[np.integer], NDArray[np.int64], NDArray[np.int64], Polyhedra | None]:
+    """Return a grid's arrays, and its cells that are drawn, with theirs; see `vtk_ghosts`."""
+    of_points, point_bits = split_ghosts(of_points, len(next(iter(of_points.values()), ())))
+    of_cells, bits = split_ghosts(of_cells, len(types))
+    if not point_bits.any() and not bits.any():
+        return of_points, of_cells, types, offsets, corners, polyhedra
+    is_drawn = drawn_cells(offsets, corners, bits, point_bits)
+    if polyhedra is not None:
+        own = types == POLYHEDRON  # whose points may lie in a stream
+        is_drawn[own] = (bits[own] & UNDRAWN_CELLS == 0) & ~polyhedra.touched(point_bits & HIDDEN_POINT != 0, where)
+        polyhedra = polyhedra.some(is_drawn[own])
+    of_kept = {name: array[is_drawn] for name, array in of_cells.items()}
+    return of_points, of_kept, types[is_drawn], *some_cells(offsets, corners, is_drawn), polyhedra
 
 
 def is_grid(given: Any) -> bool:

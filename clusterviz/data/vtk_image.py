@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from clusterviz.data.header import check_shape, make_grid
 from clusterviz.data.rectilinear import line_of, placed
 from clusterviz.data.source import Grid, Source
+from clusterviz.data.vtk_ghosts import ARRAYS
 from clusterviz.errors import DataError
 
 
@@ -61,6 +62,7 @@ def choose_array(arrays: Sequence[Array], name: str | None, noun: str, path: Pat
     DataError
         No such array, no array, or several and none named or active.
     """
+    arrays = [a for a in arrays if a.name not in ARRAYS] if name is None else arrays
     listed = ", ".join(f"{a.name} ({'cells' if a.on_cells else 'points'})" for a in arrays) or f"none: no {noun}"
     if name is not None:
         named = [a for a in arrays if a.name == name]

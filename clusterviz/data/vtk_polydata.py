@@ -13,10 +13,12 @@ from clusterviz.data.geometry import (
     Lines,
     Mesh,
     Points,
+    check_attributes,
     check_indices,
     triangulate,
     triangulate_strips,
 )
+from clusterviz.data.vtk_ghosts import UNDRAWN_POINTS, drawn_cells, some_cells, split_ghosts
 from clusterviz.errors import DataError
 
 SECTIONS = ("Verts", "Lines", "Polys", "Strips")
@@ -42,6 +44,8 @@ def polydata(
         Offsets that do not rise, indices out of range, or arrays of another length.
     """
     points = points.astype(np.promote_types(points.dtype, np.float32), copy=False)
+    check_attributes(of_points, len(points), "points", where)
+    of_points, point_bits = split_ghosts(of_points, len(points))
     empty = np.zeros(1, np.int64), np.zeros(0, np.int64)
     numbers, begin = {}, 0
     for section in SECTIONS:
@@ -56,7 +60,14 @@ def polydata(
         if len(array) != begin:
             raise DataError(f"the array {name} does not fit", where=where, found=len(array), allowed=f"{begin} cells")
     if not begin:
-        return Geometry(points=Points(where, points, of_points))
+        is_drawn = point_bits & UNDRAWN_POINTS == 0
+        return Geometry(points=Points(where, points[is_drawn], {n: a[is_drawn] for n, a in of_points.items()}))
+    of_cells, bits = split_ghosts(of_cells, begin)
+    if point_bits.any() or bits.any():
+        cells = dict(cells)
+        for section in cells:
+            is_drawn = drawn_cells(*cells[section], bits[numbers[section]], point_bits)
+            cells[section], numbers[section] = some_cells(*cells[section], is_drawn), numbers[section][is_drawn]
     found = []
     for section, cut in (("Polys", triangulate), ("Strips", triangulate_strips)):
         triangles, cell = cut(*cells.get(section, empty))

@@ -336,8 +336,8 @@ def unpack(
 
 def _after_header(file: Storage, encoded: Storage, begin: int, text: bool, header_bytes: int) -> tuple[Storage, int]:
     """Return the storage after the header: the same base64 text, or a new one as some writers make it."""
-    characters = 4 * -(-header_bytes // 3)
-    if isinstance(encoded, Base64Bytes) and bytes(file.read_at(begin, characters)).endswith(b"="):
+    characters, padding = 4 * -(-header_bytes // 3), b"=" * (-header_bytes % 3)  # of a text of the header alone
+    if isinstance(encoded, Base64Bytes) and bytes(file.read_at(begin, characters)).endswith(padding):
         return Base64Bytes(file, begin + characters, encoded.where), 0
     return encoded, header_bytes if text else begin + header_bytes
 

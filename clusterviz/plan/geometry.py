@@ -39,8 +39,8 @@ class Primitives:
     normals : float32 (n, 3), of vertices in the world, of any length; (0, 3) if each triangle has its own
     radii : float32 (n,), world units; (0,) for triangles
     colours : of vertices (n, c) or of primitives (m, c), as `GeometryLayer.colour_of` says, in the type of the file: a
-        scalar to be classified (c = 1), or straight colour with or without opacity (c = 3, 4), of which bytes are in
-        0..255; `GeometryLayer.shader_colours` has their units
+        scalar to be classified (c = 1), or straight colour with or without opacity (c = 3, 4), of which uint8 and
+        uint16 are full at their largest number; `GeometryLayer.shader_colours` has their units
     """
 
     numbers: NDArray[np.uint32]
@@ -126,7 +126,7 @@ class GeometryLayer:
         if self.channels == 1:
             found = np.clip(in_units_of_clim(colours, *self.clim), -FAR, FAR)
         else:
-            found = colours / (255.0 if colours.dtype == np.uint8 else 1.0)
+            found = colours / (float(np.iinfo(colours.dtype).max) if colours.dtype in (np.uint8, np.uint16) else 1.0)
         return found.astype(np.float32)
 
 

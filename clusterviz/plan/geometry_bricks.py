@@ -149,7 +149,7 @@ class KnownGeometry:
             (*((1.0, 1.0, 1.0) if transfer else (r, g, b)), opacity),
             make_segments(transfer, 1.0) if transfer else None,
             make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
-            section.culling if isinstance(section, MeshSection) else "none",
+            _culled_side(section),
             hides and not self.info.has_invalid and (edges is None or edges[3] >= 1),
             section,
             self._position_type,
@@ -237,6 +237,14 @@ def part_of(section: GeometrySection, geometry: Geometry) -> Part:
     if points is None and lines:
         return Points(lines.name, lines.points, lines.point_attributes)
     return points or Points("", NOTHING)
+
+
+def _culled_side(section: GeometrySection) -> Literal["none", "front", "back"]:
+    """Return `GeometryLayer.culling`; a reflection turns the order of the corners that the file's front has."""
+    side = section.culling if isinstance(section, MeshSection) else "none"
+    mirrors = bool(np.linalg.det(world_from_file(section)[:3, :3]) < 0)
+    other: dict[str, Literal["none", "front", "back"]] = {"front": "back", "back": "front"}
+    return other.get(side, side) if mirrors else side
 
 
 def _edges(section: GeometrySection, spacing: float) -> tuple[float, float, float, float, float] | None:

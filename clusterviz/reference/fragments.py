@@ -109,9 +109,10 @@ class PlacedGeometry:
             if values.shape[1] not in (3, 4):
                 found = f"{values.shape[1]} components"
                 raise InputError("neither scalars nor colours", where=section.path, found=found, allowed="1, 3 or 4")
-            rgba[:, :3] = values[:, :3] / (255 if stored.dtype == np.uint8 else 1)
+            full = {"uint8": 255, "uint16": 65535}.get(stored.dtype.name, 1)
+            rgba[:, :3] = values[:, :3] / full
             if values.shape[1] == 4:
-                rgba[:, 3] *= values[:, 3] / (255 if stored.dtype == np.uint8 else 1)
+                rgba[:, 3] *= values[:, 3] / full
             return rgba
         finite = stored[np.isfinite(stored)]
         clim = section.clim or ((float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0))
@@ -180,6 +181,8 @@ def _of_geometry(
     seen = kept(point, scene.clip, WORLD)
     if isinstance(section, MeshSection) and section.culling != "none":
         is_front = (hits.normal * rays.direction[hits.ray]).sum(axis=1) < 0
+        if section.transform is not None and np.linalg.det(np.array(section.transform)) < 0:
+            is_front = ~is_front  # a reflection turns the corners' order, not the mesh inside out
         seen &= is_front if section.culling == "back" else ~is_front
     hits, point = hits.some(seen), point[seen]
     rgba = surface.rgba(hits)

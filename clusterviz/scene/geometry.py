@@ -61,8 +61,8 @@ class GeometrySection(Section):
     scalars: str | None = Field(
         default=None,
         description="Name of an array that gives the colours: numbers through cmap, or red, green, blue (and alpha) as "
-        "bytes or in 0..1. Arrays of vertices are interpolated, then classified. Default: the file's array RGB or "
-        "RGBA, unless color is given.",
+        "unsigned integers of 8 or 16 bits, or in 0..1. Arrays of vertices are interpolated, then classified. Default: "
+        "the file's array RGB or RGBA, unless color is given.",
     )
     cmap: Cmap = Field(default="viridis", description="The colour map of the scalars, as of volumes.")
     clim: Clim | None = Field(
@@ -113,7 +113,9 @@ class MeshSection(GeometrySection):
         default="smooth", description="Normals of the vertices, interpolated, or of the triangles."
     )
     culling: Literal["none", "front", "back"] = Field(
-        default="none", description="The side that is not drawn; vertices are counter-clockwise seen from the front."
+        default="none",
+        description="The side that is not drawn; vertices are counter-clockwise seen from the front, in the file: a "
+        "transform that mirrors keeps the sides.",
     )
     edges: Edges | None = Field(
         default=None,

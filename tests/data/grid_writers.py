@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -22,23 +24,25 @@ CORNERS = [row for corners in GRID.cells.values() for row in corners]
 ENDS = np.cumsum([len(row) for row in CORNERS])
 KIND = GRID.cell_arrays["kind"].astype("i4")
 HEAT = GRID.point_arrays["f"].astype("f4")
+Arrays = Mapping[str, Mapping[str, Any]]
+"""Further arrays of bytes by section, PointData or CellData, and name."""
+NO_ARRAYS: Arrays = {}
 
 
-def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], ghosts: int = 0) -> str:
+def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], more: Arrays) -> str:
     corners = [CORNERS[row] for row in rows]
     arrays: dict[str, dict[str, np.ndarray]] = {
         "Points": {"": GRID.points.astype("f4")},
         "Cells": {
-            "connectivity": np.concatenate(corners).astype("<i8"),
+            "connectivity": np.concatenate([np.zeros(0, int), *corners]).astype("<i8"),
             "offsets": np.cumsum([len(row) for row in corners]).astype("<i4"),
             "types": NUMBERS[rows],
         },
         "PointData": {"f": HEAT},
         "CellData": {"kind": KIND[rows]},
     }
-    if ghosts:
-        arrays["CellData"]["vtkGhostType"] = np.arange(len(rows), dtype="u1") >= len(rows) - ghosts
-        arrays["CellData"]["vtkGhostType"] = arrays["CellData"]["vtkGhostType"].astype("u1")
+    for section, each in more.items():
+        arrays[section] |= {name: np.array(array, "u1") for name, array in each.items()}
     tags = ""
     for section, members in arrays.items():
         each = "".join(pack(name, array, 3 if section == "Points" else 1) for name, array in members.items())
@@ -46,13 +50,13 @@ def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], ghosts:
     return f'<Piece NumberOfPoints="{len(HEAT)}" NumberOfCells="{len(rows)}">{tags}</Piece>'
 
 
-def streams(path: Path, form: str = "vtu") -> Path:
+def streams(path: Path, form: str = "vtu", more: Arrays = NO_ARRAYS) -> Path:
     """The cells as polyhedra; forms are streams of .vtu and .vtk, and VTK's arrays from 9.4 on."""
     faces = [[row[list(face)] for face in FACES[kind]] for kind, rows in GRID.cells.items() for row in rows]
     each = [np.concatenate([[len(some)], *([len(face), *face] for face in some)]) for some in faces]
     flat = [face for some in faces for face in some]
     if form == "vtk":
-        return vtk(path, "ASCII", rows=each, types=np.full(4, 42))
+        return vtk(path, "ASCII", rows=each, types=np.full(4, 42), more=more)
     arrays = {"faces": np.concatenate(each), "faceoffsets": np.cumsum([len(row) for row in each])}
     if form == "new":
         arrays = {"face_connectivity": np.concatenate(flat), "face_offsets": np.cumsum([len(face) for face in flat])}
@@ -62,12 +66,12 @@ def streams(path: Path, form: str = "vtu") -> Path:
         f'<DataArray type="Int64" Name="{name}" format="ascii">{" ".join(map(str, array.tolist()))}</DataArray>'
         for name, array in arrays.items()
     )
-    text = vtu(path).read_text().replace("</Cells>", tags + "</Cells>").replace("10 14 13 12", "42 42 42 42")
+    text = vtu(path, more=more).read_text().replace("</Cells>", tags + "</Cells>").replace("10 14 13 12", "42 42 42 42")
     path.write_text(text)
     return path
 
 
-def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), ghosts: int = 0) -> Path:
+def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), more: Arrays = NO_ARRAYS) -> Path:
     appended = b""
 
     def pack(name: str, array: np.ndarray, components: int) -> str:
@@ -79,7 +83,7 @@ def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), g
         begin, appended = len(appended), appended + writers.vti_packed(array.tobytes(), "<u4", form, False)
         return tag + f'format="appended" offset="{begin}"/>'
 
-    piece = _piece(list(rows), pack, ghosts)
+    piece = _piece(list(rows), pack, more)
     packing = f'compressor="{form}"' if form.startswith("vtk") else ""
     text = f'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" {packing}><UnstructuredGrid>{piece}'
     more = b'<AppendedData encoding="raw">_' + appended + b"</AppendedData>" if appended else b""
@@ -90,7 +94,7 @@ def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), g
 def pvtu(path: Path) -> Path:
     """Two pieces, of which the second repeats a cell of the first as a ghost."""
     vtu(path.with_name("a_0.vtu"), rows=(0, 1))
-    vtu(path.with_name("a_1.vtu"), rows=(2, 3, 0), ghosts=1)
+    vtu(path.with_name("a_1.vtu"), rows=(2, 3, 0), more={"CellData": {"vtkGhostType": [0, 0, 1]}})
     names = "".join(f'<Piece Source="a_{n}.vtu"/>' for n in range(2))
     path.write_text(f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{names}</PUnstructuredGrid></VTKFile>')
     return path
@@ -118,7 +122,9 @@ def series(path: Path) -> Path:
     return path
 
 
-def vtk(path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS) -> Path:
+def vtk(
+    path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS, more: Arrays = NO_ARRAYS
+) -> Path:
     rows = CORNERS if rows is None else rows
     ends = np.cumsum([len(row) for row in rows])
     parts: list[Any] = [f"POINTS {len(HEAT)} float", GRID.points.astype("f4")]
@@ -129,13 +135,28 @@ def vtk(path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, ty
         whole = np.concatenate([[len(row), *row] for row in CORNERS]).astype("i4")
         parts += [f"CELLS {len(CORNERS)} {len(whole)}", whole]
     parts += [f"CELL_TYPES {len(types)}", types.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
-    parts += ["SCALARS kind int 1", "LOOKUP_TABLE default", KIND]
-    parts += [f"POINT_DATA {len(HEAT)}", "SCALARS f float 1", "LOOKUP_TABLE default", HEAT]
+    ghosts = {
+        section: [
+            part for name, bits in each.items() for part in (f"FIELD a 1\n{name} 1 {len(bits)} unsigned_char", bits)
+        ]
+        for section, each in more.items()
+    }
+    ghosts = {
+        section: [p if isinstance(p, str) else np.array(p, "u1") for p in each] for section, each in ghosts.items()
+    }
+    parts += ["SCALARS kind int 1", "LOOKUP_TABLE default", KIND, *ghosts.get("CellData", ())]
+    parts += [
+        f"POINT_DATA {len(HEAT)}",
+        "SCALARS f float 1",
+        "LOOKUP_TABLE default",
+        HEAT,
+        *ghosts.get("PointData", ()),
+    ]
     head = "# vtk DataFile Version 5.1\na title\n{form}\nDATASET UNSTRUCTURED_GRID\n"
     return writers.vtk_parts(path, form, *parts, head=head)
 
 
-def vtkhdf(path: Path) -> Path:
+def vtkhdf(path: Path, more: Arrays = NO_ARRAYS) -> Path:
     """Two pieces with points of their own."""
     with h5py.File(path, "w") as file:
         root = file.create_group("VTKHDF")
@@ -148,6 +169,9 @@ def vtkhdf(path: Path) -> Path:
         root["Connectivity"], root["Types"] = np.concatenate(CORNERS), NUMBERS
         root["Offsets"] = np.concatenate([np.append(0, np.cumsum(each)) for each in lengths])
         root["PointData/f"], root["CellData/kind"] = np.tile(HEAT, 2), KIND
+        for section, each in more.items():
+            for name, bits in each.items():
+                root[f"{section}/{name}"] = np.tile(np.array(bits, "u1"), 2 if section == "PointData" else 1)
     return path
 
 
@@ -215,7 +239,8 @@ def openfoam(path: Path, binary: bool = False) -> Path:
         file = path.parent / name
         file.parent.mkdir(parents=True, exist_ok=True)
         head = f'FoamFile\n{{\nversion 2.0;\nformat {form};\narch "LSB;label=32;scalar=64";\n'
-        file.write_bytes(f"{head}class {kind};\nobject {file.name};\n}}\n// * * //\n\n".encode() + body)
+        head += f"class {kind};\nobject {file.name};\n}}\n// * * * //\n\n"
+        file.write_bytes(head.encode() + body + b"\n\n// *** //\n")
 
     mesh = "constant/polyMesh/"
     write(mesh + "points", "vectorField", packed(GRID.points.astype("f8")))
@@ -237,8 +262,16 @@ def openfoam(path: Path, binary: bool = False) -> Path:
 
 
 def decomposed(path: Path) -> Path:
-    """A case of OpenFOAM in one piece, as its programs leave it on several ranks."""
+    """A case of OpenFOAM in a piece and one without cells, as its programs leave it on several ranks."""
     openfoam(path.parent / "processor0" / path.name)
+    openfoam(path.parent / "processor1" / path.name)
+    for file in (path.parent / "processor1").rglob("*"):
+        if file.is_file() and file.suffix != ".foam":
+            head, end, body = file.read_bytes().partition(b"// * * * //\n")
+            empty = re.sub(
+                rb"(?s)(nonuniform List<scalar>\s*|^\s*)\d+\s*\(.*\)", rb"\g<1>0()", body.partition(b"// ***")[0]
+            )
+            file.write_bytes(head + end + empty + b"// *** //\n")
     path.touch()
     return path
 
@@ -267,6 +300,169 @@ def exodus(path: Path, form: str = "NETCDF3_CLASSIC") -> Path:
             if n > 1:
                 own = file.createVariable(f"vals_elem_var1eb{n}", "f8", ("time_step", f"num_el_in_blk{n}"))
                 own[0] = own[1] = KIND[n - 1]
+    return path
+
+
+GMSH_TYPES = {"tetra": 4, "pyramid": 7, "wedge": 6, "hexahedron": 5}
+
+
+def gmsh(path: Path, version: str = "2.2", binary: bool = False, steps: tuple[float, ...] = (0.5, 1.5)) -> Path:
+    """Numbers with gaps, in falling order; a vertex and a triangle among the cells; f, negative but at the last step.
+
+    The cells' kinds are data of elements at the last step, in another order.
+    """
+    nodes, numbers = 10 * np.arange(len(HEAT), 0, -1), 7 + 3 * np.arange(6, 0, -1)
+    elements = [("vertex", 15, GRID.cells["tetra"][:1, :1]), ("triangle", 2, GRID.cells["tetra"][:1, :3])]
+    elements += [(kind, GMSH_TYPES[kind], corners) for kind, corners in GRID.cells.items()]
+
+    def pack(*parts: Any, size: str = "<i4") -> bytes:
+        """Whole numbers of a size, and others, one line of text each or bytes."""
+        if not binary:
+            return (" ".join(map(str, [each for part in parts for each in np.ravel(part).tolist()])) + "\n").encode()
+        arrays = [np.asarray(part) for part in parts]
+        return b"".join(a.astype("<f8" if a.dtype.kind == "f" else size).tobytes() for a in arrays)
+
+    def section(name: str, *parts: bytes) -> bytes:
+        return b"$%b\n%b%b$End%b\n" % (name.encode(), b"".join(parts), b"\n" * binary, name.encode())
+
+    def data(name: str, key: str, step: int, own: np.ndarray, values: np.ndarray) -> bytes:
+        text = f'1\n"{name}"\n1\n{steps[step]}\n3\n{step}\n1\n{len(own)}\n'
+        return section(key, text.encode(), *(pack(n, v) for n, v in zip(own, values.astype("f8"), strict=True)))
+
+    one = np.array([1], "<i4").tobytes() + b"\n" if binary else b""
+    stated = "4" if version == "4.0" else version  # as Gmsh states it
+    body = section("MeshFormat", f"{stated} {int(binary)} 8\n".encode(), one)
+    places = zip(nodes, GRID.points, strict=True)
+    if version == "2.2":
+        body += section("Nodes", b"%d\n" % len(nodes), *(pack(n, place) for n, place in places))
+        head = [pack([kind, 1, 2]) if binary else b"" for _, kind, _ in elements]
+        rows = [
+            pack([n, *([] if binary else [kind, 2]), 4, 5], nodes[corners[0]])
+            for n, (_, kind, corners) in zip(numbers, elements, strict=True)
+        ]
+        body += section("Elements", b"6\n", *(part for pair in zip(head, rows, strict=True) for part in pair))
+    else:
+        new, size = version == "4.1", "<u8"
+        box = [0.0] * 6
+        body += section(
+            "Entities",
+            pack([1, 0, 0, 1], size=size),
+            pack([9]) + pack(box[: 3 if new else 6]) + pack([0], size=size),
+            pack([5]) + pack(box) + pack([1], size=size) + pack([4]) + pack([0], size=size),
+        )
+        counts = [1, len(nodes), 10, 120] if new else [1, len(nodes)]
+        heads = pack(counts, size=size), pack([3, 5, 0] if new else [5, 3, 0]), pack([len(nodes)], size=size)
+        each = [pack(nodes, size=size), pack(GRID.points)] if new else [pack(n, place) for n, place in places]
+        body += section("Nodes", *heads, *each)
+        counts = [6, 6, 1, 99] if new else [6, 6]
+        parts = [pack(counts, size=size)]
+        for n, (_, kind, corners) in zip(numbers, elements, strict=True):
+            parts += [pack([3, 5, kind] if new else [5, 3, kind]), pack([1], size=size)]
+            parts.append(pack(n, nodes[corners[0]], size=size if new else "<i4"))
+        body += section("Elements", *parts)
+    for step in range(len(steps)):
+        sign, order = 1 if step == len(steps) - 1 else -1, np.random.default_rng(step).permutation(len(nodes))
+        body += data("f", "NodeData", step, nodes[order], sign * HEAT[order])
+    body += data("kind", "ElementData", len(steps) - 1, numbers[[4, 2, 5, 3]], KIND[[2, 0, 3, 1]])
+    path.write_bytes(body)
+    return path
+
+
+XDMF_KINDS = {"tetra": 6, "pyramid": 7, "wedge": 8, "hexahedron": 9}
+
+
+class XdmfItems:
+    """DataItems of a file, whose numbers are text, datasets of HDF5, or raw files of the other byte order."""
+
+    def __init__(self, path: Path, form: str) -> None:
+        self.path, self.form, self.count = path, form, 0
+
+    def __call__(self, array: Any) -> str:
+        array = np.asarray(array)
+        kind, dims = {"f": "Float", "i": "Int", "u": "UInt"}[array.dtype.kind], " ".join(map(str, array.shape))
+        name, self.count = f"{self.path.stem}{self.count}", self.count + 1
+        if self.form == "HDF":
+            with h5py.File(self.path.with_suffix(".h5"), "w" if self.count == 1 else "a") as file:
+                file[f"Mesh/{name}"] = array
+            text = f"{self.path.stem}.h5:/Mesh/{name}"
+        elif self.form == "Binary":
+            text = f"{name}.bin"
+            self.path.with_name(text).write_bytes(b"skip" + array.astype(array.dtype.newbyteorder(">")).tobytes())
+        else:
+            text = " ".join(map(repr, array.ravel().tolist()))
+        more = 'Endian="Big" Seek="4"' if self.form == "Binary" else ""
+        keys = f'Dimensions="{dims}" NumberType="{kind}" Precision="{array.dtype.itemsize}" Format="{self.form}"'
+        return f"<DataItem {keys} {more}>{text}</DataItem>"
+
+
+def xdmf(path: Path, form: str = "dolfinx", numbers: str = "HDF") -> Path:
+    """Two time steps, at 0.5 and 1.5, of f, which is negative at first, and of kind.
+
+    Forms: those of FEniCSx, a mesh and a collection for each function; of FEniCS, a collection whose first step has the
+    mesh; and pieces, each with a half of the cells, in a collection of steps.
+    """
+    item = XdmfItems(path, numbers)
+
+    def mesh(rows: Any = range(4)) -> str:
+        kinds = [XDMF_KINDS[kind] for kind in GRID.cells]
+        mixed = np.concatenate([np.append(kinds[row], CORNERS[row]) for row in rows]).astype("i8")
+        topology = f'<Topology TopologyType="Mixed" NumberOfElements="{len(rows)}">{item(mixed)}</Topology>'
+        return f'{topology}<Geometry GeometryType="XYZ">{item(GRID.points)}</Geometry>'
+
+    def array(name: str, values: np.ndarray, center: str) -> str:
+        return f'<Attribute Name="{name}" AttributeType="Scalar" Center="{center}">{item(values[:, None])}</Attribute>'
+
+    def collection(steps: list[str], name: str = "", kind: str = "Temporal") -> str:
+        return f'<Grid Name="{name}" GridType="Collection" CollectionType="{kind}">{"".join(steps)}</Grid>'
+
+    def grid(*parts: str, name: str = "") -> str:
+        return f'<Grid Name="{name}" GridType="Uniform">{"".join(parts)}</Grid>'
+
+    def include(place: str) -> str:
+        return f"<xi:include xpointer='xpointer({place}/*[self::Topology or self::Geometry])'/>"
+
+    times = [f'<Time Value="{time}"/>' for time in (0.5, 1.5)]
+    heat, cells = [array("f", sign * HEAT, "Node") for sign in (-1, 1)], array("kind", KIND, "Cell")
+    if form == "dolfinx":
+        place = include("/Xdmf/Domain/Grid[@GridType=&apos;Uniform&apos;][1]")
+        steps = [
+            [grid(place, time, each) for time, each in zip(times, arrays, strict=True)]
+            for arrays in (heat, [cells] * 2)
+        ]
+        body = grid(mesh(), name="mesh") + collection(steps[0], "f") + collection(steps[1][:1], "kind")
+    elif form == "dolfin":
+        place = include('//Grid[@Name="TimeSeries"]/Grid[1]')
+        body = collection([grid(mesh(), times[0], heat[0], cells), grid(place, times[1], heat[1], cells)], "TimeSeries")
+    else:
+        pieces = [
+            collection(
+                [grid(mesh(rows), each, array("kind", KIND[rows], "Cell")) for rows in ([0, 1], [2, 3])], "", "Spatial"
+            )
+            for each in heat
+        ]
+        listed = f'<Time TimeType="List">{item(np.array([0.5, 1.5]))}</Time>'
+        body = collection([listed, *pieces])
+    head = '<?xml version="1.0"?><!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []>'
+    path.write_text(
+        f'{head}<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude"><Domain>{body}</Domain></Xdmf>'
+    )
+    return path
+
+
+def avs(path: Path) -> Path:
+    """Numbers with gaps, in falling order, and data in another one; the cells' kinds are their material too."""
+    names = {"tetra": "tet", "pyramid": "pyr", "wedge": "prism", "hexahedron": "hex"}
+    places = {"tetra": [0, 1, 3, 2], "pyramid": [4, 0, 1, 2, 3], "wedge": [3, 4, 5, 0, 1, 2]}
+    places["hexahedron"] = [4, 5, 6, 7, 0, 1, 2, 3]
+    nodes, numbers = 10 * np.arange(len(HEAT), 0, -1), [9, 7, 5, 3]
+    lines = ["# a comment", f"{len(HEAT)} 4 4 1 0"]
+    lines += [" ".join(map(str, (n, *row))) for n, row in zip(nodes, GRID.points.tolist(), strict=True)]
+    for number, (kind, corners), material in zip(numbers, GRID.cells.items(), KIND, strict=True):
+        lines.append(" ".join(map(str, (number, material, names[kind], *nodes[corners[0][places[kind]]]))))
+    lines += ["2 1 3", "f, K", "the flow, m/s"]
+    lines += [f"{nodes[n]} {HEAT[n]} {n} 0 {-n}" for n in np.random.default_rng(1).permutation(len(HEAT))]
+    lines += ["1 1", "kind, none", *(f"{numbers[n]} {KIND[n]}" for n in (2, 0, 3, 1))]
+    path.write_text("\n".join(lines) + "\n")
     return path
 
 
@@ -301,6 +497,15 @@ FILES: dict[str, tuple[str, Write]] = {
     "openfoam-pieces": ("a.foam", decomposed),
     "cgns": ("a.cgns", cgns),
     "cgns-mixed": ("a.cgns", lambda path: cgns(path, mixed=True)),
+    "avs": ("a.avs", avs),
+    "xdmf-dolfinx": ("a.xdmf", xdmf),
+    "xdmf-dolfin": ("a.xdmf", partial(xdmf, form="dolfin", numbers="XML")),
+    "xdmf-pieces": ("a.xmf", partial(xdmf, form="pieces", numbers="Binary")),
+    **{
+        f"gmsh-{version}{'-binary' * binary}": ("a.msh", partial(gmsh, version=version, binary=binary))
+        for version in ("2.2", "4.0", "4.1")
+        for binary in (False, True)
+    },
 }
 if find_spec("netCDF4"):
     FILES["exodus-3"] = ("a.ex2", exodus)
@@ -308,9 +513,9 @@ if find_spec("netCDF4"):
     FILES["exodus-4"] = ("a.exo", lambda path: exodus(path, "NETCDF4"))
 if find_spec("meshlane"):
     FILES["xdmf"] = ("a.xdmf", lambda path: meshlane(path, data_format="XML"))
-    FILES["gmsh"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22", binary=False))
-    FILES["gmsh-binary"] = ("a.msh", lambda path: meshlane(path, of_cells=False, file_format="gmsh22"))
+    FILES["gmsh-meshlane"] = ("a.msh", lambda path: meshlane(path, file_format="gmsh22", binary=False))
+    FILES["gmsh-meshlane-binary"] = ("a.msh", lambda path: meshlane(path, file_format="gmsh22"))
     FILES["abaqus"] = ("a.inp", lambda path: meshlane(path, "pyramid", of_cells=False, file_format="abaqus"))
     FILES["med"] = ("a.med", lambda path: meshlane(path, of_cells=False))
     FILES["tetgen"] = ("a.ele", lambda path: meshlane(path, "pyramid", "wedge", "hexahedron", of_cells=False))
-    FILES |= {name: (f"a.{name}", meshlane) for name in ("nas", "mesh", "meshb", "su2", "avs", "ugrid")}
+    FILES |= {name: (f"a.{name}", meshlane) for name in ("nas", "mesh", "meshb", "su2", "ugrid")}

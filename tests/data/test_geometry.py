@@ -28,7 +28,8 @@ from clusterviz.data.geometry import (
     triangulate,
     triangulate_strips,
 )
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, DataWarning
+from clusterviz.plan.geometry import GeometryLayer
 
 ROOT = Path(__file__).parents[2]
 MOVED = np.array([1, 2, 3])
@@ -121,6 +122,111 @@ def test_pieces_of_vtp_are_joined(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.lines.offsets, [0, 3, 5, 8, 10])
 
 
+CORNERS = ("0 0 0", "1 0 0", "0 1 0")
+PLY_OF_COLOURS = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+{vertex}element face 1
+property list uchar int vertex_indices
+{face}end_header
+{rows}3 0 1 2{last}
+"""
+
+
+def coloured(kind: str, colours: list[str]) -> tuple[str, str]:
+    """The name and text of a triangle in a kind of file, with colours of its corners or its own."""
+    rows = "".join(f"{corner} {colour}\n" for corner, colour in zip(CORNERS, colours * 3, strict=False))
+    plain = "".join(f"{corner}\n" for corner in CORNERS)
+    if kind in ("COFF", "OFF"):
+        ends = (rows, "") if kind == "COFF" else (plain, f" {colours[0]}")
+        return "a.off", f"{kind}\n3 1 0\n{ends[0]}3 0 1 2{ends[1]}\n"
+    if kind == "OBJ":
+        return "a.obj", "".join(f"v {row}\n" for row in rows.splitlines()) + "f 1 2 3\n"
+    number, _, of = kind.partition(" ")
+    names = "".join(
+        f"property {number} {name}\n" for name in ("red", "green", "blue", "alpha")[: len(colours[0].split())]
+    )
+    head = {"vertex": "", "face": names, "rows": plain, "last": f" {colours[0]}"}
+    return "a.ply", PLY_OF_COLOURS.format(**(head if of else {"vertex": names, "face": "", "rows": rows, "last": ""}))
+
+
+@pytest.mark.parametrize(
+    ("kind", "colours", "expected"),
+    [
+        ("COFF", ["128 0 0 255"], [128 / 255, 0, 0, 1]),
+        ("COFF", ["0.5 0 0 1", "1.25 0 0 1"], [0.5, 0, 0, 1]),  # a little beyond 1
+        ("COFF", ["32768 0 0 65535"], [32768 / 65535, 0, 0, 1]),
+        ("COFF", ["128 0 0 1"], [128 / 255, 0, 0, 1]),
+        ("OFF", ["128 0 255"], [128 / 255, 0, 1]),
+        ("OFF", ["0.5 0 0 0.25"], [0.5, 0, 0, 0.25]),
+        ("OBJ", ["128 0 0", "0 1 0"], [128 / 255, 0, 0]),
+        ("OBJ", ["0.5 0 0"], [0.5, 0, 0]),
+        ("uchar", ["128 0 1"], [128, 0, 1]),
+        ("uchar face", ["128 0 1"], [128, 0, 1]),
+        ("ushort", ["32768 0 0 65535"], [32768 / 65535, 0, 0, 1]),
+        ("ushort face", ["32768 0 0"], [32768 / 65535, 0, 0]),
+        ("int", ["128 0 0"], [128 / 255, 0, 0]),
+        ("float", ["128 0 0 255"], [128 / 255, 0, 0, 1]),
+        ("double face", ["0.5 0 0"], [0.5, 0, 0]),
+    ],
+)
+def test_colours_are_bytes_or_shares(kind: str, colours: list[str], expected: list[float], tmp_path: Path) -> None:
+    name, text = coloured(kind, colours)
+    (tmp_path / name).write_text(text)
+    mesh = read_geometry(tmp_path / name).mesh
+    of_faces = "face" in kind or kind == "OFF"
+    (found,) = (mesh.triangle_attributes if of_faces else mesh.vertex_attributes).values()
+    np.testing.assert_allclose(found[0], expected, rtol=1e-7)
+    assert (found.dtype == np.uint8) == kind.startswith("uchar")
+
+
+def test_colours_of_some_polygons_are_named(tmp_path: Path) -> None:
+    with pytest.warns(DataWarning, match=r"a.off: the colours of polygons are not read; found 0, 3 numbers behind"):
+        write("off", tmp_path) and read_geometry(tmp_path / "a.off")
+
+
+def test_colours_of_16_bits_are_full_at_their_largest_number() -> None:
+    of_bits = {"u1": 255, "u2": 65535}
+    for kind, full in of_bits.items():
+        layer = SimpleNamespace(channels=3)
+        found = GeometryLayer.shader_colours(layer, np.array([[full, 0, full // 5]], kind))
+        np.testing.assert_allclose(found, [[1, 0, 0.2]], rtol=1e-6)
+
+
+POLYDATA_GHOSTS = {  # bits of the cells or points: the labels of the triangles, lines and vertices that are left
+    "CellData": ([0, 1, 32, 0, 8, 0, 2], [5, 6, 6], [3], [0]),
+    "PointData": ([0, 0, 2, 0, 0, 0, 0, 1, 0], [5], [2, 3], [0, 1]),
+}
+
+
+@pytest.mark.parametrize("section", POLYDATA_GHOSTS)
+def test_ghosts_of_polygonal_data_are_left_out(section: str, tmp_path: Path) -> None:
+    bits, triangles, lines, vertices = POLYDATA_GHOSTS[section]
+    path = write("vtp-ascii", tmp_path)
+    array = f'<DataArray type="UInt8" Name="vtkGhostType" format="ascii">{" ".join(map(str, bits))}</DataArray>'
+    path.write_text(path.read_text().replace(f"</{section}>", f"{array}</{section}>"))
+    found = read_geometry(path)
+    assert found.mesh.triangle_attributes["label"].tolist() == triangles
+    assert found.lines.line_attributes["label"].tolist() == lines
+    assert found.points.attributes["label"].tolist() == vertices
+    assert "vtkGhostType" not in {*found.mesh.vertex_attributes, *found.mesh.triangle_attributes}
+
+
+def test_ghosts_of_legacy_polygonal_data_and_of_points_alone_are_left_out(tmp_path: Path) -> None:
+    path = write("vtk-ascii", tmp_path)
+    path.write_text(path.read_text() + "FIELD a 1\nvtkGhostType 1 6 unsigned_char\n1 0 0 32 0 8\n")
+    found = read_geometry(path)
+    assert found.lines.line_attributes["label"].tolist() == [1]
+    assert found.mesh.triangle_attributes["label"].tolist() == [2, 4]
+    head = "# vtk DataFile Version 3.0\na title\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 2 0 0\n"
+    bits = "POINT_DATA 3\nSCALARS vtkGhostType unsigned_char 1\nLOOKUP_TABLE default\n0 1 2\n"
+    (tmp_path / "b.vtk").write_text(head + bits)
+    assert read_geometry(tmp_path / "b.vtk").points.positions.tolist() == [[0, 0, 0]]
+
+
 @pytest.mark.parametrize("name", ["gltf", "glb"])
 def test_gltf_is_placed_by_its_nodes(name: str, tmp_path: Path) -> None:
     found = read(name, tmp_path)
@@ -145,6 +251,60 @@ def test_nodes_turn_scale_and_mirror(node: dict[str, Any], expected: Any, tmp_pa
     outward = corners.mean(axis=1) - mesh.vertices.mean(axis=0)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert ((normals * outward).sum(axis=1) > 0).all()  # a mirror turns the triangles round
+
+
+def changed_gltf(path: Path, change: Callable[[dict[str, Any]], object]) -> Geometry:
+    """What is read of the tetrahedron of `mesh_writers` alone, without a place, after a change of the document."""
+    document = json.loads(mw.gltf(path, nodes=[{"mesh": 0}]).read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+    return read_geometry(path)
+
+
+SPARSE = {"count": 2, "indices": {"bufferView": 1, "componentType": 5123}, "values": {"bufferView": 2}}
+MORPHS = {  # weights of the mesh and of the node, and the change of `VERTICES`
+    "mesh": ([0.5], None, VERTICES / 4),
+    "node": ([0.5, 0.25], [-1, 0], -VERTICES / 2),
+    "sparse": ([0, 2], None, 2 * np.array([PATH[0], [0, 0, 0], PATH[1], [0, 0, 0]])),
+}
+
+
+@pytest.mark.parametrize("name", MORPHS)
+def test_meshes_are_morphed_by_their_weights(name: str, tmp_path: Path) -> None:
+    of_mesh, of_node, moved = MORPHS[name]
+
+    def change(document: dict[str, Any]) -> None:
+        document["meshes"][0]["weights"] = of_mesh
+        document["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": 0}, {"POSITION": 4}]
+        document["nodes"][0] |= {"weights": of_node} if of_node else {}
+        document["accessors"].append({"componentType": 5126, "type": "VEC3", "count": 4, "sparse": SPARSE})
+
+    mesh = changed_gltf(tmp_path / "a.gltf", change).mesh
+    np.testing.assert_allclose(mesh.vertices, VERTICES / 2 + moved, rtol=1e-6)
+
+
+def test_meshes_are_repeated_by_instances(tmp_path: Path) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document["extensionsRequired"] = ["EXT_mesh_gpu_instancing"]
+        attributes = {"TRANSLATION": 2, "SCALE": 2}
+        document["nodes"][0] |= {
+            "scale": [2, 2, 2],
+            "extensions": {"EXT_mesh_gpu_instancing": {"attributes": attributes}},
+        }
+
+    mesh = changed_gltf(tmp_path / "a.gltf", change).mesh
+    expected = 2 * (PATH[:, None] * VERTICES[TRIANGLES].reshape(1, -1, 3) / 2 + PATH[:, None])
+    np.testing.assert_allclose(mesh.vertices[mesh.triangles].reshape(expected.shape), expected, rtol=1e-6)
+
+
+def test_what_is_not_read_of_a_file_is_named_once(tmp_path: Path) -> None:
+    with pytest.warns(DataWarning) as caught:
+        changed_gltf(tmp_path / "a.gltf", lambda document: document.update(skins=[{}], textures=[{}]))
+    assert [str(one.message).partition(": ")[2] for one in caught] == ["not read; found textures, skins"]
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n")
+    with pytest.warns(DataWarning) as caught:
+        read_geometry(tmp_path / "a.obj")
+    assert [str(one.message).partition(": ")[2] for one in caught] == ["not read; found materials"]
 
 
 LINES = ("obj", "vtk-binary", "vtk-ascii", "vtk-old", "trk", "tck", "csv", "tsv")

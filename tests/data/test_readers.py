@@ -563,6 +563,15 @@ def test_vti_header_in_base64_of_its_own(tmp_path: Path, form: str, header: str)
     check_source(open_source(path), SHORTS)
 
 
+@pytest.mark.parametrize("header", ["u4", "u8"])
+@pytest.mark.parametrize("form", ["binary", "base64"])
+def test_vti_arrays_of_a_few_bytes_in_base64(tmp_path: Path, form: str, header: str) -> None:
+    """One byte behind a header of four ends its text like that of a header alone."""
+    for count in range(1, 8):
+        array = np.arange(1, 1 + count, dtype=np.uint8).reshape(1, 1, count)
+        check_source(open_source(writers.vti(tmp_path / "a.vti", array, form, header=header)), array)
+
+
 @pytest.mark.parametrize("form", writers.VTI_FORMS)
 def test_vti_arrays_by_name_active_or_alone(tmp_path: Path, form: str) -> None:
     one, two = values("f4"), values("<i2", seed=2)

@@ -16,10 +16,11 @@ from data.grid_writers import FILES
 
 from clusterviz.data import GRID_EXTENSIONS, read_grid
 from clusterviz.data.faces import NONE, Faces, find_neighbours
+from clusterviz.data.formats import meshlane
 from clusterviz.data.predicates import determinant_sign, orientation
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
 from clusterviz.data.unstructured import CORNERS, FACES, SECOND_ORDER, Polyhedra, UnstructuredGrid, linearised
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, DataWarning
 
 KINDS = list(FACES)
 
@@ -308,7 +309,7 @@ def test_signs_of_volumes_are_exact(scale: float) -> None:
 
 
 WITHOUT_F = ("abaqus", "nas", "mesh", "meshb", "su2", "tetgen", "ugrid")
-WITHOUT_KIND = (*WITHOUT_F, "avs", "gmsh", "gmsh-binary", "med")
+WITHOUT_KIND = (*WITHOUT_F, "med")
 """Formats whose files have no such arrays, or where meshlane does not write them."""
 
 
@@ -352,9 +353,62 @@ def test_a_file_that_ends_early_is_refused(name: str, tmp_path: Path) -> None:
             read_grid(path)
         except DataError as error:
             taken += [] if path.name in str(error) else [str(error)]
-        else:  # the arrays of legacy VTK are optional
-            taken += [] if content[count:].lstrip().startswith((b"CELL_DATA", b"POINT_DATA", b"SCALARS")) else [count]
+        else:  # cells and arrays of legacy VTK are optional
+            optional = (b"CELLS", b"CELL_DATA", b"POINT_DATA", b"SCALARS")
+            taken += [] if content[count:].lstrip().startswith(optional) else [count]
     assert taken == []
+
+
+@pytest.mark.parametrize(
+    ("section", "name", "bits", "left"),
+    [
+        ("CellData", "vtkGhostType", [0, 32, 0, 0], [4, 6, 8]),
+        ("CellData", "vtkGhostType", [8, 2, 1, 4], [5, 8]),
+        ("CellData", "vtkGhostLevels", [0, 0, 0, 2], [4, 5, 6]),
+        ("PointData", "vtkGhostType", [1, *[0] * 9, 2, 1], [4, 6, 8]),
+    ],
+)
+@pytest.mark.parametrize("name_of_file", ["vtu-ascii", "vtu-streams", "vtk-binary", "vtk-streams", "vtkhdf"])
+def test_ghost_cells_and_cells_with_a_hidden_point_are_left_out(
+    name_of_file: str, section: str, name: str, bits: list[int], left: list[int], tmp_path: Path
+) -> None:
+    file, _ = FILES[name_of_file]
+    kind, _, form = name_of_file.partition("-")
+    write = getattr(grid_writers, "streams" if form == "streams" else kind)
+    grid = read_grid(
+        write(tmp_path / file, **({"form": kind} if form == "streams" else {}), more={section: {name: bits}})
+    )
+    assert np.unique(grid.array("kind")[0]).tolist() == left
+    assert {*grid.point_arrays, *grid.cell_arrays} == {"f", "kind"}
+
+
+@pytest.mark.parametrize("form", ["ascii", "", "vtkZLibDataCompressor"])
+@pytest.mark.parametrize("file", ["a.pvtu", "a_[0-9].vtu", "a.pvd"])
+def test_pieces_without_cells_are_read(file: str, form: str, tmp_path: Path) -> None:
+    """With points and without, as programs write them on more ranks than there are cells."""
+    grid_writers.vtu(tmp_path / "a_0.vtu", form)
+    grid_writers.vtu(tmp_path / "a_1.vtu", form, rows=(), more={"CellData": {"vtkGhostType": []}})
+    (tmp_path / "a_2.vtu").write_text(
+        '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece NumberOfPoints="0" NumberOfCells="0"/>'
+        "</UnstructuredGrid></VTKFile>"
+    )
+    names = [f"a_{n}.vtu" for n in (1, 0, 2)]
+    pieces = "".join(f'<Piece Source="{name}"/>' for name in names)
+    (tmp_path / "a.pvtu").write_text(
+        f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{pieces}</PUnstructuredGrid></VTKFile>'
+    )
+    sets = "".join(f'<DataSet timestep="0" part="{n}" file="{name}"/>' for n, name in enumerate(names))
+    (tmp_path / "a.pvd").write_text(f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>')
+    check_grid(read_grid(tmp_path / file), "vtu")
+
+
+def test_legacy_files_without_cells_are_read(tmp_path: Path) -> None:
+    grid_writers.vtk(tmp_path / "a_0.vtk")
+    head = "# vtk DataFile Version 5.1\na title\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+    (tmp_path / "a_1.vtk").write_text(head + "POINTS 0 double\n\n")
+    check_grid(read_grid(tmp_path / "a_?.vtk"), "vtk")
+    (tmp_path / "a_1.vtk").write_text(head + "POINTS 0 double\nCELL_TYPES 0\n")
+    refused(lambda: read_grid(tmp_path / "a_1.vtk"), "no cells; allowed CELLS and CELL_TYPES")
 
 
 def test_time_steps_of_exodus(tmp_path: Path) -> None:
@@ -367,7 +421,156 @@ def test_time_steps_of_exodus(tmp_path: Path) -> None:
     assert make_tetrahedra(grid, "kind").counts["invalid"] == 1
     for time in (2, -1, 1.0):
         refused(lambda time=time: read_grid(path, time), "no such time step; .*; allowed 0 to 1, or a time from 0.5")
-    refused(lambda: read_grid(grid_writers.vtu(tmp_path / "a.vtu"), 1), "no time steps", "Exodus")
+    refused(
+        lambda: read_grid(grid_writers.vtu(tmp_path / "a.vtu"), 1),
+        "no time steps",
+        "a file of exodus, openfoam, xdmf, gmsh, .pvd or .series",
+    )
+
+
+def test_a_piece_of_exodus_may_have_no_nodes(tmp_path: Path) -> None:
+    netcdf = pytest.importorskip("netCDF4")
+    grid_writers.exodus(tmp_path / "a.e.2.0")
+    with netcdf.Dataset(tmp_path / "a.e.2.1", "w", format="NETCDF3_CLASSIC") as file:
+        file.createDimension("num_dim", 3)
+        file.createDimension("time_step", None)
+        file.createVariable("time_whole", "f8", ("time_step",))[:] = [0.5, 1.5]
+    with pytest.warns(DataWarning) as caught:
+        check_grid(read_grid(tmp_path / "a.e.2.*"), "exodus")
+    said = "the last time step is taken; found 2 from 0.5 to 1.5; allowed time: a number, or a time"
+    assert {str(one.message) for one in caught} == {said}  # of both pieces, which Python shows once
+
+
+def test_time_steps_of_gmsh(tmp_path: Path) -> None:
+    path = grid_writers.gmsh(tmp_path / "a.msh")
+    with pytest.warns(DataWarning, match="the last time step is taken; found 2 from 0.5 to 1.5"):
+        check_grid(read_grid(path), "gmsh")
+    for time, sign in ((0, -1), (1.5, 1), (1, 1), (0.5, -1)):
+        grid = read_grid(path, time)
+        np.testing.assert_allclose(grid.array("f")[0], sign * x_plus(grid.points))
+        assert grid.array("kind")[0].tolist() == [4, 5, 6, 8]  # of its only step
+    refused(lambda: read_grid(path, 2), "no such time step; found 2; allowed 0 to 1, or a time from 0.5 to 1.5")
+    grid_writers.gmsh(path, steps=(7.0, 7.0))  # told apart by their numbers
+    np.testing.assert_allclose(read_grid(path, 0.0).array("f")[0], -x_plus(grid.points))
+
+
+def test_gmsh_4_1_that_is_called_4(tmp_path: Path) -> None:
+    path = grid_writers.gmsh(tmp_path / "a.msh", "4.1")
+    path.write_text(path.read_text().replace("4.1 0 8", "4 0 8"))
+    check_grid(read_grid(path, 1.5), "gmsh")
+
+
+def test_data_of_gmsh_has_gaps_and_is_named(tmp_path: Path) -> None:
+    path = grid_writers.gmsh(tmp_path / "a.msh", "4.1", steps=(0.0,))
+    head, key, rest = path.read_text().partition("$NodeData")
+    other = f"{key}{rest[: rest.index('$End')]}".replace(key, "$ElementNodeData") + "$EndElementNodeData\n"
+    path.write_text(head + key + rest.replace("\n100 ", "\n101 ") + other)
+    with pytest.warns(DataWarning) as caught:
+        grid = read_grid(path)
+    said = [str(one.message).partition(": ")[2] for one in caught]
+    assert said == [
+        "not read; found $ElementNodeData",
+        "values of $NodeData are left out; found 1 with unknown numbers",
+    ]
+    assert np.flatnonzero(np.isnan(grid.array("f")[0])).tolist() == [2]
+    assert grid.array("gmsh:physical")[0].tolist() == [4] * 4
+    assert grid.array("gmsh:geometrical")[0].tolist() == [5] * 4
+
+
+@pytest.mark.parametrize("kind", ["tetra10", "pyramid13", "wedge15", "hexahedron20", "hexahedron27"])
+def test_gmsh_has_nodes_of_second_order_in_its_own_order(kind: str, tmp_path: Path) -> None:
+    package = pytest.importorskip("meshlane")
+    order = SECOND_ORDER[kind]
+    linear = np.array(UNIT[kind.rstrip("0123456789")])
+    points = np.array([linear[list(node)].mean(axis=0) for node in order.stored])
+    blocks = [(kind, np.arange(len(points))[None])]
+    package.write(tmp_path / "a.msh", package.Mesh(points, blocks), file_format="gmsh22")
+    found, expected = read_grid(tmp_path / "a.msh"), linearised(points, blocks, {}, {}, "a")
+    np.testing.assert_allclose(found.points, expected.points)
+    for part, corners in expected.cells.items():
+        np.testing.assert_array_equal(found.cells[part], corners)
+
+
+@pytest.mark.parametrize("form", ["dolfinx", "dolfin", "pieces"])
+def test_time_steps_of_xdmf(form: str, tmp_path: Path) -> None:
+    path = grid_writers.xdmf(tmp_path / "a.xdmf", form)
+    with pytest.warns(DataWarning, match="the last time step is taken; found 2 from 0.5 to 1.5"):
+        assert read_grid(path).count == 4
+    for time, sign in ((0, -1), (0.5, -1), (1, 1), (1.5, 1)):
+        grid = read_grid(path, time)
+        np.testing.assert_allclose(grid.array("f")[0], sign * x_plus(grid.points))
+        assert grid.array("kind")[0].tolist() == [4, 5, 6, 8]  # also of a function with a step less
+    refused(lambda: read_grid(path, 2), "no such time step; found 2; allowed 0 to 1, or a time from 0.5 to 1.5")
+
+
+TETRA = "0 0 0 1 0 0 0 1 0 0 0 1"
+XDMF = """<Xdmf Version="2.0"><Domain><Grid><Topology Type="Tetrahedron"><DataItem Dimensions="1 4" DataType="Int">
+{corners}</DataItem></Topology>{geometry}{more}</Grid></Domain></Xdmf>"""
+XYZ = f'<Geometry Type="XYZ"><DataItem Dimensions="4 3">{TETRA}</DataItem></Geometry>'
+COLUMNS = "".join(f'<DataItem Dimensions="4">{row}</DataItem>' for row in ("0 1 0 0", "0 0 1 0", "0 0 0 1"))
+SLAB = """<Attribute Name="f" Center="Node"><DataItem ItemType="HyperSlab" Dimensions="4"><DataItem Dimensions="3 2"
+NumberType="Int">0 1 1 1 4 1</DataItem><DataItem Dimensions="4 2">9 0 9 1 9 2 9 3</DataItem></DataItem></Attribute>"""
+FUNCTION = """<Attribute ItemType="FiniteElementFunction" Name="g" Center="Other"><DataItem Dimensions="1">0</DataItem>
+</Attribute><Attribute Name="h" Center="Face"><DataItem Dimensions="1">0</DataItem></Attribute>"""
+
+
+def test_parts_of_xdmf(tmp_path: Path) -> None:
+    """Geometry in columns, a part of an array, numbers by reference, and arrays that are not read."""
+    path = tmp_path / "a.xdmf"
+    path.write_text(XDMF.format(corners="0 1 2 3", geometry=XYZ, more=""))
+    expected = read_grid(path)
+    columns = f'<Geometry Type="X_Y_Z">{COLUMNS}</Geometry>'
+    path.write_text(XDMF.format(corners="0 1 2 3", geometry=columns, more=SLAB + FUNCTION))
+    with pytest.warns(DataWarning, match="not read; found FiniteElementFunction g, Center=Face h"):
+        found = read_grid(path)
+    np.testing.assert_array_equal(found.points, expected.points)
+    assert found.array("f")[0].tolist() == [0, 1, 2, 3]
+    reference = '<DataItem Reference="XML">/Xdmf/Domain/Grid/Geometry/DataItem</DataItem>'
+    path.write_text(XDMF.format(corners="0 1 2 3", geometry=XYZ, more=f'<Attribute Name="g">{reference}</Attribute>'))
+    np.testing.assert_array_equal(read_grid(path).point_arrays["g"], expected.points)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("Tetrahedron", "3DCoRectMesh", "an unsupported topology; found 3DCoRectMesh; allowed Polyvertex, "),
+        ('Type="XYZ"', 'Type="ORIGIN_DXDYDZ"', "an unsupported geometry; found ORIGIN_DXDYDZ, 1 DataItem; allowed XYZ"),
+        ("0 1 2 3<", "0 1 2 4<", "out of range; found 4; allowed 0 to 3"),
+        ('Dimensions="1 4"', 'Dimensions="2 4"', "lies about its size; found 4 numbers; allowed 8"),
+        ("<Grid>", '<Grid GridType="Subset"><Grid/>', "unsupported type; found subset"),
+        ("</Grid>", '<Attribute Name="f"><DataItem>1 2 3</DataItem></Attribute></Grid>', "f: an array does not fit"),
+        ('<DataItem Dimensions="1 4" DataType="Int">', '<DataItem Format="HDF">b.h5:/a', "b.h5.*: no such file"),
+        ('DataType="Int"', 'DataType="Complex"', "an unknown type of numbers; found complex"),
+        ("</Domain>", "", "truncated or damaged XML"),
+        ("Domain>", "Range>", "not XDMF; found <Xdmf>"),
+    ],
+)
+def test_xdmf_that_is_not_read(old: str, new: str, said: str, tmp_path: Path) -> None:
+    text = XDMF.format(corners="0 1 2 3", geometry=XYZ, more="").replace("\n", "")
+    assert old in text
+    (tmp_path / "a.xdmf").write_text(text.replace(old, new))
+    refused(lambda: read_grid(tmp_path / "a.xdmf"), said)
+
+
+def test_avs_has_data_of_nodes_and_of_cells(tmp_path: Path) -> None:
+    path = grid_writers.avs(tmp_path / "a.avs")
+    grid = read_grid(path)
+    assert grid.array("kind")[0].tolist() == grid.array("avsucd:material")[0].tolist() == [4, 5, 6, 8]
+    np.testing.assert_array_equal(grid.point_arrays["the_flow"], np.arange(12)[:, None] * [1, 0, -1])
+    for old, new, said in (
+        ("\n9 4 tet", "\n9 4 tot", "not a cell; found 9 4 tot .*; allowed number, material, pt, line, "),
+        ("\n9 4 tet 70", "\n9 4 tet 71", "unknown numbers of nodes; found 71"),
+        ("\n9 4 tet", "\n7 4 tet", "unknown numbers of cells; found 9"),
+        ("\n9 4 tet", "\n9 x tet", "not a whole number"),
+        ("\n9 4 tet 70", "\n9 4 tet x", "not a whole number"),
+        ("12 4 4 1 0", "12 4 4 1", "not AVS-UCD; .*; allowed text that begins with five counts"),
+        ("12 4 4 1 0", "13 4 4 1 0", "not a number"),
+        ("\n3 8\n", "\n", "truncated; found 36 lines; allowed 37"),
+    ):
+        text = grid_writers.avs(path).read_text()
+        assert old in text, text
+        path.write_text(text.replace(old, new))
+        refused(lambda: read_grid(path), said)
 
 
 def test_time_steps_of_openfoam(tmp_path: Path) -> None:
@@ -409,7 +612,14 @@ DAMAGED = [
     ("pvd", b"DataSet", b"Set", "lists no files"),
     ("series", b'"time"', b'"step"', "not a list of a file series"),
     ("series", b'"none.vtu"', b"7", "not a time and a file; found 0.5, 7"),
-    ("gmsh", b"NodeData\n1\n", b"NodeData\n999999999\n", "damaged: reading does not end"),
+    ("gmsh-2.2", b"NodeData\n1\n", b"NodeData\n999999999\n", r"\$NodeData: truncated; found no further line"),
+    ("gmsh-2.2", b"$Nodes\n12\n", b"$Nodes\n13\n", r"\$Nodes: truncated, or the header lies about its size"),
+    ("gmsh-2.2", b"2.2 0 8", b"3 0 8", r"\$MeshFormat: an unknown format; found 3 0 8; allowed version 2, "),
+    ("gmsh-2.2", b"$EndElements", b"$Elements", r"truncated: no \$EndElements"),
+    ("gmsh-2.2", b" 15 2 4 5 ", b" 77 2 4 5 ", "elements of an unknown type; found 77"),
+    ("gmsh-2.2", b"\n10 2.0 1.0 2.0\n", b"\n11 2.0 1.0 2.0\n", "an element has an unknown node; found 10"),
+    ("gmsh-2.2", b" 15 2 4 5 ", b" 15 2 4 x ", r"\$Elements: not a whole number"),
+    ("gmsh-4.1", b"$Elements\n6 ", b"$Elements\n7 ", r"\$Elements: truncated, or the header lies"),
     ("vtk-ascii", b"CELL_TYPES 4", b"CELL_TYPES 99999999999", "lies about its size"),
     ("vtk-ascii", b"UNSTRUCTURED_GRID", b"POLYDATA", "not an unstructured grid; found DATASET POLYDATA"),
 ]
@@ -445,6 +655,60 @@ def test_a_damaged_case_of_openfoam_is_refused(file: str, old: bytes, new: bytes
     refused(lambda: read_grid(path), said)
 
 
+FOAM_FIELDS: dict[str, tuple[bytes, Any]] = {  # fields of cells as text, and their values in the order of kinds
+    "equal": (b"internalField nonuniform List<scalar> 4{7};", 7),
+    "macro": (b'#include "../init"\ninternalField uniform $T0; // $none', 5),
+    "braces": (b"T0 3;\ninternalField uniform ${T0};\n", 3),
+    "whole": (b"$none is here a comment;\ninside uniform 9;\ninternalField $inside;", 9),
+    "one line": (b"internalField nonuniform 4(4 5 6 8);", None),
+    "own class": (b"value nonuniform List<scalar> 4(4 5 6 8);", None),
+}
+
+
+def foam_field(folder: Path, body: bytes, kind: str = "volScalarField", form: str = "ascii") -> Path:
+    path = grid_writers.openfoam(folder / "a.foam")
+    (folder / "init").write_bytes(b"/* T0 4; */\nT0 $base;\nbase 5; // K\n")
+    head = f'FoamFile\n{{\nversion 2.0;\nformat {form};\narch "LSB;label=32;scalar=64";\nclass {kind};\nobject T;\n}}\n'
+    more = b"\nboundaryField\n{\nwall { type fixedValue; value uniform 99; }\n}\n"
+    (folder / "10/kind").write_bytes(head.encode() + b"dimensions [0 0 0 0 0 0 0];\n" + body + more)
+    return path
+
+
+@pytest.mark.parametrize("name", FOAM_FIELDS)
+def test_fields_of_openfoam(name: str, tmp_path: Path) -> None:
+    body, value = FOAM_FIELDS[name]
+    path = foam_field(tmp_path, body, "volScalarField::Internal" if name == "own class" else "volScalarField")
+    found = np.unique(read_grid(path, 10.0).array("kind")[0]).tolist()
+    assert found == ([4, 5, 6, 8] if value is None else [value])
+
+
+def test_equal_entries_of_binary_openfoam_and_fields_that_are_not_read(tmp_path: Path) -> None:
+    body = b"internalField nonuniform List<vector> 4{" + np.array([1.0, 2, 3]).tobytes() + b"};"
+    path = foam_field(tmp_path, body, "volVectorField", "binary")
+    assert np.unique(read_grid(path, 10.0).cell_arrays["kind"], axis=0).tolist() == [[1, 2, 3]]
+    with pytest.warns(DataWarning, match=r"10/kind: a field that is computed is not read; found #calc"):
+        grid = read_grid(foam_field(tmp_path, b'internalField #calc "1 + 1";'), 10.0)
+    assert set(grid.cell_arrays) == {"U"}
+    for body, said in (
+        (b"internalField uniform $T1;", r"10/kind: no such entry; found \$T1; allowed entries of this file"),
+        (b'#include "none"\ninternalField uniform $T1;', "none: no such file"),
+        (b"internalField uniform (1 2 3);", r"not a field; found uniform 1 2 3; allowed uniform and 1 numbers"),
+        (b"internalField nonuniform List<scalar> 4{1 2};", "truncated; found 2 numbers; allowed 1"),
+        (b"internalField nonuniform List<scalar> 99999999999{1};", "too large"),
+        (b"internalField nonuniform List<scalar> 5{1};", "does not fit; found float64 .5,.; allowed numbers, 4 cells"),
+        (b"internalField nonuniform List<scalar> 5;", r"no list; allowed N \( … \) or N \{ … \}"),
+    ):
+        path = foam_field(tmp_path, body)
+        refused(lambda path=path: read_grid(path, 10.0), said)
+
+
+def test_reading_that_does_not_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("meshlane")
+    monkeypatch.setattr(meshlane, "SECONDS", 0.2)
+    (tmp_path / "a.nas").write_text("BEGIN BULK\n")  # the library waits for a line
+    refused(lambda: read_grid(tmp_path / "a.nas"), "damaged: reading does not end")
+
+
 def test_names_and_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.case"
     path.write_text("FORMAT\ntype: ensight gold\n")
@@ -453,7 +717,7 @@ def test_names_and_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     refused(lambda: read_grid(tmp_path / "b_*.vtu"), r"b_\*.vtu: no file matches")
     page = (Path(__file__).parents[2] / "docs/reference/data-formats.md").read_text()
     assert [word for word in GRID_EXTENSIONS if f"`{word}`" not in page] == []
-    for package, name in (("netCDF4", "a.exo"), ("meshlane", "a.msh")):
+    for package, name in (("netCDF4", "a.exo"), ("meshlane", "a.su2")):
         monkeypatch.setitem(sys.modules, package, None)
         (tmp_path / name).write_bytes(b"CDF\1")
         refused(lambda name=name: read_grid(tmp_path / name), f"needs the {package} package", r"clusterviz\[grids\]")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from data import writers
@@ -49,6 +50,103 @@ def test_only_pieces_are_read_that_a_box_meets(tmp_path: Path) -> None:
     source = open_source(path)
     np.testing.assert_array_equal(source.read((0, 0, 0), (5, 3, 7)), ARRAY[:, :3])
     refused(lambda: source.read((0, 0, 0), (5, 6, 7)), "c.vti", "damaged XML")
+
+
+def test_pieces_without_samples_are_passed_over(tmp_path: Path) -> None:
+    path = pvti(tmp_path / "a.pvti")
+    text = path.read_text()
+    path.write_text(text.replace("<Piece", '<Piece Extent="2 1 0 -1 1 0" Source="none.vti"/><Piece', 1))
+    check_source(open_source(path), ARRAY)
+    path.write_text(text[: text.index("<Piece")] + "</PImageData></VTKFile>")
+    refused(lambda: open_source(path), "no pieces; found 0")
+
+
+HIDDEN = {  # by place of samples and of ghost bits: bits at (z, y, x), and the samples that are hidden
+    ("PointData", "PointData"): ({(1, 2, 3): 2, (0, 0, 0): 1}, np.s_[1:2, 2:3, 3:4]),
+    ("CellData", "CellData"): ({(1, 2, 3): 32, (0, 0, 0): 1}, np.s_[1:2, 2:3, 3:4]),
+    ("CellData", "PointData"): ({(1, 2, 3): 2}, np.s_[0:2, 1:3, 2:4]),
+    ("PointData", "CellData"): ({(1, 2, 3): 8}, np.s_[1:3, 2:4, 3:5]),
+}
+
+
+def image_with_ghosts(path: Path, samples: str, ghosts: str) -> tuple[Path, np.ndarray]:
+    """An image of `ARRAY` in a file of any of VTK's formats, and its samples with NaN where they are hidden."""
+    bits, hidden = HIDDEN[samples, ghosts]
+    points = {"PointData": 0, "CellData": 1}
+    shapes = {place: tuple(n - less for n in ARRAY.shape) for place, less in points.items()}
+    array, marks = ARRAY[tuple(map(slice, shapes[samples]))], np.zeros(shapes[ghosts], "u1")
+    for place, bit in bits.items():
+        marks[place] = bit
+    z, y, x = ARRAY.shape
+    each = {samples: [("s", array)], ghosts: [("vtkGhostType", marks)]}
+    if samples == ghosts:
+        each = {samples: [("s", array), ("vtkGhostType", marks)]}
+    if path.suffix == ".vti":
+        extent, tags = f"0 {x - 1} 0 {y - 1} 0 {z - 1}", ""
+        for place, arrays in each.items():
+            text = "".join(
+                f'<DataArray type="{writers.VTI_NAMES[a.dtype.str[1:]]}" Name="{name}" format="ascii">'
+                f"{' '.join(map(str, a.ravel().tolist()))}</DataArray>"
+                for name, a in arrays
+            )
+            tags += f"<{place}>{text}</{place}>"
+        path.write_text(
+            f'<VTKFile type="ImageData"><ImageData WholeExtent="{extent}"><Piece Extent="{extent}">{tags}</Piece>'
+            "</ImageData></VTKFile>"
+        )
+    elif path.suffix == ".vtk":
+        parts = [f"DIMENSIONS {x} {y} {z}", "ORIGIN 0 0 0", "SPACING 1 1 1"]
+        names = {"PointData": "POINT_DATA", "CellData": "CELL_DATA"}
+        for place, arrays in each.items():
+            parts.append(f"{names[place]} {arrays[0][1].size}")
+            for name, a in arrays:
+                parts += [f"SCALARS {name} {'short' if name == 's' else 'unsigned_char'} 1", "LOOKUP_TABLE default", a]
+        head = "# vtk DataFile Version 3.0\na title\n{form}\nDATASET STRUCTURED_POINTS\n"
+        writers.vtk_parts(path, "BINARY", *parts, head=head)
+    else:
+        with h5py.File(path, "w") as file:
+            root = file.create_group("VTKHDF")
+            root.attrs["Type"], root.attrs["WholeExtent"] = np.bytes_("ImageData"), [0, x - 1, 0, y - 1, 0, z - 1]
+            for place, arrays in each.items():
+                for name, a in arrays:
+                    root[f"{place}/{name}"] = a
+    expected = array.astype("f4")
+    expected[hidden] = np.nan
+    return path, expected
+
+
+@pytest.mark.parametrize("file", ["a.vti", "a.vtk", "a.vtkhdf"])
+@pytest.mark.parametrize(("samples", "ghosts"), HIDDEN)
+def test_hidden_samples_are_nan(file: str, samples: str, ghosts: str, tmp_path: Path) -> None:
+    path, expected = image_with_ghosts(tmp_path / file, samples, ghosts)
+    check_source(open_source(path), expected)
+    marks = open_source(path, "vtkGhostType")
+    assert marks.dtype == np.uint8
+
+
+def test_ghost_samples_of_a_piece_count_where_no_other_has_them(tmp_path: Path) -> None:
+    """The pieces overlap along x = 2 to 4; the first one's values there are stale, but for those that it owns."""
+    tags = ""
+    for name, first, last, own in (("a", 0, 4, 3), ("b", 2, 6, 7)):
+        part = ARRAY[:, :, first : last + 1].copy()
+        bits = np.zeros(part.shape, "u1")
+        if name == "a":
+            bits[..., own:] = 1
+            part[..., own:] = 99
+        extent = f"{first} {last} 0 5 0 4"
+        each = "".join(
+            f'<DataArray type="{kind}" Name="{key}" format="ascii">{" ".join(map(str, a.ravel().tolist()))}</DataArray>'
+            for kind, key, a in (("Int16", "s", part), ("UInt8", "vtkGhostType", bits))
+        )
+        (tmp_path / f"{name}.vti").write_text(
+            f'<VTKFile type="ImageData"><ImageData WholeExtent="0 6 0 5 0 4"><Piece Extent="{extent}"><PointData>{each}'
+            "</PointData></Piece></ImageData></VTKFile>"
+        )
+        tags += f'<Piece Extent="{extent}" Source="{name}.vti"/>'
+    path = tmp_path / "a.pvti"
+    image = f'<PImageData GhostLevel="1" WholeExtent="0 6 0 5 0 4">{tags}</PImageData>'
+    path.write_text(f'<VTKFile type="PImageData">{image}</VTKFile>')
+    check_source(open_source(path), ARRAY.astype("f4"))
 
 
 def test_pieces_that_do_not_fit(tmp_path: Path) -> None:

@@ -91,6 +91,22 @@ def test_overlapping_levels(tmp_path: Path) -> None:
     check_source(open_source(single), COARSE)
 
 
+def test_hidden_cells_of_a_level(tmp_path: Path) -> None:
+    path = writers.amr(tmp_path / "a.vtkhdf", LEVELS[:1])
+    with h5py.File(path, "r+") as file:
+        root = file["VTKHDF"]
+        bits = np.full(root["Level0/CellData/c"].shape, 8, "u1")  # refined, but drawn where no finer box is
+        bits[5] = 40
+        root["Level0/CellData/vtkGhostType"] = bits
+    expected = COARSE.copy()
+    expected[0, 2, 1] = np.nan  # x fastest in the first box of 4 x 4 x 2
+    check_source(open_source(path), expected)
+    with h5py.File(path, "r+") as file:
+        del file["VTKHDF/Level0/CellData/vtkGhostType"]
+        file["VTKHDF/Level0/CellData/vtkGhostType"] = bits[:3]
+    refused(lambda: open_source(path), "vtkGhostType does not fit")
+
+
 def test_a_domain_that_is_no_box(tmp_path: Path) -> None:
     corner = {(0, 0, 0): np.full((2, 2, 4), 1, "f4"), (0, 2, 0): np.full((2, 2, 2), 3, "f4")}
     path = writers.amr(tmp_path / "a.vtkhdf", [(2.0, corner), (1.0, {(0, 0, 0): np.full((2, 2, 2), 7, "f4")})])

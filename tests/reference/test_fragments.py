@@ -287,6 +287,9 @@ def test_direction_culling_transform_clipping_and_light() -> None:
     assert drawn(shown.model_copy(update={"radius": 0.2}), line).tolist() == pytest.approx([1, 0, 0, 1], abs=1e-12)
     front, back = (MeshSection(**FLAT, culling=side) for side in ("back", "front"))
     assert (drawn(front, square(1))[3], drawn(back, square(1))[3]) == (1, 0)
+    mirror = ((-1, 0, 0, 4), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+    mirrored = (one.model_copy(update={"transform": mirror}) for one in (front, back))
+    assert [drawn(one, square(1))[3] for one in mirrored] == [1, 0]
     moved = MeshSection(**FLAT, transform=((1, 0, 0, 9), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)))
     assert drawn(moved, square(1))[3] == 0
     turned = MeshSection(**FLAT, transform=((0, -1, 0, 4), (1, 0, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)))

@@ -134,8 +134,10 @@ LIT = (
     (section(color="ivory", opacity=0.3, specular=0.4, specular_power=12.0, ambient=0.1, diffuse=0.8), OUTER),
     (section(scalars="height", opacity=((5.0, 0.1), (14.0, 0.9)), shading="flat"), INNER),
 )
+MIRROR = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, -1, 18.1), (0, 0, 0, 1))
 CULLED = tuple(
-    (one.model_copy(update={"culling": side}), mesh) for (one, mesh), side in zip(PLAIN, ("front", "back"), strict=True)
+    (one.model_copy(update=keys), mesh)
+    for (one, mesh), keys in zip(PLAIN, ({"culling": "front"}, {"culling": "back", "transform": MIRROR}), strict=True)
 )
 EDGED = (
     (section(opacity=0.3, transform=np.diag([1, 1.3, 0.9, 1]).tolist(), edges={"color": "red", "width": 0.7}), OUTER),

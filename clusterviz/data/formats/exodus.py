@@ -63,6 +63,8 @@ def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
             raise DataError("not three-dimensional", where=where, found=sizes.get("num_dim"), allowed=3)
         if "coord" in variables:
             points = np.ascontiguousarray(variables["coord"][:].T)
+        elif "coordx" not in variables:  # a piece without nodes
+            points = np.zeros((0, 3))
         else:
             points = np.stack([variables[f"coord{axis}"][:] for axis in "xyz"], axis=1)
         step = _step(variables, time, where)

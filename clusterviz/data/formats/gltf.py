@@ -1,8 +1,9 @@
 """glTF 2.0 (.gltf, .glb): the triangles, lines and points of a scene, placed by its tree of nodes.
 
 Buffers lie in the file, in data: URIs or in files beside it. Attributes that all primitives of a kind have are kept:
-NORMAL (as `Normals`), colours and the application's own. Materials, textures, skins, morph targets and animation are
-ignored; compressed and sparse accessors are refused.
+NORMAL (as `Normals`), colours and the application's own. Meshes are morphed by their weights, and repeated by
+EXT_mesh_gpu_instancing. Materials, textures, skins and animations are ignored, with a warning; compressed accessors are
+refused.
 
 References
 ----------
@@ -24,11 +25,15 @@ from numpy.typing import NDArray
 
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, triangulate, triangulate_strips
-from clusterviz.data.header import check_size
-from clusterviz.errors import DataError
+from clusterviz.data.header import check_packed, check_size
+from clusterviz.errors import DataError, warn_of_data
 
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+INSTANCING = "EXT_mesh_gpu_instancing"
+READ_EXTENSIONS = {INSTANCING, "KHR_mesh_quantization"}
+UNREAD = ("materials", "textures", "skins", "animations")
+"""Lists of a document that are not used."""
 MODES = ("points", "lines", "loop", "strip", "triangles", "triangle strip", "triangle fan")
 
 
@@ -51,10 +56,13 @@ def read_gltf(path: Path) -> Geometry:
         Not glTF 2.0, truncated, a required extension, nodes that are no tree, or indices out of range.
     """
     file = _File(path)
-    if file.document.get("extensionsRequired"):
-        required = ", ".join(map(str, file.document["extensionsRequired"]))
-        raise DataError("unsupported", where=file.where, found=f"required extensions {required}", allowed="none")
-    parts = [part for mesh, matrix in file.instances() for part in file.primitives(mesh, matrix)]
+    required = [str(name) for name in file.document.get("extensionsRequired", []) if name not in READ_EXTENSIONS]
+    if required:
+        found, allowed = f"required extensions {', '.join(required)}", ", ".join(sorted(READ_EXTENSIONS))
+        raise DataError("unsupported", where=file.where, found=found, allowed=allowed)
+    if unread := [key for key in UNREAD if file.document.get(key)]:
+        warn_of_data("not read", where=file.where, found=", ".join(unread))
+    parts = [part for node, matrix in file.instances() for part in file.primitives(node, matrix)]
     meshes = [part for part in parts if part.mode.startswith("triangle")]
     lines = [part for part in parts if part.mode in ("lines", "loop", "strip")]
     points = [part for part in parts if part.mode == "points"]
@@ -107,8 +115,8 @@ class _File:
         entry: dict[str, Any] = entries[number]
         return entry
 
-    def instances(self) -> list[tuple[int, NDArray[np.float64]]]:
-        """Return the meshes of the scene's nodes, with their matrices float64 (4, 4), depth first."""
+    def instances(self) -> list[tuple[dict[str, Any], NDArray[np.float64]]]:
+        """Return the scene's nodes with meshes, and their matrices float64 (4, 4), depth first."""
         nodes = self.document.get("nodes", [])
         if self.document.get("scenes"):
             roots = self.entry("scenes", self.document.get("scene", 0)).get("nodes", [])
@@ -126,24 +134,42 @@ class _File:
             seen.add(number)
             matrix = parent @ _matrix(node)
             if "mesh" in node:
-                found.append((node["mesh"], matrix))
+                found += [(node, matrix @ own) for own in self.own_instances(node)]
             waiting += [(child, matrix) for child in reversed(node.get("children", []))]
         return found
 
-    def primitives(self, mesh: int, matrix: NDArray[np.float64]) -> list[_Primitive]:
-        """Return the primitives of a mesh, placed by a matrix."""
-        found = []
-        for each in self.entry("meshes", mesh).get("primitives", []):
+    def own_instances(self, node: dict[str, Any]) -> list[NDArray[np.float64]]:
+        """Return the matrices (4, 4) at which a node repeats its mesh."""
+        given = node.get("extensions", {}).get(INSTANCING, {}).get("attributes", {})
+        keys = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
+        columns = {keys[name]: self.accessor(number) for name, number in given.items() if name in keys}
+        if not columns:
+            return [np.eye(4)]
+        return [_matrix(dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
+
+    def morphed(self, primitive: dict[str, Any], name: str, array: NDArray[Any], weights: Any) -> NDArray[Any]:
+        """Return an attribute of a primitive, moved towards its targets by their weights."""
+        targets = primitive.get("targets", [])
+        used = [(weight, each[name]) for weight, each in zip(weights, targets, strict=False) if weight and name in each]
+        for weight, number in used:
+            array = array + np.float32(weight) * self.accessor(number)
+        return array
+
+    def primitives(self, node: dict[str, Any], matrix: NDArray[np.float64]) -> list[_Primitive]:
+        """Return the primitives of a node's mesh, placed by a matrix."""
+        found, mesh = [], self.entry("meshes", node["mesh"])
+        weights = node.get("weights", mesh.get("weights", []))
+        for each in mesh.get("primitives", []):
             if not 0 <= each.get("mode", 4) < len(MODES):
                 raise DataError("unknown mode", where=self.where, found=each["mode"], allowed=f"0 to {len(MODES) - 1}")
             arrays = {
-                name: self.accessor(number)
+                name: self.morphed(each, name, self.accessor(number), weights)
                 for name, number in each.get("attributes", {}).items()
                 if name in ("POSITION", "NORMAL") or name.startswith(("COLOR_", "_"))
             }
             if arrays.get("POSITION", np.empty(0)).ndim != 2:
                 raise DataError("a primitive has no positions", where=self.where, allowed="POSITION, VEC3")
-            vertices = arrays.pop("POSITION")
+            vertices: NDArray[Any] = arrays.pop("POSITION").astype(np.float32, copy=False)
             if (matrix != np.eye(4)).any():
                 vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
             if "NORMAL" in arrays:
@@ -164,24 +190,42 @@ class _File:
     def accessor(self, number: Any) -> NDArray[Any]:
         """Return the numbers (n,) or tuples (n, components) of an accessor; normalised ones as float32."""
         entry = self.entry("accessors", number)
-        if "sparse" in entry or "bufferView" not in entry:
-            raise DataError("unsupported", where=self.where, found="a sparse accessor", allowed="a buffer view")
         if entry.get("componentType") not in TYPES or entry.get("type") not in COMPONENTS:
             found = f"{entry.get('componentType')} {entry.get('type')}"
             raise DataError("unknown type of an accessor", where=self.where, found=found, allowed=f"{[*TYPES]}")
         dtype, components = np.dtype(TYPES[entry["componentType"]]), COMPONENTS[entry["type"]]
+        count, sparse = entry["count"], entry.get("sparse")
+        if "bufferView" in entry:
+            array = self.view(entry, dtype, components, count)
+        elif sparse is not None:
+            check_packed(
+                sum(view["byteLength"] for view in self.document.get("bufferViews", [])), count, "text", self.where
+            )
+            array = np.zeros((count, components), dtype)
+        else:
+            raise DataError("unsupported", where=self.where, found="an accessor without data", allowed="a buffer view")
+        if sparse is not None:
+            places = self.view(
+                sparse["indices"], np.dtype(TYPES[sparse["indices"]["componentType"]]), 1, sparse["count"]
+            )
+            check_indices(places, count, self.where)
+            array = array.copy()
+            array[places[:, 0]] = self.view(sparse["values"], dtype, components, sparse["count"])
+        if entry.get("normalized") and dtype.kind != "f":
+            array = np.maximum(array / np.float32(np.iinfo(dtype).max), -1)
+        return array[:, 0].copy() if components == 1 else array.copy()
+
+    def view(self, entry: dict[str, Any], dtype: np.dtype[Any], components: int, count: int) -> NDArray[Any]:
+        """Return the numbers (count, components) of a view of a buffer."""
         view = self.entry("bufferViews", entry["bufferView"])
-        begin, offset, count = view.get("byteOffset", 0), entry.get("byteOffset", 0), entry["count"]
+        begin, offset = view.get("byteOffset", 0), entry.get("byteOffset", 0)
         stride = view.get("byteStride", dtype.itemsize * components)
         if min(begin, offset, count, view["byteLength"]) < 0 or stride < dtype.itemsize * components:
             raise DataError("an impossible size of an accessor", where=self.where, found=[begin, offset, count, stride])
         data = self.buffer(view["buffer"])
         check_size(len(data), begin + view["byteLength"], self.where)
         check_size(view["byteLength"], offset + stride * (count - 1) + dtype.itemsize * components, self.where)
-        array = np.ndarray((count, components), dtype, data, begin + offset, (stride, dtype.itemsize))
-        if entry.get("normalized") and dtype.kind != "f":
-            array = np.maximum(array / np.float32(np.iinfo(dtype).max), -1)
-        return array[:, 0].copy() if components == 1 else array.copy()
+        return np.ndarray((count, components), dtype, data, begin + offset, (stride, dtype.itemsize))
 
     def buffer(self, number: Any) -> bytes:
         """Return the bytes of a buffer."""

@@ -1,7 +1,7 @@
 """Unstructured grids of finite-element programs, which the meshlane package reads (`pip install clusterviz[grids]`).
 
-XDMF, gmsh, NASTRAN, Abaqus, MED, Medit, TetGen, SU2, UGRID and AVS-UCD. The reader of each format is
-called, as `meshlane.read` ends the process on errors.
+NASTRAN, Abaqus, MED, Medit, TetGen, SU2 and UGRID. The reader of each format is called, as `meshlane.read` ends the
+process on errors.
 """
 
 from __future__ import annotations
@@ -25,9 +25,6 @@ GROWTH, ROOM = 128, 1 << 27
 RATE, SECONDS = 50_000, 1.0
 """Bytes of a file that are read in a second of CPU time, at least, and seconds for any file."""
 READERS = {
-    ".xdmf": "xdmf",
-    ".xmf": "xdmf",
-    ".msh": "gmsh",
     ".bdf": "nastran",
     ".fem": "nastran",
     ".nas": "nastran",
@@ -38,7 +35,6 @@ READERS = {
     ".ele": "tetgen",
     ".su2": "su2",
     ".ugrid": "ugrid",
-    ".avs": "avsucd",
 }
 """Names of meshlane's readers by extension."""
 

@@ -1,7 +1,7 @@
 """OBJ, of Wavefront: vertices, polygons (f), polylines (l) and points (p) as text.
 
-Positions are read, and colours of vertices (as `RGB`). Normals and texture coordinates belong to corners, not to
-vertices; they are ignored, as are materials, groups and free-form curves.
+Positions are read, and colours of vertices (as `RGB`, see `scaled_colours`). Normals and texture coordinates belong to
+corners, not to vertices; they are ignored, as are groups, and with a warning materials and free-form shapes.
 
 References
 ----------
@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.files import readable, require_file
-from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, triangulate
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, scaled_colours, triangulate
 from clusterviz.data.storage import numbers_of_words
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, warn_of_data
 
 FEWEST = {b"f": 3, b"l": 2, b"p": 1}  # corners of an element
+UNREAD = {b"usemtl": "materials", b"curv": "curves", b"surf": "free-form surfaces"}
 
 
 def read_obj(path: Path) -> Geometry:
@@ -37,6 +38,7 @@ def read_obj(path: Path) -> Geometry:
     with readable(path):
         content = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     rows: list[list[bytes]] = []
+    unread = dict[str, None]()
     found = {key: _Elements() for key in FEWEST}
     for line in content.splitlines():
         words = line.split()
@@ -44,6 +46,10 @@ def read_obj(path: Path) -> Geometry:
             rows.append(words[1:])
         elif words and words[0] in found:
             found[words[0]].add(words[1:], len(rows))
+        elif words and words[0] in UNREAD:
+            unread[UNREAD[words[0]]] = None
+    if unread:
+        warn_of_data("not read", where=where, found=", ".join(unread))
     if not rows:
         raise DataError("no vertices", where=where, allowed="lines that begin with v")
     if {len(row) for row in rows} - {3, 4, 6, 7}:
@@ -51,7 +57,7 @@ def read_obj(path: Path) -> Geometry:
     width = min(len(row) for row in rows)
     words = [word for row in rows for word in row[:width]]
     numbers = numbers_of_words(words, np.float64).reshape(-1, width)
-    vertices, colours = numbers[:, :3], {"RGB": numbers[:, -3:]} if width > 4 else {}
+    vertices, colours = numbers[:, :3], {"RGB": scaled_colours(numbers[:, -3:])} if width > 4 else {}
     (polygons, corners), (lines, along), (_, dots) = (
         found[key].joined(fewest, len(rows), where) for key, fewest in FEWEST.items()
     )

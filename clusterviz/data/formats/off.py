@@ -1,6 +1,7 @@
 """OFF, of Geomview: vertices and polygons as text. The variants with colours (C) and normals (N) of vertices are read.
 
-Colours become `RGB` or `RGBA`, normals `Normals`. Colours of polygons are ignored.
+Colours of vertices, and of polygons if all have them, become `RGB` or `RGBA`, see `scaled_colours`; normals become
+`Normals`.
 
 References
 ----------
@@ -12,14 +13,16 @@ from __future__ import annotations
 import re
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.data.files import kind_of, readable, require_file
-from clusterviz.data.geometry import Geometry, Mesh, Points, triangulate
+from clusterviz.data.geometry import Geometry, Mesh, Points, scaled_colours, triangulate
 from clusterviz.data.header import check_packed
 from clusterviz.data.storage import numbers_of_words
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, warn_of_data
 
 COLOURS = {3: "RGB", 4: "RGBA"}
 
@@ -63,7 +66,7 @@ def read_off(path: Path) -> Geometry:
     if start[2]:
         attributes["Normals"], rest = rest[:, :3], rest[:, 3:]
     if rest.shape[1] in COLOURS:
-        attributes[COLOURS[rest.shape[1]]] = rest
+        attributes[COLOURS[rest.shape[1]]] = scaled_colours(rest)
     if not polygon_count:
         return Geometry(points=Points(where, vertices, attributes))
     words = [line.split() for line in lines[1 + vertex_count :]]
@@ -72,5 +75,20 @@ def read_off(path: Path) -> Geometry:
         raise DataError("truncated: a polygon has fewer corners than its line says", where=where)
     corners = chain.from_iterable(row[1 : 1 + length] for length, row in zip(lengths, words, strict=True))
     indices = np.fromiter(map(int, corners), np.int64)
-    triangles, _ = triangulate(np.concatenate([[0], np.cumsum(lengths)]), indices)
-    return Geometry(mesh=Mesh(where, vertices, triangles, attributes))
+    triangles, polygon = triangulate(np.concatenate([[0], np.cumsum(lengths)]), indices)
+    colours = _of_polygons([row[1 + length :] for length, row in zip(lengths, words, strict=True)], where)
+    faces = {name: array[polygon] for name, array in colours.items()}
+    return Geometry(mesh=Mesh(where, vertices, triangles, attributes, faces))
+
+
+def _of_polygons(words: list[list[bytes]], where: str) -> dict[str, NDArray[Any]]:
+    """Return the colours behind the corners of all polygons; one number stands for an entry of a colour map."""
+    counts = {len(row) for row in words}
+    if len(counts) == 1 and counts <= COLOURS.keys():
+        (count,) = counts
+        numbers = numbers_of_words(list(chain.from_iterable(words)), np.float64)
+        return {COLOURS[count]: scaled_colours(numbers.reshape(-1, count))}
+    if counts != {0}:
+        found = f"{', '.join(map(str, sorted(counts)))} numbers behind the corners"
+        warn_of_data("the colours of polygons are not read", where=where, found=found, allowed="3 or 4 of all polygons")
+    return {}

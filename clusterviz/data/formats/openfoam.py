@@ -1,7 +1,9 @@
 """OpenFOAM cases (.foam): the mesh in `constant/polyMesh`, and fields of cells at one time step.
 
 A .foam file is empty, and stands for its folder. Files are text or binary, packed by gzip or not. All cells are cut
-around their centres, as polyhedra. A case that is decomposed is read by its folders `processor0`, …: see `grid_files`.
+around their centres, as polyhedra. In the value of a uniform field `$name` stands for an entry of its file, or of one
+that it includes. Fields that OpenFOAM computes (`#calc`, `#codeStream`) are left out, with a warning. A case that is
+decomposed is read by its folders `processor0`, …: see `grid_files`.
 
 References
 ----------
@@ -23,11 +25,19 @@ from clusterviz.data.files import readable, require_file
 from clusterviz.data.grid_files import choose_step
 from clusterviz.data.header import check_size
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, linearised
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, warn_of_data
 
 WIDTHS = {"volScalarField": 1, "volVectorField": 3}
 """Components of fields of cells, by their class."""
 COUNT = re.compile(rb"(\d+)\s*\(")
+LIST = re.compile(rb"(\d+)\s*([({;])")
+"""A list N(…), one of equal entries N{…}, or an empty one."""
+COMMENT = re.compile(rb"//[^\n]*|/\*.*?\*/", re.DOTALL)
+MACRO = re.compile(rb"\$\{?[:.]*([\w.]+)\}?")
+MOST = 1 << 30
+"""Entries of a list."""
+DEEPEST = 8
+"""Files that include one another, or entries that name one another."""
 
 
 def read_openfoam(path: Path, time: float | None = None) -> UnstructuredGrid:
@@ -79,23 +89,32 @@ class _File:
 
     def numbers(self, width: int, is_label: bool = False, begin: int = 0) -> tuple[NDArray[Any], int]:
         """Return the numbers of a list from a place on, and where it ends."""
-        found = COUNT.search(self.body, begin)
-        if found is None:
-            raise DataError("no list", where=str(self.path), allowed="N ( … )")
-        count, at = int(found[1]) * width, found.end()
+        found = LIST.search(self.body, begin)
+        if found is None or (found[2] == b";" and int(found[1])):
+            raise DataError("no list", where=str(self.path), allowed="N ( … ) or N { … }")
+        repeats, count, at = None, int(found[1]) * width, found.end()
+        if found[2] == b"{":
+            repeats, count = int(found[1]), width
+            if repeats > MOST:
+                raise DataError("too large", where=str(self.path), found=repeats, allowed=f"at most {MOST}")
         stored = np.dtype(np.int64 if is_label else np.float64)
+        if found[2] == b";":
+            return np.zeros(0, stored), at
         if self.header.get("format") == "binary":
             size = re.search(r"label=(\d+)" if is_label else r"scalar=(\d+)", self.header.get("arch", ""))
             stored = np.dtype(f"<{'i' if is_label else 'f'}{int(size[1]) // 8 if size else 4 if is_label else 8}")
             check_size(len(self.body) - at, count * stored.itemsize, str(self.path))
-            values = np.frombuffer(self.body, stored, count, at)
-            return values.astype(np.int64 if is_label else stored), at + count * stored.itemsize
-        close = re.compile(rb"\)\s*\)" if width > 1 and count else rb"\)").search(self.body, at)
-        end = close.end() if close else len(self.body)
-        words = _words(self.body[at:end])
-        if close is None or len(words) != count:
-            raise DataError("truncated", where=str(self.path), found=f"{len(words)} numbers", allowed=count)
-        return np.array(words, stored), end
+            end = at + count * stored.itemsize
+            values = np.frombuffer(self.body, stored, count, at).astype(np.int64 if is_label else stored)
+        else:
+            ends = rb"\}" if repeats is not None else rb"\)\s*\)" if width > 1 and count else rb"\)"
+            close = re.compile(ends).search(self.body, at)
+            end = close.end() if close else len(self.body)
+            words = _words(self.body[at:end].removesuffix(b"}"))
+            if close is None or len(words) != count:
+                raise DataError("truncated", where=str(self.path), found=f"{len(words)} numbers", allowed=count)
+            values = np.array(words, stored)
+        return values if repeats is None else np.tile(values, repeats), end
 
 
 def _words(text: bytes) -> list[bytes]:
@@ -111,8 +130,9 @@ def _load(path: Path) -> _File:
     found = re.search(rb"FoamFile\s*\{(.*?)\}", content, re.DOTALL)
     if found is None:
         raise DataError("not a file of OpenFOAM", where=str(path), allowed="FoamFile { … }")
-    entries = re.findall(r'(\w+)\s+("[^"]*"|[^;]+);', found[1].decode("ascii", "replace"))
-    return _File(path, dict(entries), content[found.end() :])
+    entries = dict(re.findall(r'(\w+)\s+("[^"]*"|[^;]+);', found[1].decode("ascii", "replace")))
+    body = content[found.end() :]
+    return _File(path, entries, body if entries.get("format") == "binary" else COMMENT.sub(b"", body))
 
 
 def _faces(file: _File) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -130,13 +150,51 @@ def _faces(file: _File) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[n
 
 
 def _field(path: Path, cells: int) -> NDArray[Any] | None:
-    """Return a field of cells; None for files of other kinds."""
+    """Return a field of cells; None for files of other kinds, and for a field that is computed."""
     file = _load(path.with_name(path.name.removesuffix(".gz")))
-    width, found = WIDTHS.get(file.header.get("class", "")), re.search(rb"internalField\s+(\w+)([^;]*);", file.body)
+    kind, _, internal = file.header.get("class", "").partition("::")
+    width, key = WIDTHS.get(kind), rb"value" if internal == "Internal" else rb"internalField"
+    found = re.search(rb"(?:^|\s)" + key + rb"\s+([^\s;]+)([^;]*);", file.body)
     if width is None or found is None:
         return None
-    if found[1] == b"uniform":
-        one = np.array(_words(found[2]), np.float64)
-        return np.full(cells, one[0]) if width == 1 else np.tile(one, (cells, 1))
-    values = file.numbers(width, begin=found.start(2))[0]
-    return values if width == 1 else values.reshape(-1, width)
+    if found[1].startswith(b"#"):
+        where, found_in = "/".join(file.path.parts[-2:]), found[1].decode("ascii", "replace")  # alike in all pieces
+        warn_of_data("a field that is computed is not read", where=where, found=found_in)
+        return None
+    if found[1] == b"nonuniform":
+        values = file.numbers(width, begin=found.start(2))[0]
+        return values if width == 1 else values.reshape(-1, width)
+    words = _words(_expanded(found[1] + found[2], file))
+    if words[:1] != [b"uniform"] or len(words) != 1 + width:
+        said = b" ".join(words).decode("ascii", "replace")
+        raise DataError("not a field", where=str(file.path), found=said, allowed=f"uniform and {width} numbers")
+    one = np.array(words[1:], np.float64)
+    return np.full(cells, one[0]) if width == 1 else np.tile(one, (cells, 1))
+
+
+def _expanded(text: bytes, file: _File) -> bytes:
+    """Return text with the entries that `$name` stands for."""
+    entries = _entries(file.path, file.body.partition(b"boundaryField")[0]) if b"$" in text else {}
+
+    def entry(found: re.Match[bytes]) -> bytes:
+        if found[1] not in entries:
+            allowed = "entries of this file and of those that it includes"
+            raise DataError("no such entry", where=str(file.path), found=found[0].decode(), allowed=allowed)
+        return entries[found[1]]
+
+    for _ in range(DEEPEST):
+        text = MACRO.sub(entry, text)
+    return text
+
+
+def _entries(path: Path, text: bytes, depth: int = 0) -> dict[bytes, bytes]:
+    """Return the entries of a file and of those that it includes, by name; later ones count."""
+    text = COMMENT.sub(b"", text)
+    found = dict[bytes, bytes]()
+    for name in re.findall(rb'#include\w*\s+"([^"]+)"', text) if depth < DEEPEST else ():
+        case = re.sub(r"^(\$FOAM_CASE|<case>)", str(path.parent.parent), name.decode("utf-8", "replace"))
+        beside = path.parent / case
+        require_file(beside)
+        with readable(beside):
+            found |= _entries(beside, beside.read_bytes(), depth + 1)
+    return found | dict(re.findall(rb"([\w.:]+)\s+([^;{}#]*);", text))

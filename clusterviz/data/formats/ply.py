@@ -1,8 +1,9 @@
 """PLY, the Stanford polygon file format: ascii, or binary of either byte order.
 
 Properties of vertices and faces become attributes; nx, ny, nz become `Normals`, and red, green, blue (and alpha) become
-`RGB` or `RGBA`. Vertices without faces are points. Faces are polygons, or strips in `tristrips`, with −1 between them.
-Binary files are mapped into memory: positions and triangles are views of them, of which only used pages are read.
+`RGB` or `RGBA`, see `scaled_colours`. Vertices without faces are points. Faces are polygons, or strips in `tristrips`,
+with −1 between them. Binary files are mapped into memory: positions and triangles are views of them, of which only used
+pages are read.
 
 References
 ----------
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.files import readable, require_file
-from clusterviz.data.geometry import Geometry, Mesh, Points, triangulate, triangulate_strips
+from clusterviz.data.geometry import Geometry, Mesh, Points, scaled_colours, triangulate, triangulate_strips
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.data.storage import numbers_of_words
 from clusterviz.errors import DataError
@@ -244,4 +245,6 @@ def _attributes(columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     for name, parts in TUPLES.items():
         if all(part in left for part in parts):
             found[name] = np.stack([left.pop(part) for part in parts], axis=1)
+            if name.startswith("RGB"):
+                found[name] = scaled_colours(found[name])
     return found | left

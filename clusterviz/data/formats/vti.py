@@ -3,7 +3,8 @@ those in pieces (.pvti, .pvtr); see `clusterviz.data.vtk_xml`.
 
 Point data lies on the samples; cell data is point data at the cells' centres. Without a name the active scalars are
 taken, or the only scalar array. Of files in pieces only the pieces are read that a box meets; where pieces overlap, the
-first one counts. Uneven coordinates are those of `clusterviz.data.rectilinear`.
+first one counts that does not have the sample as a ghost. Uneven coordinates are those of
+`clusterviz.data.rectilinear`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +24,9 @@ from clusterviz.data.files import require_file
 from clusterviz.data.header import check_box, check_dtype, check_packed, check_shape
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.strided import StridedSource
+from clusterviz.data.vtk_ghosts import TYPE, VisibleSource, visible
 from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear
-from clusterviz.data.vtk_xml import PACKINGS, XmlLayout, load_array, scan_xml, storage_of, stored_dtype
+from clusterviz.data.vtk_xml import PACKINGS, XmlArray, XmlLayout, load_array, scan_xml, storage_of, stored_dtype
 from clusterviz.errors import DataError
 
 MAX_PIECES = 1 << 16
@@ -44,7 +47,7 @@ class Piece:
     layout : of the file
     """
 
-    source: StridedSource
+    source: StridedSource | VisibleSource
     array: str
     on_cells: bool
     extent: NDArray[np.int64]
@@ -68,7 +71,7 @@ class PiecesSource:
     grid: Grid
     dtype: np.dtype[Any]
     boxes: NDArray[np.int64]
-    open_piece: Callable[[int], StridedSource]
+    open_piece: Callable[[int], StridedSource | VisibleSource]
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
@@ -76,14 +79,18 @@ class PiecesSource:
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         voxels, missing = np.empty(shape, self.dtype), np.ones(shape, bool)
         begins, ends = np.maximum(self.boxes[:, 0], begin_zyx), np.minimum(self.boxes[:, 1], end_zyx)
-        for number in np.flatnonzero((begins < ends).all(axis=1)).tolist():
+        # Ghost samples of a piece count only where no other piece has the sample as its own.
+        for with_ghosts, number in product((False, True), np.flatnonzero((begins < ends).all(axis=1)).tolist()):
             begin, end = begins[number], ends[number]
             part = tuple(slice(b, e) for b, e in zip(begin - begin_zyx, end - begin_zyx, strict=True))
-            if missing[part].any():
-                first = self.boxes[number, 0]
-                samples = self.open_piece(number).read(_index(begin - first), _index(end - first))
-                np.copyto(voxels[part], samples, where=missing[part])
-                missing[part] = False
+            if not missing[part].any():
+                continue
+            first, source, wanted = self.boxes[number, 0], self.open_piece(number), missing[part].copy()
+            box = _index(begin - first), _index(end - first)
+            for ghosts in () if with_ghosts else getattr(source, "duplicates", ()):
+                wanted &= ~ghosts.read(*box)
+            np.copyto(voxels[part], source.read(*box), where=wanted)
+            missing[part] &= ~wanted
         if missing.any():
             found = f"{np.count_nonzero(missing)} samples in no piece"
             raise DataError("the pieces leave gaps", where=self.name, found=found)
@@ -121,11 +128,13 @@ def open_pvti(path: Path, subset: Subset) -> Source:
     where, kind = str(path), _kind(path)
     require_file(path)
     layout = scan_xml(path, f"P{kind}")
-    if not 0 < len(layout.pieces) <= MAX_PIECES:
-        raise DataError("no pieces", where=where, found=len(layout.pieces), allowed=f"1 to {MAX_PIECES}")
     whole = _extent(layout.dataset, "WholeExtent", where)
-    extents = [_extent(piece, "Extent", where) for piece in layout.pieces]
-    files = [path.parent / piece.get("Source", "") for piece in layout.pieces]
+    pieces = [(_extent(piece, "Extent", where), path.parent / piece.get("Source", "")) for piece in layout.pieces]
+    # Ranks of a program that have no points write an extent that ends before it begins.
+    filled = [(extent, file) for extent, file in pieces if (extent[:, 0] <= extent[:, 1]).all()]
+    if not 0 < len(filled) <= MAX_PIECES:
+        raise DataError("no pieces", where=where, found=len(filled), allowed=f"1 to {MAX_PIECES}")
+    extents, files = zip(*filled, strict=True)
     first = _open_piece(files[0], subset, kind)
 
     def opened(number: int) -> Piece:
@@ -168,18 +177,26 @@ def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
     fitting = [a for a in layout.arrays if a.components == components and a.section in ("PointData", "CellData")]
     chosen = choose_array(fitting, subset.array, noun, path)
     where = f"{path}:{chosen.name}" if len(layout.arrays) > 1 else str(path)
-    stored = stored_dtype(layout, chosen, where)
     if len(layout.pieces) != 1:
         raise DataError("unsupported", where=where, found=f"{len(layout.pieces)} pieces", allowed="one piece")
     image, piece = layout.dataset, layout.pieces[0]
     extent = _extent(piece if "Extent" in piece else image, "Extent" if "Extent" in piece else "WholeExtent", where)
     whole = _extent(image, "WholeExtent", where) if "WholeExtent" in image else extent
-    shape = _samples(extent, chosen.on_cells, where)
-    slab = select((*shape, components), "ZYXC", replace(subset, array=None), where)
-    storage, begin = storage_of(path, size, layout, chosen, stored, slab.samples, where)
-    offset, strides = slab.strides(stored.itemsize)
-    dtype = check_dtype(stored, where)
-    source = StridedSource(where + slab.label, Grid(shape), dtype, storage, stored, begin + offset, strides, slab=slab)
+
+    def source_of(array: XmlArray, subset: Subset) -> StridedSource:
+        stored, shape = stored_dtype(layout, array, where), _samples(extent, array.on_cells, where)
+        slab = select((*shape, array.components), "ZYXC", replace(subset, array=None), where)
+        storage, begin = storage_of(path, size, layout, array, stored, slab.samples, where)
+        offset, strides = slab.strides(stored.itemsize)
+        name, dtype = where + slab.label, check_dtype(stored, where)
+        return StridedSource(name, Grid(shape), dtype, storage, stored, begin + offset, strides, slab=slab)
+
+    ghosts = [
+        (array.on_cells, source_of(array, Subset()))
+        for array in layout.arrays
+        if array.name == TYPE and array is not chosen and array.components == 1 and "Data" in array.section
+    ]
+    source = visible(source_of(chosen, subset), chosen.on_cells, ghosts)
     coordinates: tuple[NDArray[Any], ...] = ()
     if kind == "RectilinearGrid":
         arrays = [a for a in layout.arrays if a.section == "Coordinates"]

@@ -30,6 +30,7 @@ from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, 
 from clusterviz.data.strided import StridedSource
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid
 from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
+from clusterviz.data.vtk_ghosts import TYPE, visible
 from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear, vector_arrays
 from clusterviz.data.vtk_polydata import Cells, polydata
 from clusterviz.errors import DataError
@@ -281,19 +282,12 @@ def open_vtk(path: Path, subset: Subset) -> Source:
     arrays = vector_arrays(scan.arrays) if subset.vectors else scan.arrays
     chosen = choose_array(arrays, subset.array, "array of vectors" if subset.vectors else "array", path)
     where = f"{path}:{chosen.name}" if len(scan.arrays) > 1 else str(path)
-    stored = np.dtype(scan.type_of(chosen.kind)).newbyteorder(">" if scan.binary else "=")
-    grid = _grid_of(scan, chosen.on_cells, where)
-    slab = select((*grid.shape_zyx, chosen.components), "ZYXC", subset, where)
-    begin, end, count = chosen.begin, chosen.end, slab.samples
-    data = FileBytes([FileRange(path, begin, end - begin)])
-    storage: Storage = data
-    if scan.binary:
-        check_size(end - begin, count * stored.itemsize, where, exact=True)
-    else:
-        storage = LoadedBytes(lambda: numbers_from_text(data.read_at(0, end - begin), stored, count, where), where)
-    offset, strides = slab.strides(stored.itemsize)
-    name, dtype = where + slab.label, check_dtype(stored, where)
-    source = StridedSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
+    ghosts = [
+        (array.on_cells, _source_of(path, scan, array, Subset(), where))
+        for array in scan.arrays
+        if array.name == TYPE and array is not chosen and array.components == 1
+    ]
+    source: Source = visible(_source_of(path, scan, chosen, subset, where), chosen.on_cells, ghosts)
     if not scan.coordinates:
         return source
     lines = [_load(path, scan, scan.coordinates[key]) for key in COORDINATES if key in scan.coordinates]
@@ -301,6 +295,24 @@ def open_vtk(path: Path, subset: Subset) -> Source:
         found, allowed = f"{[len(line) for line in lines]}", scan.numbers["DIMENSIONS"]
         raise DataError("the coordinates do not fit", where=where, found=found, allowed=allowed)
     return rectilinear(source, lines, chosen.on_cells, subset.spaced, where)
+
+
+def _source_of(path: Path, scan: _Scan, array: VtkArray, subset: Subset, where: str) -> StridedSource:
+    """Return the samples of an array of an image."""
+    stored = np.dtype(scan.type_of(array.kind)).newbyteorder(">" if scan.binary else "=")
+    grid = _grid_of(scan, array.on_cells, where)
+    slab = select((*grid.shape_zyx, array.components), "ZYXC", subset, where)
+    begin, end, count = array.begin, array.end, slab.samples
+    data = FileBytes([FileRange(path, begin, end - begin)])
+    storage: Storage = data
+    if scan.binary:
+        check_size(end - begin, count * stored.itemsize, where, exact=True)
+    else:
+        storage = LoadedBytes(lambda: numbers_from_text(data.read_at(0, end - begin), stored, count, where), where)
+    offset, strides = slab.strides(stored.itemsize)
+    return StridedSource(
+        where + slab.label, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab
+    )
 
 
 def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
@@ -341,9 +353,11 @@ def read_unstructured(path: Path) -> UnstructuredGrid:
     """
     where, scan = str(path), _scan(path, ("UNSTRUCTURED_GRID",), "an unstructured grid")
     points, cells, of_points, of_cells = _parts(path, scan)
-    if scan.types is None or "Cells" not in cells:
+    if (scan.types is None) != ("Cells" not in cells):
         raise DataError("no cells", where=where, allowed="CELLS and CELL_TYPES")
-    types, (offsets, corners) = _load(path, scan, scan.types), cells["Cells"]
+    # VTK leaves both out of a piece without cells.
+    types = np.zeros(0, np.int32) if scan.types is None else _load(path, scan, scan.types)
+    offsets, corners = cells.get("Cells", (np.zeros(1, np.int64), np.zeros(0, np.int64)))
     if len(offsets) != len(types) + 1:
         raise DataError("the cells' offsets are wrong", where=where, found=len(offsets), allowed=len(types) + 1)
     polyhedra = Polyhedra.of_streams(corners, offsets[:-1][types == POLYHEDRON])

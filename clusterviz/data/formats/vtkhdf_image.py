@@ -31,6 +31,7 @@ from clusterviz.data.formats.vtkhdf import load_dataset
 from clusterviz.data.header import check_box, check_dtype, check_shape, make_grid
 from clusterviz.data.rectilinear import interpolate
 from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.vtk_ghosts import HIDDEN_CELL, TYPE, visible
 from clusterviz.data.vtk_image import choose_array, image_grid, vector_arrays
 from clusterviz.errors import DataError
 
@@ -100,14 +101,24 @@ def _open_image(root: Any, path: Path, subset: Subset) -> Source:
         count = 5 if "Steps" in root else 4
         arrays = vector_arrays([array for array in arrays if len(array.dataset.shape) == count])
     chosen = choose_array(arrays, subset.array, "array of vectors" if subset.vectors else "array", path)
-    where, dataset = f"{path}:{chosen.name}", chosen.dataset
-    extent = _numbers(root, "WholeExtent", 6, None, where).astype(np.int64).reshape(3, 2)
+    ghosts = [
+        (array.on_cells, _source_of(root, array, replace(subset, channel=None), f"{path}:{TYPE}"))
+        for array in _arrays(root)
+        if array.name == TYPE and array.name != chosen.name
+    ]
+    source: Source = visible(_source_of(root, chosen, subset, f"{path}:{chosen.name}"), chosen.on_cells, ghosts)
+    return source
+
+
+def _source_of(root: Any, array: HdfArray, subset: Subset, where: str) -> Hdf5Source:
+    """Return the samples of an array of an image."""
+    dataset, extent = array.dataset, _numbers(root, "WholeExtent", 6, None, where).astype(np.int64).reshape(3, 2)
     points = extent[:, 1] - extent[:, 0] + 1
     steps = _numbers(root, "Direction", 9, np.eye(3), where).reshape(3, 3) * _numbers(
         root, "Spacing", 3, np.ones(3), where
     )
     origin = _numbers(root, "Origin", 3, np.zeros(3), where)
-    grid = image_grid(points, steps, origin, extent[:, 0].astype(float), chosen.on_cells, where)
+    grid = image_grid(points, steps, origin, extent[:, 0].astype(float), array.on_cells, where)
     timed = "Steps" in root
     shape = tuple(dataset.shape)
     axes = ("T" if timed else "") + "ZYX" + ("C" if len(shape) == 4 + timed else "")
@@ -115,7 +126,7 @@ def _open_image(root: Any, path: Path, subset: Subset) -> Source:
         raise DataError("the array's size is not the dataset's", where=where, found=shape, allowed=grid.shape_zyx)
     stated = shape
     if timed:  # steps may share what is stored
-        steps_at = load_dataset(root[f"Steps/{'Cell' if chosen.on_cells else 'Point'}DataOffsets/{chosen.name}"])
+        steps_at = load_dataset(root[f"Steps/{'Cell' if array.on_cells else 'Point'}DataOffsets/{array.name}"])
         stated = (len(steps_at), *shape[1:])
     slab = select(stated, axes, replace(subset, array=None), where)
     index = slab.index
@@ -139,6 +150,7 @@ class Level:
     begins : int64 (n,), place of each box's first cell in the dataset
     ratio : cells of this level in one of the next coarser one along z, y, x; 1 for the coarsest
     domain : int64 (2, 3), first cell of the volume and its end
+    ghosts : ghost bits of the cells, in the same order; None without them
     """
 
     dataset: Any
@@ -147,6 +159,7 @@ class Level:
     begins: NDArray[np.int64]
     ratio: NDArray[np.int64]
     domain: NDArray[np.int64]
+    ghosts: Any = None
 
 
 @dataclass(frozen=True)
@@ -184,7 +197,11 @@ class LevelsSource:
         y, x = (level.last[box] + 1 - first)[1:].tolist()
         layers = slice(*(level.begins[box] + (np.array([begin[0], end[0]]) - first[0]) * y * x).tolist())
         check_chunks(level.dataset, (layers,), self.name)
-        block = np.asarray(level.dataset[layers]).reshape(-1, y, x)
+        block = np.asarray(level.dataset[layers], np.float64)
+        if level.ghosts is not None:
+            check_chunks(level.ghosts, (layers,), self.name)
+            block[level.ghosts[layers] & HIDDEN_CELL != 0] = np.nan
+        block = block.reshape(-1, y, x)
         return block[:, begin[1] - first[1] : end[1] - first[1], begin[2] - first[2] : end[2] - first[2]]
 
     def _from_coarser(self, number: int, begin: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -249,7 +266,10 @@ def _open_levels(root: Any, path: Path, subset: Subset) -> LevelsSource:
                 )
             domain = inside
         begins = np.cumsum(np.append(0, counts[:-1])).astype(np.int64)
-        levels.append(Level(dataset, first, last, begins, ratio, domain))
+        ghosts = group.get(f"CellData/{TYPE}")
+        if ghosts is not None and (ghosts.shape != dataset.shape or ghosts.dtype.kind not in "iu"):
+            raise DataError(f"{TYPE} does not fit", where=f"{name}: level {number}", found=ghosts.shape)
+        levels.append(Level(dataset, first, last, begins, ratio, domain, ghosts))
     begin, end = levels[-1].domain
     shape = check_shape((end - begin).tolist(), name)
     select(shape, "ZYX", replace(subset, array=None), name)

@@ -1,7 +1,6 @@
 """VTK's unstructured grids in XML (.vtu); see `clusterviz.data.vtk_xml`. `grid_files.py` reads their lists (.pvtu).
 
-Pieces of a file are joined; of arrays, those that all pieces have are kept. Ghost cells (`vtkGhostType` 1) are dropped,
-as another piece has them.
+Pieces of a file are joined, without ghost cells; of arrays, those that all pieces have are kept.
 """
 
 from __future__ import annotations
@@ -18,8 +17,6 @@ from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, joined_gri
 from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
 from clusterviz.data.vtk_xml import XmlPiece, scan_xml
 from clusterviz.errors import DataError
-
-GHOST, DUPLICATE = "vtkGhostType", 1
 
 
 def read_vtu(path: Path) -> UnstructuredGrid:
@@ -45,23 +42,12 @@ def _pieces(path: Path) -> list[XmlPiece]:
 def _grid(piece: XmlPiece, where: str) -> UnstructuredGrid:
     points, count = piece.points(), piece.count("NumberOfCells")
     ends, corners = piece.cells("Cells", count)
-    lengths = np.diff(ends, prepend=0)
-    if (lengths < 0).any():
-        raise DataError("the cells' offsets are wrong", where=where, found="a cell of less than 0 points")
     check_indices(corners, len(points), where)
     types = piece.array("Cells", "types", count).reshape(-1) if count else np.zeros(0, np.uint8)
     of_cells = piece.arrays("CellData", count)
     of_points = piece.arrays("PointData", len(points))
-    of_points.pop(GHOST, None)
-    is_kept = of_cells.pop(GHOST, np.zeros(count, np.uint8)).reshape(count, -1)[:, 0] & DUPLICATE == 0
     polyhedra = _polyhedra(piece, types)
-    if is_kept.all():
-        return grid_of_cells(points, types, np.append(0, ends), corners, of_points, of_cells, where, polyhedra)
-    polyhedra = polyhedra.some(is_kept[types == POLYHEDRON])
-    offsets = np.append(0, np.cumsum(lengths[is_kept]))
-    of_kept = {name: array[is_kept] for name, array in of_cells.items()}
-    cells = types[is_kept], offsets, corners[np.repeat(is_kept, lengths)]
-    return grid_of_cells(points, *cells, of_points, of_kept, where, polyhedra)
+    return grid_of_cells(points, types, np.append(0, ends), corners, of_points, of_cells, where, polyhedra)
 
 
 def _polyhedra(piece: XmlPiece, types: NDArray[Any]) -> Polyhedra:
