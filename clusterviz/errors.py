@@ -6,6 +6,7 @@ without a traceback, and leaves no incomplete output.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -90,6 +91,16 @@ class SceneError(InputError):
 
 class DataError(InputError):
     """Data file that is missing, damaged, of an unknown format, or not as its header says."""
+
+
+class DataWarning(Warning):
+    """Part of a data file that is not used, or not as a user may expect."""
+
+
+def warn_of_data(what: str, *, where: str, found: object = None, allowed: object = None) -> None:
+    """Warn once in a form like that of `InputError`; on the first rank only, where a command runs on several."""
+    text = str(DataError(what, where=where, found=found, allowed=allowed))
+    warnings.warn(text, DataWarning, stacklevel=2)
 
 
 class OutputError(InputError):

@@ -20,6 +20,7 @@ import typer
 
 from clusterviz.cli.console import Verbosity, set_verbosity
 from clusterviz.cli.termination import INTERRUPTED, end_on_signals, end_process, fail, has_channel, launched_rank
+from clusterviz.errors import DataWarning
 
 
 class Command(NamedTuple):
@@ -161,7 +162,9 @@ def main() -> None:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     end_on_signals()
     if launched_rank() not in (None, 0):
-        warnings.simplefilter("ignore", FutureWarning)  # about former scene keys: rank 0 shows it
+        for kind in (FutureWarning, DataWarning):  # about former scene keys, and files: rank 0 shows it
+            warnings.simplefilter("ignore", kind)
+    warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {message}\n"  # without the line of code
     # Garbage collection during imports finds nothing, and takes a tenth of their time.
     gc.disable()
     status = run(sys.argv[1:])

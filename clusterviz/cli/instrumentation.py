@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import time
-import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -27,7 +26,6 @@ def start(*, several_threads: bool = False) -> tuple[Channel, dict[str, float]]:
     age = _process_age()
     channel = open_channel(several_threads=several_threads)
     limit_threads(channel.placement())
-    warnings.formatwarning = lambda message, *_: f"\nclusterviz: WARNING: {message}\n"  # without the line of code
     if channel.rank == 0:
         announce_compilation()
     ready = time.perf_counter()
