@@ -685,7 +685,7 @@ def test_folders_that_are_no_stack(tmp_path: Path) -> None:
     refused(lambda: open_source(folder), "slices of several kinds", r"5 \.png", r"1 \.bmp")
     (tmp_path / "series").mkdir()
     (tmp_path / "series" / "IM0001").write_bytes(bytes(128) + b"DICM" + bytes(99))
-    refused(lambda: open_source(tmp_path / "series"), "IM0001", "no SeriesInstanceUID")
+    refused(lambda: open_source(tmp_path / "series"), "IM0001", "no picture")
     (tmp_path / "stacks").mkdir()
     tifffile.imwrite(tmp_path / "stacks" / "a.tif", layers, photometric="minisblack")
     refused(lambda: open_source(tmp_path / "stacks"), "not a slice", "5 layers")
