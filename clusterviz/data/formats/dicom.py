@@ -165,17 +165,16 @@ def _members(files: Sequence[Path], array: str | None, where: str) -> dict[str, 
             continue
         if header.file_meta.get("MediaStorageSOPClassUID") != DIRECTORY:
             series.setdefault(_series_of(header), []).append((file, header))
+    if len(series) > 1 and array != NO_SERIES:
+        foreign |= {file: DataError(NO_SERIES, where=str(file)) for file, _ in series.pop(NO_SERIES, [])}
     for uid, members in list(series.items()):
         if len(series) > 1 and not any("Rows" in header for _, header in members):  # reports, plans
             del series[uid]
-    if len(series) > 1 and array != NO_SERIES:
-        foreign |= {file: DataError("no SeriesInstanceUID") for file, _ in series.pop(NO_SERIES, [])}
     if foreign and not series:
         raise next(iter(foreign.values()))
     if foreign:
-        found = ", ".join(file.name for file in list(foreign)[:MAX_LISTED]) + (
-            ", …" if len(foreign) > MAX_LISTED else ""
-        )
+        more = ", …" if len(foreign) > MAX_LISTED else ""
+        found = ", ".join(file.name for file in list(foreign)[:MAX_LISTED]) + more
         warn_of_data("files that are in no series of DICOM are left out", where=where, found=found)
     return series
 
