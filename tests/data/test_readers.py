@@ -25,6 +25,7 @@ from clusterviz.data.axes import Subset
 from clusterviz.data.formats.raw import KEYS
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.errors import DataWarning
 from clusterviz.scene import Volume
 
 ROOT = Path(__file__).parents[2]
@@ -42,6 +43,10 @@ STEPS = np.array([[0, 2, 0], [-3, 0, 0.5], [0, 0, 0.5]])
 PYNRRD = {"by": writers.pynrrd, "space": "LPS", "space directions": STEPS, "space origin": [1, 2, 3]}
 IMAGEJ = {"imagej": True, "resolution": (4, 2), "metadata": {"spacing": 3.5, "unit": "um", "axes": "ZYX"}}
 OME = {"axes": "ZYX", "PhysicalSizeX": 0.1, "PhysicalSizeY": 0.2, "PhysicalSizeZ": 0.5}
+NANOMETRES = {**OME, "PhysicalSizeX": 200.0, "PhysicalSizeY": 200.0, "PhysicalSizeZ": 1.0}
+NANOMETRES |= {"PhysicalSizeXUnit": "nm", "PhysicalSizeYUnit": "nm", "PhysicalSizeZUnit": "µm"}
+IMAGEJ_MIXED = {**IMAGEJ, "metadata": {**IMAGEJ["metadata"], "unit": "nm", "yunit": "nm", "zunit": "micron"}}
+ENDS = {"axis mins": "0 0 0", "axis maxs": "14 18 20"}
 CELLS, EXTENT = "0 7 0 6 0 5", "2 8 -1 4 3 7"
 VTI = 'Origin="10 20 30" Spacing="2 3 4" WholeExtent='
 PLACED: list[tuple[str, dict[str, Any], str]] = [
@@ -60,6 +65,21 @@ PLACED: list[tuple[str, dict[str, Any], str]] = [
     ("a.h5", {"attributes": {"element_size_um": [4.0, 3, 2]}}, "2 0 0 0, 0 3 0 0, 0 0 4 0"),
     ("a.nrrd", PYNRRD, "0 -3 0 1, 2 0 0 2, 0 .5 .5 3"),
     ("a.nrrd", {"spacings": "2 3 4", "axis mins": "5 6 7"}, "2 0 0 5, 0 3 0 6, 0 0 4 7"),
+    ("a.nrrd", {**ENDS, "centerings": "cell cell cell"}, "2 0 0 1, 0 3 0 1.5, 0 0 4 2"),
+    ("a.nrrd", {**ENDS, "centers": "cell cell cell"}, "2 0 0 1, 0 3 0 1.5, 0 0 4 2"),
+    ("a.nrrd", ENDS, "2 0 0 1, 0 3 0 1.5, 0 0 4 2"),
+    (
+        "a.nrrd",
+        {"axismins": "0 0 20", "axismaxs": "12 15 4", "centers": "node node node"},
+        "2 0 0 0, 0 3 0 0, 0 0 -4 20",
+    ),
+    (
+        "a.nrrd",
+        {"spacings": "2 3 4", "axis mins": "5 6 nan", "axis maxs": "nan nan 20", "centers": "cell node cell"},
+        "2 0 0 6, 0 3 0 6, 0 0 4 2",
+    ),
+    ("a.nrrd", {"spacings": "200 200 1", "units": '"nm" "nm" "um"'}, "200 0 0 0, 0 200 0 0, 0 0 1000 0"),
+    ("a.nrrd", {**PYNRRD, "space units": ["mm", "mm", "cm"]}, "0 -3 0 1, 2 0 0 2, 0 5 5 30"),
     ("a.nrrd", {"spacings": "2 nan 4"}, "2 0 0 0, 0 1 0 0, 0 0 4 0"),
     ("a.vti", {"where": "CellData", "image": f'{VTI}"{CELLS}"', "piece": CELLS}, "2 0 0 11, 0 3 0 21.5, 0 0 4 32"),
     (
@@ -70,6 +90,9 @@ PLACED: list[tuple[str, dict[str, Any], str]] = [
     ("a.vtk", {}, "2 0 0 1, 0 3 0 2, 0 0 4 3"),
     ("a.tif", IMAGEJ, ".25 0 0 0, 0 .5 0 0, 0 0 3.5 0"),
     ("a.ome.tif", {"ome": True, "metadata": OME}, ".1 0 0 0, 0 .2 0 0, 0 0 .5 0"),
+    ("a.ome.tif", {"ome": True, "metadata": NANOMETRES}, "200 0 0 0, 0 200 0 0, 0 0 1000 0"),
+    ("a.ome.tif", {"ome": True, "metadata": {"axes": "ZYX", "PhysicalSizeZ": 0.5}}, "1 0 0 0, 0 1 0 0, 0 0 .5 0"),
+    ("a.tif", IMAGEJ_MIXED, ".25 0 0 0, 0 .5 0 0, 0 0 3500 0"),
     ("a.tif", {}, "1 0 0 0, 0 1 0 0, 0 0 1 0"),
 ]
 
@@ -79,6 +102,15 @@ def test_the_header_places_the_volume(name: str, options: dict[str, Any], expect
     source = open_source(writers.write(tmp_path / name, **options))
     check_source(source, SHORTS)
     check_placed(source, affine(expected))
+
+
+def test_units_that_differ_and_are_not_known_are_told(tmp_path: Path) -> None:
+    metadata = {**NANOMETRES, "PhysicalSizeZUnit": "pixel"}
+    path = writers.write(tmp_path / "a.ome.tif", ome=True, metadata=metadata)
+    with pytest.warns(
+        DataWarning, match="a.ome.tif: the axes have different units.* found nm, nm, pixel; allowed spacing"
+    ):
+        assert open_source(path).grid.spacing == (200, 200, 1)
 
 
 def test_a_scene_places_its_volume_where_it_says(tmp_path: Path) -> None:
