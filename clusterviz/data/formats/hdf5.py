@@ -8,9 +8,9 @@ them the coordinate variables of a netCDF file define the grid; uneven ones as i
 
 By the CF conventions an axis is x, y or z of the world, in whatever order a file has them, and a coordinate that is
 `positive` downwards is negated. Longitude and latitude stay degrees: there is no projection. `_FillValue`,
-`missing_value`, `valid_min`, `valid_max` and `valid_range` make samples NaN, and `scale_factor` and `add_offset` are
-applied. The samples are then float32, or float64 if float32 cannot hold the stored type. `_Unsigned` makes integers
-unsigned.
+`missing_value`, `valid_min`, `valid_max` and `valid_range` make samples NaN, as does what netCDF fills in where nothing
+was written, and `scale_factor` and `add_offset` are applied. The samples are then float32, or float64 if float32 cannot
+hold the stored type. `_Unsigned` makes integers unsigned.
 
 Limit: a damaged file that crashes the HDF5 library ends the rank, and with it the job, without a DataError. 5 of
 144,000 damaged files did, all by a chunk shorter than its checksum. Chunks are therefore checked before they are read;
@@ -20,7 +20,7 @@ time in every rank at every start, and would not detect what reading the samples
 References
 ----------
 NetCDF Climate and Forecast (CF) Metadata Conventions 1.11, sections 2.5.1, 4 and 8.1.
-NetCDF User's Guide, appendix A, "Attribute Conventions" (`_Unsigned`).
+NetCDF User's Guide, appendix A, "Attribute Conventions" (`_Unsigned`), and "Fill Values".
 """
 
 from __future__ import annotations
@@ -83,6 +83,15 @@ class CfValues:
         return values
 
 
+FILLED = {
+    "i2": np.int16(-32767),
+    "i4": np.int32(-2147483647),
+    "u2": np.uint16(65535),
+    "u4": np.uint32(4294967295),
+    "f4": np.float32(9.969209968386869e36),
+    "f8": np.float64(9.969209968386869e36),
+}
+"""What netCDF fills in by type where nothing was written. It notes this in files of HDF5; classic ones do not tell."""
 AS_STORED = CfValues((), (-np.inf, np.inf), (1.0, 0.0))
 
 
@@ -322,6 +331,18 @@ def _cf_values(dataset: Any, dtype: np.dtype[Any], where: str) -> CfValues:
 
     lows, highs = numbers("valid_min"), numbers("valid_max")
     low, high = numbers("valid_range") or [lows[0] if lows else -np.inf, highs[0] if highs else np.inf]
-    missing = tuple(numbers("_FillValue") + numbers("missing_value"))
+    filled = () if "_FillValue" in dataset.attrs else _filled(dataset, stored or dtype)
+    missing = (*numbers("_FillValue"), *numbers("missing_value"), *filled)
     slope, intercept = (numbers("scale_factor") or [1.0])[0], (numbers("add_offset") or [0.0])[0]
     return CfValues(missing, (low, high), (slope, intercept), stored)
+
+
+def _filled(dataset: Any, stored: np.dtype[Any]) -> tuple[float, ...]:
+    """Return the stored value of netCDF's samples that were never written, if the dataset has it.
+
+    Integers of 64 bits have none here: they may be labels, which floats do not hold.
+    """
+    default = FILLED.get(dataset.dtype.str[1:])
+    if default is None or getattr(dataset, "fillvalue", default) != default:
+        return ()
+    return (float(default.view(stored.newbyteorder("="))),)

@@ -1,9 +1,9 @@
 """TIFF stacks (.tif, .tiff) of microscopy, one page a layer; tifffile reads the pages.
 
 Spacing comes from OME metadata (PhysicalSizeX, Y, Z) or from ImageJ's (spacing, and resolution in pixels a unit), in
-the unit of x. Without either, samples lie 1 apart. Uncompressed contiguous stacks are read box by box, others page by page.
-Of a file with several series, `array` is the number of one. Axes T and C (or S, the samples of a pixel) are time and
-channels. A series of pictures along T alone is a stack along z, unless a time is named.
+the unit of x. Without either, samples lie 1 apart. Uncompressed contiguous stacks are read box by box, others page by
+page. Of a file with several series, `array` is the number of one. Axes T and C (or S, the samples of a pixel) are time
+and channels. A series of pictures along T alone is a stack along z, unless a time is named.
 """
 
 from __future__ import annotations
