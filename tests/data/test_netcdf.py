@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
+import h5py
 import netCDF4
 import numpy as np
 import pytest
@@ -153,6 +155,38 @@ def test_uneven_coordinates_are_those_of_a_lattice(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("units", "steps", "found"),
+    [
+        (("m", "m", "km"), (1, 1, 1000), ""),
+        (("km", "km", "m"), (1, 1, 0.001), ""),
+        (("", "m", "m"), (1, 1, 1), ""),
+        (("furlong", "furlong", ""), (1, 1, 1), ""),
+        (("m", "m", "hPa"), (1, 1, -1), "m, m, hPa"),
+        (("degrees_east", "degrees_north", "degree"), (1, 1, 1), ""),
+        (("degrees_east", "degrees_north", ""), (1, 1, 1), "degrees, degrees, none"),
+        (("degrees_east", "degrees_north", "m"), (1, 1, 1), "degrees, degrees, m"),
+    ],
+)
+def test_axes_in_several_units(tmp_path: Path, units: tuple[str, ...], steps: tuple[float, ...], found: str) -> None:
+    lines = {"z": np.arange(3.0), "y": np.arange(4.0), "x": np.arange(5.0)}
+    path = writers.netcdf(tmp_path / "a.nc", values("f4", (3, 4, 5)), lines)
+    with h5py.File(path, "a") as file:
+        for name, unit in zip("xyz", units, strict=True):
+            file[name].attrs["units"] = unit
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_placed(open_source(path), np.diag([*steps, 1.0]))
+        told, caught[:] = [str(each.message) for each in caught], []
+        placed = open_volume(Volume(path=str(path), spacing=(1, 2, 3)))
+        assert not caught
+    assert placed.grid.spacing == (1, 2, 3)
+    assert len(told) == bool(found)
+    assert all(
+        "different units, whose numbers are taken as they are" in each and f"found {found};" in each for each in told
+    )
+
+
+@pytest.mark.parametrize(
     ("coordinates", "expected"),
     [
         ([10.0, 30.1, 50], [0, 1, 2]),
@@ -160,6 +194,8 @@ def test_uneven_coordinates_are_those_of_a_lattice(tmp_path: Path) -> None:
         ([1000.0, 925, 850, 700, 500], [0, 3, 6, 12, 20]),
         (np.array([0.1, 0.2, 0.4, 0.75], "f4"), [0, 2, 6, 13]),
         ([0.0, 1, 3**0.5, 3.7182818], [0, 15, 26, 56]),
+        (np.float32(359) + np.arange(700, dtype="f4") * np.float32(0.0009), list(range(700))),
+        (np.array([4000.0, 4000.001, 4000.003, 4000.004], "f4"), [0, 1, 3, 4]),
         (90 - np.degrees(np.arccos(np.polynomial.legendre.leggauss(640)[0])), list(range(640))),
         ([0.0, 1e-9, 1], "too fine a lattice"),
         ([0.0, 2, 1, 5], "impossible coordinates"),

@@ -26,7 +26,7 @@ NetCDF User's Guide, appendix A, "Attribute Conventions" (`_Unsigned`), and "Fil
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.rectilinear import Line, even_line, line_of, placed
 from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.units import axis_factors, unit_factors
 from clusterviz.errors import DataError
 
 MAX_COORDINATES = 1 << 24  # samples along an axis whose coordinates are read
@@ -295,11 +296,39 @@ def _on_grid(source: Hdf5Source, subset: Subset, where: str) -> Source:
         told[told.index("")] = rest[0]
     if sorted(told) != ["X", "Y", "Z"]:
         told = ["X", "Y", "Z"]
+    units = [_unit(scales[axis]) if slab.shape[axis] > 1 else "" for axis in kept] + [""] * (3 - len(kept))
+    lines = _in_one_unit(lines, units, told, subset.spaced, where)
     axes = np.zeros((3, 3))
     for column, (letter, sign) in enumerate(zip(told, signs, strict=True)):
         axes["XYZ".index(letter), column] = sign
     found: Source = placed(source, lines, axes, subset.spaced)
     return found
+
+
+def _unit(scale: Any) -> str:
+    """Return the unit of the coordinates of an axis: "degrees" for all kinds of degrees, "none" without one."""
+    unit = _text(scale, "units").strip()
+    return "degrees" if unit.lower().startswith("degree") else unit or "none"
+
+
+def _in_one_unit(
+    lines: Sequence[Line], units: Sequence[str], told: Sequence[str], spaced: bool, where: str
+) -> list[Line]:
+    """Return lines in the unit of x; where there is no common unit, as they are, and warn of it.
+
+    Parameters
+    ----------
+    units : of the lines; empty where there is one sample
+    told : axes of the world along which the lines run: X, Y and Z
+    spaced : the scene has a spacing, so nobody is warned
+    """
+    if "degrees" not in units:  # numbers of layers beside lengths are of any unit, but not beside degrees
+        units = [unit.replace("none", "") for unit in units]
+    order = sorted(range(3), key=lambda n: told[n])
+    ordered = [units[n] for n in order]
+    factors = (unit_factors(ordered) or [1.0] * 3) if spaced else axis_factors(ordered, where)
+    each = [factors[order.index(n)] for n in range(3)]
+    return [replace(line, first=line.first * f, step=line.step * f) for line, f in zip(lines, each, strict=True)]
 
 
 def _line(scale: Any, count: int, spaced: bool, where: str) -> Line:
