@@ -5,8 +5,10 @@ from __future__ import annotations
 import bz2
 import gzip
 import os
+import warnings
 import zipfile
 import zlib
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,7 @@ from clusterviz.data.axes import Subset
 from clusterviz.data.formats.raw import KEYS
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.errors import DataWarning
+from clusterviz.errors import DataError, DataWarning, guard
 from clusterviz.scene import Volume
 
 ROOT = Path(__file__).parents[2]
@@ -545,6 +547,61 @@ def test_mrc_columns_rows_and_sections_may_be_any_axes(tmp_path: Path, order: tu
     check_placed(source, affine("2 0 0 22, 0 3 0 36, 0 0 4 52"))
 
 
+def test_old_mrc_files_leave_axes_and_intervals_blank(tmp_path: Path) -> None:
+    blank = dict.fromkeys(("w7", "w8", "w9", "w16", "w17", "w18"), 0)
+    path = writers.mrc(tmp_path / "a.mrc", SHORTS, **blank)
+    check_source(open_source(path), SHORTS)
+    check_placed(open_source(path), affine("2 0 0 0, 0 3 0 0, 0 0 4 0"))
+    writers.mrc(path, SHORTS, **blank, w10=0.0, w11=0.0, w12=0.0)
+    check_placed(open_source(path), np.eye(4))
+    refused(lambda: open_source(writers.mrc(path, SHORTS, w16=0)), "impossible axis order")
+    refused(lambda: open_source(writers.mrc(path, SHORTS, w7=0)), "impossible grid intervals")
+
+
+def test_a_singular_sform_gives_way_to_a_good_qform(tmp_path: Path) -> None:
+    turned = {"qform_code": 1, "pixdim": [1, 2, 3, 4, 1, 1, 1, 1], "quatern_d": 1.0, "qoffset_x": 5.0}
+    path = writers.nifti(tmp_path / "a.nii", SHORTS, np.zeros((4, 4)), **turned)
+    with pytest.warns(DataWarning, match="a.nii: the sform is singular: the qform is used"):
+        check_placed(open_source(path), affine("-2 0 0 5, 0 -3 0 0, 0 0 4 0"))
+    for changes in ({"quatern_b": 5.0}, {"qform_code": 0}):
+        path = writers.nifti(tmp_path / "a.nii", SHORTS, np.zeros((4, 4)), **turned | changes)
+        refused(lambda path=path: open_source(path), "singular placement")
+
+
+@pytest.mark.parametrize(
+    ("tag", "code", "found"), [(259, 50000, "ZSTD, predictor 2"), (259, 7, "JPEG"), (317, 3, "predictor 3")]
+)
+@pytest.mark.skipif(find_spec("imagecodecs") is not None, reason="imagecodecs decodes them")
+def test_codecs_of_tiff_that_are_not_installed(tag: int, code: int, found: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, SHORTS, photometric="minisblack", compression="zlib", predictor=2)
+    content = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as file:
+        for page in file.pages:
+            content[page.tags[tag].valueoffset : page.tags[tag].valueoffset + 2] = code.to_bytes(2, "little")
+    path.write_bytes(content)
+    refused(lambda: open_source(path), "needs the imagecodecs package", f"found .*{found}", "pip install imagecodecs")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ImportError("No module named 'snappy'"), "needs a package that is not installed: ImportError: No module"),
+        (NotImplementedError("v7"), "holds what is not supported"),
+        (OSError(5, "Input/output error"), r"the file cannot be read: OSError: \[Errno 5\]"),
+        (TypeError("unhashable"), "the reader failed, by its own fault or a damaged file: TypeError: unhashable"),
+        (EOFError(), "damaged, or not a file of its kind"),
+        (ValueError("no number"), "damaged, or not a file of its kind: ValueError: no number"),
+    ],
+)
+def test_files_are_called_damaged_only_where_they_may_be(error: Exception, said: str) -> None:
+    def failing() -> None:
+        with guard(DataError, "a.xyz"):
+            raise error
+
+    refused(failing, f"^a.xyz: {said}")
+
+
 @pytest.mark.parametrize("packed", [None, "zlib"])
 @pytest.mark.parametrize("big", [False, True])
 def test_tiff_pages_tiles_and_big_files(tmp_path: Path, packed: str | None, big: bool) -> None:
@@ -698,9 +755,18 @@ def test_masks_palettes_and_colours(tmp_path: Path) -> None:
     Image.fromarray(mask).save(tmp_path / "mask.png")
     check_source(open_source(tmp_path / "mask.png"), mask.astype("u1")[None])
     painted = Image.fromarray(indices)
-    painted.putpalette(bytes(range(24)))
-    painted.save(tmp_path / "palette.png")
-    check_source(open_source(tmp_path / "palette.png"), indices[None])
+    painted.putpalette(bytes(reversed(range(24))))
+    folder = tmp_path / "painted"
+    folder.mkdir()
+    for name in "ab":
+        painted.save(folder / f"{name}.png")
+    grey = np.asarray(painted.convert("L"))
+    for path, count in ((folder / "a.png", 1), (folder, 2)):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            check_source(open_source(path), np.stack([grey] * count))
+        assert ["a.png: a picture with a palette: the luminance" in str(each.message) for each in told] == [True]
+        check_source(open_source(path, subset=Subset(channel="index")), np.stack([indices] * count))
     folder = fill(tmp_path / "stack", colours, ".png")
     check_source(open_source(folder, subset=Subset(channel="green")), colours[..., 1])
     refused(lambda: open_source(folder), "several channels", "red, green, blue")

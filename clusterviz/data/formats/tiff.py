@@ -86,6 +86,23 @@ def _check_page(page: Any, size: int, where: str) -> None:
     check_packed(packed, int(np.prod(page.shape, dtype=object)) * page.dtype.itemsize, "TIFF", where)
 
 
+def _check_codec(page: Any, where: str) -> None:
+    """Check that what decodes a page is installed: tifffile has few codecs of its own."""
+    import tifffile
+
+    try:
+        codec = tifffile.TIFF.DECOMPRESSORS[page.compression]
+        tifffile.TIFF.UNPREDICTORS[page.predictor]
+        if page.compression > 1:
+            codec(b"")
+    except (KeyError, ImportError) as error:
+        found = f"{getattr(page.compression, 'name', page.compression)}, predictor {int(page.predictor)}"
+        text = "needs the imagecodecs package"
+        raise DataError(text, where=where, found=found, allowed="pip install imagecodecs") from error
+    except Exception:  # no bytes are damaged ones
+        return
+
+
 def open_tiff(path: Path, subset: Subset) -> Source:
     """Open a stack of pages, or one picture as a single layer.
 
@@ -116,6 +133,7 @@ def open_tiff(path: Path, subset: Subset) -> Source:
         name += slab.label
         dtype = check_dtype(stored, name)
         if series.dataoffset is None:
+            _check_codec(series.keyframe, name)
             _check_page(series.keyframe, size, name)
             source = TiffPages(name, grid, dtype, file, series.pages, slab)
             weakref.finalize(source, closing.pop_all().close)
