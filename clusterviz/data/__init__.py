@@ -31,6 +31,7 @@ from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
+from clusterviz.data.labels import as_labels
 from clusterviz.data.remote import RemotePath, is_url, remote_path
 from clusterviz.data.series import check_same, files_of_pattern, open_step
 from clusterviz.data.source import Grid, Index, MultilevelSource, Source, levels_of
@@ -523,7 +524,8 @@ def open_time_step(source: Source, volume: Volume) -> Source:
 
 
 def override_grid(source: Source, volume: Volume) -> Source:
-    """Return the source with the spacing, origin and direction of the scene's volume, as far as the scene has them."""
+    """Return the source with spacing, origin, direction and labels of the scene's volume, as far as it has them."""
+    source = as_labels(source, volume.labels)
     if volume.spacing is None and volume.origin is None and volume.direction is None:
         return source
     grid = source.grid

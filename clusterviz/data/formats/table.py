@@ -78,7 +78,11 @@ def _without_comment(line: str) -> str:
 
 def _fields(line: str, separator: str | None) -> list[str]:
     """Return the fields of a line, without quotes."""
-    words = next(csv.reader([line.strip(" \r\n")], delimiter=separator, skipinitialspace=True)) if separator else line.split()
+    words = (
+        next(csv.reader([line.strip(" \r\n")], delimiter=separator, skipinitialspace=True))
+        if separator
+        else line.split()
+    )
     return [word.strip().strip("\"'") for word in words]
 
 
