@@ -28,13 +28,14 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.bricks import Box, read_boxes
 from clusterviz.data.field import open_field
-from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
+from clusterviz.data.files import PICTURES, require_file, start_of
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.labels import as_labels
 from clusterviz.data.remote import RemotePath, is_url, remote_path
 from clusterviz.data.series import check_same, files_of_pattern, open_step
 from clusterviz.data.source import Grid, Index, MultilevelSource, Source, levels_of
+from clusterviz.data.unread import unknown_file
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.files import SUFFIXES, load_scene, scene_of_data
 from clusterviz.scene.values import Scene, Volume
@@ -311,12 +312,7 @@ def _open(text: str, part: Subset) -> Source:
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)
-    if not file.exists():
-        raise DataError("no such file", where=text)
-    with readable(file):
-        kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
-    allowed = f"{', '.join(EXTENSIONS)}; files of points with the key scattered"
-    raise DataError("unknown extension", where=text, found=kind, allowed=allowed)
+    raise unknown_file(file, EXTENSIONS, "; files of points with the key scattered")
 
 
 def format_of(path: Path) -> Format | None:
@@ -371,9 +367,7 @@ def read_geometry(path: str | Path) -> Geometry:
     file = Path(path)
     found = mesh_format_of(file) or _by_extension(file, MESH_EXTENSIONS)
     if found is None:
-        require_file(file)
-        kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
-        raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(MESH_EXTENSIONS))
+        raise unknown_file(file, MESH_EXTENSIONS)
     with guard(DataError, path):
         require_file(file, found.magic)
         geometry: Geometry = _function(found.opener)(file)
@@ -407,13 +401,7 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
     path, time, found = file.path, file.time, _by_extension(file.path, GRID_EXTENSIONS)
     with guard(DataError, path):
         if found is None or found.name == "list":
-            require_file(path)
-            if path.suffix.lower() in (".case", ".encas"):
-                raise DataError(
-                    "EnSight is not read", where=str(path), allowed="what ParaView saves it as: .vtu, .pvtu"
-                )
-            kind = f"{path.suffix or 'none'}, {kind_of(start_of(path))}"
-            raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(GRID_EXTENSIONS))
+            raise unknown_file(path, GRID_EXTENSIONS)
         if found.magic:
             require_file(path, found.magic)
         if time is not None and found.name not in ("exodus", "openfoam"):

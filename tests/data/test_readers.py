@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import os
+import re
 import warnings
 import zipfile
 import zlib
@@ -22,11 +23,20 @@ from data.checks import check_placed, check_source, cut, refused, values
 from data.writers import SHORTS
 from PIL import Image
 
-from clusterviz.data import EXTENSIONS, open_source, open_volume
+from clusterviz.data import (
+    EXTENSIONS,
+    GRID_EXTENSIONS,
+    MESH_EXTENSIONS,
+    open_source,
+    open_volume,
+    read_geometry,
+    read_grid,
+)
 from clusterviz.data.axes import Subset
 from clusterviz.data.formats.raw import KEYS
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.data.unread import AMREX, GADGET, UNREAD
 from clusterviz.errors import DataError, DataWarning, guard
 from clusterviz.scene import Volume
 
@@ -49,6 +59,7 @@ NANOMETRES = {**OME, "PhysicalSizeX": 200.0, "PhysicalSizeY": 200.0, "PhysicalSi
 NANOMETRES |= {"PhysicalSizeXUnit": "nm", "PhysicalSizeYUnit": "nm", "PhysicalSizeZUnit": "µm"}
 IMAGEJ_MIXED = {**IMAGEJ, "metadata": {**IMAGEJ["metadata"], "unit": "nm", "yunit": "nm", "zunit": "micron"}}
 ENDS = {"axis mins": "0 0 0", "axis maxs": "14 18 20"}
+ROOT = Path(__file__).parents[2]
 CELLS, EXTENT = "0 7 0 6 0 5", "2 8 -1 4 3 7"
 VTI = 'Origin="10 20 30" Spacing="2 3 4" WholeExtent='
 PLACED: list[tuple[str, dict[str, Any], str]] = [
@@ -800,3 +811,32 @@ def test_truncated_damaged_and_lying_pictures(tmp_path: Path) -> None:
     refused(lambda: open_source(path.with_suffix(".pgm")), "lies about its size", "a.pgm")
     path.write_bytes(b"GIF? no")
     refused(lambda: open_source(path), "wrong magic", "a.png")
+
+
+def test_formats_that_are_not_read_are_named(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "reference" / "data-formats.md").read_text()
+    read = {*EXTENSIONS, *MESH_EXTENSIONS, *GRID_EXTENSIONS}
+    for each in UNREAD:
+        assert each.name in page
+        for extension in each.extensions:
+            assert extension not in read
+            path = tmp_path / f"a{extension.upper()}"
+            refused(lambda path=path: open_source(path), "no such file")
+            path.write_text("anything")
+            for function in (open_source, read_geometry, read_grid):
+                refused(
+                    lambda path=path, function=function: function(path),
+                    f"{each.name} is not read",
+                    re.escape(each.remedy),
+                )
+    for name in (AMREX, GADGET):
+        assert name in page
+
+
+def test_simulations_that_are_not_read_are_named(tmp_path: Path) -> None:
+    (tmp_path / "plt00010").mkdir()
+    (tmp_path / "plt00010" / "Header").write_text("HyperCLaw-V1.1\n1\n")
+    refused(lambda: open_source(tmp_path / "plt00010"), "AMReX's plotfile is not read", "yt")
+    with h5py.File(tmp_path / "snapshot_010.hdf5", "w") as file:
+        file["PartType0/Coordinates"] = np.zeros((9, 3))
+    refused(lambda: open_source(tmp_path / "snapshot_010.hdf5"), "Gadget is not read", "columns x, y and z")

@@ -26,6 +26,7 @@ from clusterviz.data.formats.tiff import open_tiff
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.header import check_box, check_packed
 from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.unread import check_folder
 from clusterviz.errors import DataError, warn_of_data
 
 PALETTE = ("luminance", "index")
@@ -141,6 +142,7 @@ def open_folder(path: Path, subset: Subset) -> Source:
         dicom = [] if files else sorted(filter(is_dicom, held))
     if dicom:
         return open_series(dicom, subset, where)
+    check_folder(path)
     kinds = Counter(file.suffix.lower() for file in files)
     if len(kinds) != 1:
         found = ", ".join(f"{count} {kind}" for kind, count in kinds.items())

@@ -41,6 +41,7 @@ from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.rectilinear import Line, even_line, line_of, placed
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.units import axis_factors, unit_factors
+from clusterviz.data.unread import GADGET
 from clusterviz.errors import DataError
 
 MAX_COORDINATES = 1 << 24  # samples along an axis whose coordinates are read
@@ -192,6 +193,9 @@ def _choose(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
             raise DataError("no such array", where=str(path), found=subset.array, allowed=listed)
         return held[subset.array.lstrip("/")]
     volumes = [item for item in held.values() if item.shape and len(item.shape) > 2]
+    if not volumes and any(name.startswith("PartType") for name in held):
+        allowed = "a table of its particles with columns x, y and z, as .csv or .npy"
+        raise DataError(f"{GADGET} is not read", where=str(path), allowed=allowed)
     if subset.vectors:
         volumes = [item for item in volumes if _channels(item, subset) == 3]
     spatial = [item for item in volumes if _letters(item, subset).count("Z") == 3]
