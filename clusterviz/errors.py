@@ -69,7 +69,7 @@ REASONS: tuple[tuple[tuple[type[Exception], ...], str], ...] = (
     ((NotImplementedError,), "holds what is not supported"),
     ((EOFError,), DAMAGED),
     ((OSError,), "the file cannot be read"),
-    ((TypeError, AttributeError, NameError, AssertionError), "the reader failed, by its own fault or a damaged file"),
+    ((TypeError, AttributeError, NameError, AssertionError), "damaged, or a fault of the reader"),
 )
 """Reasons by the kind of an unexpected error of a reader; others mean that the file is damaged."""
 

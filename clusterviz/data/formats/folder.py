@@ -56,7 +56,7 @@ class PictureSource:
             with Image.open(self.path) as image:
                 pixels = np.asarray(image)
                 if image.mode == "P":
-                    pixels = np.stack([image.convert("L"), pixels], axis=-1)
+                    pixels = np.stack([np.asarray(image.convert("L")), pixels], axis=-1)
                 pixels = pixels.reshape(self.slab.shape)
         except Exception as error:  # decoders raise many kinds
             raise DataError(f"the picture cannot be decoded: {error}", where=self.name) from error

@@ -85,7 +85,7 @@ class CfValues:
         return values
 
 
-FILLED = {
+FILLED: dict[str, Any] = {
     "i2": np.int16(-32767),
     "i4": np.int32(-2147483647),
     "u2": np.uint16(65535),
