@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from data.checks import check_source, refused
 
+from clusterviz.cli.verify import compare_with_reference
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.data import open_volume
 from clusterviz.data.labels import hashed, places
@@ -78,6 +79,12 @@ def test_many_labels_have_many_colours(keys: dict[str, Any]) -> None:
         if colour.max() > 0.1
     }
     assert len(hues) > 30
+
+
+def test_large_labels_are_those_of_the_reference(tmp_path: Path) -> None:
+    dtype, ids = FAR["beyond 2^63"]
+    np.save(tmp_path / "a.npy", np.array([0, *ids], dtype)[NUMBERS])
+    assert compare_with_reference(automatic(str(tmp_path / "a.npy"), preset="labels", size=(16, 12))).max < 1e-5
 
 
 def test_labels_of_a_scene(tmp_path: Path) -> None:
