@@ -92,6 +92,17 @@ def _cut(text: str, characters: int) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
+DAMAGED = "damaged, or not a file of its kind"
+REASONS: tuple[tuple[tuple[type[Exception], ...], str], ...] = (
+    ((ImportError,), "needs a package that is not installed"),
+    ((NotImplementedError,), "holds what is not supported"),
+    ((EOFError,), DAMAGED),
+    ((OSError,), "the file cannot be read"),
+    ((TypeError, AttributeError, NameError, AssertionError), "damaged, or a fault of the reader"),
+)
+"""Reasons by the kind of an unexpected error of a reader; others mean that the file is damaged."""
+
+
 @contextmanager
 def guard(kind: type[InputError], where: object) -> Iterator[None]:
     """Context that turns unexpected errors of a reader into errors of the input that name the file and the cause.
@@ -111,7 +122,8 @@ def guard(kind: type[InputError], where: object) -> Iterator[None]:
         raise kind("nested too deeply", where=str(where)) from error
     except Exception as error:
         cause = " ".join(f"{type(error).__name__}: {error}".split())
-        raise kind(f"damaged, or not a file of its kind: {cause}", where=str(where)) from error
+        reason = next((text for types, text in REASONS if isinstance(error, types)), DAMAGED)
+        raise kind(f"{reason}: {cause}", where=str(where)) from error
 
 
 class SceneError(InputError):

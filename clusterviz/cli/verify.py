@@ -30,6 +30,7 @@ from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
 from clusterviz.data import open_scene, open_volume, read_geometry, read_grid
+from clusterviz.data.labels import as_labels
 from clusterviz.data.levels import MixedSource
 from clusterviz.data.source import Source, levels_of
 from clusterviz.errors import ClustervizError
@@ -120,6 +121,7 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     one_rank = scene.cluster.model_copy(update={"mode": "sort-last", "groups": None})
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size}), "cluster": one_rank})
     rendered = render_frame(small, LoopbackChannel(), given)
+    sources = [as_labels(*pair) for pair in zip(sources, (each.labels for each in rendered.scene.volumes), strict=True)]
     voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
     if any(volume.detail != "full" for volume in scene.volumes):
         voxels = _of_levels(rendered.scene, sources, given, voxels)

@@ -28,12 +28,14 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.bricks import Box, read_boxes
 from clusterviz.data.field import open_field
-from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
+from clusterviz.data.files import PICTURES, require_file, start_of
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
+from clusterviz.data.labels import as_labels
 from clusterviz.data.remote import RemotePath, is_url, remote_path
 from clusterviz.data.series import check_same, files_of_pattern, open_step
 from clusterviz.data.source import Grid, Index, MultilevelSource, Source, levels_of
+from clusterviz.data.unread import unknown_file
 from clusterviz.errors import DataError, guard
 from clusterviz.scene.files import SUFFIXES, load_scene, scene_of_data
 from clusterviz.scene.values import Scene, Volume
@@ -119,8 +121,8 @@ MESH_FORMATS = (
         "freesurfer.read_freesurfer",
         section="meshes",
     ),
-    Format("trk", (".trk",), (b"TRACK",), "streamlines.read_streamlines", section="lines"),
-    Format("tck", (".tck",), (b"mrtrix tracks",), "streamlines.read_streamlines", section="lines"),
+    Format("trk", (".trk",), (b"TRACK",), "streamlines.read_trk", section="lines"),
+    Format("tck", (".tck",), (b"mrtrix tracks",), "streamlines.read_tck", section="lines"),
     Format("table", (".csv", ".tsv", ".txt", ".xyz"), (), "table.read_table"),
     Format("npy", (".npy",), (b"\x93NUMPY",), "table.read_npy_table", "table.is_npy_table"),
     Format("npz", (".npz",), (b"PK",), "table.read_npz_mesh", "table.is_npz_mesh"),
@@ -312,12 +314,7 @@ def _open(text: str, part: Subset) -> Source:
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)
-    if not file.exists():
-        raise DataError("no such file", where=text)
-    with readable(file):
-        kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
-    allowed = f"{', '.join(EXTENSIONS)}; files of points with the key scattered"
-    raise DataError("unknown extension", where=text, found=kind, allowed=allowed)
+    raise unknown_file(file, EXTENSIONS, "; files of points with the key scattered")
 
 
 def format_of(path: Path) -> Format | None:
@@ -372,9 +369,7 @@ def read_geometry(path: str | Path) -> Geometry:
     file = Path(path)
     found = mesh_format_of(file) or _by_extension(file, MESH_EXTENSIONS)
     if found is None:
-        require_file(file)
-        kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
-        raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(MESH_EXTENSIONS))
+        raise unknown_file(file, MESH_EXTENSIONS)
     with guard(DataError, path):
         require_file(file, found.magic)
         geometry: Geometry = _function(found.opener)(file)
@@ -408,13 +403,7 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
     path, time, found = file.path, file.time, _by_extension(file.path, GRID_EXTENSIONS)
     with guard(DataError, path):
         if found is None or found.name == "list":
-            require_file(path)
-            if path.suffix.lower() in (".case", ".encas"):
-                raise DataError(
-                    "EnSight is not read", where=str(path), allowed="what ParaView saves it as: .vtu, .pvtu"
-                )
-            kind = f"{path.suffix or 'none'}, {kind_of(start_of(path))}"
-            raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(GRID_EXTENSIONS))
+            raise unknown_file(path, GRID_EXTENSIONS)
         if found.magic:
             require_file(path, found.magic)
         if time is not None and not found.has_steps:
@@ -527,7 +516,8 @@ def open_time_step(source: Source, volume: Volume) -> Source:
 
 
 def override_grid(source: Source, volume: Volume) -> Source:
-    """Return the source with the spacing, origin and direction of the scene's volume, as far as the scene has them."""
+    """Return the source with spacing, origin, direction and labels of the scene's volume, as far as it has them."""
+    source = as_labels(source, volume.labels)
     if volume.spacing is None and volume.origin is None and volume.direction is None:
         return source
     grid = source.grid

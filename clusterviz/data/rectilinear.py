@@ -56,7 +56,7 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
 
     Parameters
     ----------
-    coordinates : (n,), at least one
+    coordinates : (n,), at least one; how far the numbers of their type lie apart is no unevenness
     spaced : the spacing is given elsewhere, so impossible coordinates count as even
     name : of the axis, for messages
 
@@ -65,13 +65,13 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
     DataError
         Not finite, neither ascending nor descending, or the smallest distance is tiny.
     """
-    numbers = np.asarray(coordinates, np.float64)
+    numbers, rounding = np.asarray(coordinates, np.float64), _rounding(coordinates)
     first, count = float(numbers[0]), len(numbers)
     if count < 2:
         return even_line(count, first)
     step = float(numbers[-1] - first) / (count - 1)
     even = even_line(count, first, step)
-    if (np.abs(numbers - first - step * np.arange(count)) <= MAX_UNEVENNESS * abs(step)).all():
+    if (np.abs(numbers - first - step * np.arange(count)) <= MAX_UNEVENNESS * abs(step) + rounding).all():
         return even
     gaps = np.diff(numbers) * np.sign(step)
     if not (np.isfinite(numbers).all() and (gaps > 0).all()):
@@ -80,7 +80,7 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
         allowed = "numbers that ascend or descend"
         raise DataError(f"impossible coordinates {name}", where=where, found=numbers[:8].tolist(), allowed=allowed)
     first_of_all, mean = _straight(numbers, float(gaps.min()) * np.sign(step), float(gaps.max()) * np.sign(step))
-    if (np.abs(numbers - first_of_all - mean * np.arange(count)) <= MAX_UNEVENNESS * abs(mean)).all():
+    if (np.abs(numbers - first_of_all - mean * np.arange(count)) <= MAX_UNEVENNESS * abs(mean) + rounding / 2).all():
         return even_line(count, first_of_all, mean)
     whole, gap = float(numbers[-1] - first), float(gaps.min())
     steps = abs(whole) / gap
@@ -88,7 +88,7 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
         steps = round(abs(whole) / gap * parts)
         places = np.rint((numbers - first) / (whole / steps)).astype(np.int64)
         away = np.abs(numbers - first - whole / steps * places).max()
-        if away <= MAX_UNEVENNESS * (abs(whole) / steps if exact else gap):
+        if away <= MAX_UNEVENNESS * (abs(whole) / steps if exact else gap) + rounding:
             break
     if steps <= MAX_STEPS:
         return Line(first, whole / steps, places)
@@ -96,6 +96,14 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
         return even
     allowed = f"at most {MAX_STEPS} steps; or spacing: [x, y, z] of the volume"
     raise DataError(f"the coordinates {name} need too fine a lattice", where=where, found=f"{steps:g}", allowed=allowed)
+
+
+def _rounding(coordinates: NDArray[Any]) -> float:
+    """Return the distance of neighbouring numbers of the coordinates' type where they are largest; 0 for integers."""
+    stored = np.asarray(coordinates)
+    if stored.dtype.kind != "f" or not np.isfinite(stored).all():
+        return 0.0
+    return float(np.spacing(np.abs(stored).max().astype(stored.dtype.newbyteorder("="))))
 
 
 def _straight(numbers: NDArray[np.float64], low: float, high: float) -> tuple[float, float]:

@@ -39,13 +39,13 @@ class Categories:
 
     Attributes
     ----------
-    values : float64 (n,), ascending
+    values : (n,), ascending; float64, or the type of samples of 64-bit integers, which floats do not hold
     counts : int64 (n,), samples of each value
     equal : int64 (n,), pairs of neighbours along x that both have the value
     pairs, jumps : pairs of neighbours along x, and those that differ by more than 1
     """
 
-    values: NDArray[np.float64]
+    values: NDArray[Any]
     counts: Counts
     equal: Counts
     pairs: int
@@ -358,10 +358,13 @@ class _CategoryCounter:
         values, counts = np.unique(own, return_counts=True)
         with np.errstate(over="ignore"):  # of the widest floats
             steps = np.abs(np.diff(wide.astype(np.float64), axis=2))
-        equal_values, times = np.unique(wide[..., :-1][steps == 0], return_counts=True)
+        equal_values, times = np.unique(wide[..., :-1][wide[..., 1:] == wide[..., :-1]], return_counts=True)
         equal = np.zeros(len(values), np.int64)
         equal[np.searchsorted(values, equal_values)] = times
-        here = Categories(values.astype(np.float64), counts, equal, steps.size, int((steps > 1).sum()))
+        is_wide = values.dtype.kind in "iu" and values.dtype.itemsize == 8
+        here = Categories(
+            values if is_wide else values.astype(np.float64), counts, equal, steps.size, int((steps > 1).sum())
+        )
         self.found = _merge_categories([self.found, here])
 
 
@@ -370,7 +373,8 @@ def _merge_categories(parts: Sequence[Categories | None]) -> Categories | None:
     known = [part for part in parts if part is not None]
     if len(known) < len(parts):
         return None
-    values, where = np.unique(np.concatenate([part.values for part in known]), return_inverse=True)
+    held = [part.values for part in known if len(part.values)] or [np.zeros(0)]
+    values, where = np.unique(np.concatenate(held), return_inverse=True)
     if len(values) > MAX_VALUES:
         return None
     counts, equal = np.zeros((2, len(values)), np.int64)

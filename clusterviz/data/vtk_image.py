@@ -119,9 +119,10 @@ def rectilinear(
     """
     lines = []
     for coordinates, name in zip(coordinates_xyz, "xyz", strict=True):
-        places = np.asarray(coordinates, float)
+        places = np.asarray(coordinates)
         if on_cells and len(places) > 1:
-            places = (places[1:] + places[:-1]) / 2
+            middles = (places[1:].astype(float) + places[:-1]) / 2
+            places = middles.astype(places.dtype) if places.dtype.kind == "f" else middles
         lines.append(line_of(places, spaced, name, where))
     found: Source = placed(source, lines, np.eye(3), spaced)
     return found

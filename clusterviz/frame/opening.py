@@ -296,7 +296,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     opened : its content; None if the scene has none
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
-    scene = without_flows(scene)
+    asked, scene = scene, without_flows(scene)
     if not scene.has_content:
         with run.local("plan", "plan"):
             return complete(None, scene), None, {}
@@ -329,11 +329,26 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         has_levels = any(volume.detail != "full" for volume in scene.volumes)
         if len(opened) > 1 or geometry or grids or flows or has_levels:
             several = OpenedContent(opened, geometry, grids, tuple(flows), run.channel.size, speed)
-            return complete(several, scene), several, {}
+            completed = complete(several, scene)
+            if labelled := _with_labels(asked, completed):
+                return open_volumes(run, labelled, source)
+            return completed, several, {}
         scene = complete(opened[0], scene)
+        if labelled := _with_labels(asked, scene):
+            return open_volumes(run, labelled, source)
         if scene.cluster.largest_brick in (None, scene.cluster.brick):
             return scene, opened[0], held[0]
         return scene, _with_larger_bricks(opened[0], scene, run.channel.size), {}
+
+
+def _with_labels(asked: Scene, completed: Scene) -> Scene | None:
+    """Return a scene with the labels that presets chose; None if they chose none."""
+    volumes = [
+        own.model_copy(update={"labels": found.labels})
+        for own, found in zip(asked.volumes, completed.volumes, strict=False)  # flows add volumes
+    ]
+    same = all(own.labels == found.labels for own, found in zip(asked.volumes, volumes, strict=True))
+    return None if same else asked.model_copy(update={"volumes": tuple(volumes)})
 
 
 def _check_same_on_ranks(run: Run, sources: Sequence[Source]) -> None:

@@ -135,7 +135,9 @@ def classify_values(info: VolumeInfo) -> PresetName:
     if values is not None and len(values) == 2 and tuple(values) == (info.minimum, info.maximum):
         return "mask"
     is_even = info.equal_share > 0.6 and (info.jump_share > 0.2 or (values is not None and len(values) <= 8))
-    may_be_labels = values is not None and 2 < len(values) <= MAX_LABELS and info.minimum >= 0
+    may_be_labels = values is not None and (
+        info.exceeds_floats or (2 < len(values) <= MAX_LABELS and info.minimum >= 0)
+    )
     if may_be_labels and (is_even or info.modality == "labels"):
         return "labels"
     if has_hounsfield_units(info):

@@ -10,7 +10,7 @@ from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 from clusterviz.scene.validation_messages import format_value
 from clusterviz.scene.values import Scene
 
-OPENED = ("path", "array", "channel", "detail", "spacing", "origin", "direction")
+OPENED = ("path", "array", "channel", "detail", "labels", "spacing", "origin", "direction")
 """Keys of a volume that frames share, like all keys of the cluster. The other ones may differ between frames, and so do
 all keys of camera, picture, lights, clip and quality, as far as bricks have the margins that they need."""
 GEOMETRY_CHANGING = (

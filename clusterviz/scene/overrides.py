@@ -265,6 +265,7 @@ class Settings(TypedDict, total=False):
     channel: int | str | None
     detail: Literal["full"] | Detail | Mapping[str, Any]
     scattered: Scattered | Mapping[str, Any] | None
+    labels: Sequence[int] | Literal["hashed"] | None
     spacing: Numbers | None
     origin: Numbers | None
     direction: Rows | str | None

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from clusterviz.scene.volume_info import VolumeInfo, default_clim
+from clusterviz.scene.volume_info import MOST_EXACT, VolumeInfo, default_clim
 
 Keys = dict[str, Any]
 Clim = tuple[float, float] | None
@@ -58,6 +58,8 @@ DENSITY_COLOUR = (0.62, 0.74, 0.88)
 PARTICLE_DEVIATIONS, CRYSTAL_DEVIATIONS = 4.0, 2.0
 """Contour levels above the mean: of a particle in an empty box, and of a crystal's cell, which molecules fill."""
 MAX_LABELS = 512
+FARTHEST = 2.0**22
+"""Distance of labels up to which float32 in units of their range tells them apart."""
 TISSUE_COLOURS = (
     (-400.0, 0.72, 0.45, 0.36),
     (0.0, 0.86, 0.60, 0.47),
@@ -109,13 +111,32 @@ def _xray(info: VolumeInfo, clim: Clim) -> Keys:
     return {"blending": "average", "clim": clim, "cmap": "gray", "opacity": 1.0, "shade": False}
 
 
+def _small_labels(info: VolumeInfo) -> Keys:
+    """Return the key that makes labels small numbers where they are too many or too far apart, else nothing."""
+    if not info.is_integer:
+        return {}
+    if info.values is None or len(info.values) > MAX_LABELS:
+        return {"labels": "hashed"}
+    values, nothing = tuple(map(int, info.values.tolist())), int(_nothing(info))
+    is_far = values[-1] - values[0] > FARTHEST or max(-values[0], values[-1]) > MOST_EXACT / 4
+    return {"labels": (nothing, *(value for value in values if value != nothing))} if is_far else {}
+
+
+def _nothing(info: VolumeInfo) -> Any:
+    """Return the label of the background: 0 if it is the least one, else the most frequent one."""
+    assert info.values is not None, "labels are known"
+    assert info.counts is not None, "labels are known"
+    return info.values[0 if info.values[0] == 0 else info.counts.argmax()]
+
+
 def _labels(info: VolumeInfo, clim: Clim) -> Keys:
     """Keys for label maps: one colour a label; larger labels are paler and more transparent."""
-    if info.values is None or info.counts is None or len(info.values) > MAX_LABELS:
+    labels = _small_labels(info)
+    if labels or info.values is None or info.counts is None:
         low, high = clim or default_clim(info)
         opacity = _over(low, high, (0.0, 0.0), (0.02, 0.5), (1.0, 0.5))
-        return {"interpolation": "nearest", "clim": (low, high), "cmap": "glasbey", "opacity": opacity}
-    nothing = 0.0 if info.values[0] == 0 else info.values[info.counts.argmax()]
+        return {"interpolation": "nearest", "clim": (low, high), "cmap": "glasbey", "opacity": opacity, **labels}
+    nothing = _nothing(info)
     shown = info.values != nothing
     largest = max(1, int(info.counts[shown].max(initial=0)))
     cmap = list[tuple[float, ...]]()

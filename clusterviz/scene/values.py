@@ -195,6 +195,14 @@ class Volume(Section):
         description="The file holds points (a table, or meshes, lines, points or an unstructured grid of any format), "
         "and the volume is interpolated from the values of `array` there.",
     )
+    labels: tuple[int, ...] | Literal["hashed"] | None = Field(
+        default=None,
+        examples=[[0, 720575940621039145, 720575940621039146]],
+        description="The samples are labels, such as ids of cells, and are drawn as small numbers: a list of labels, "
+        "which are drawn as 0, 1, 2, …, and all others as its length; hashed: all are drawn as 1 to 511 by a hash, but "
+        "0 as 0. Keys with data values mean these numbers. The preset labels sets it where labels are too many or too "
+        "far apart for 32-bit floats.",
+    )
     spacing: Annotated[tuple[Positive, Positive, Positive], BeforeValidator(to_builtin)] | None = Field(
         default=None,
         examples=[[0.5, 0.5, 1.2]],

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 THIN = 1 / 8
 """Share of the second longest side of a box below which the shortest makes it thin."""
+MOST_EXACT = 2.0**53
+"""Up to which float64 holds all whole numbers."""
 LARGEST = float(np.finfo(np.float64).max)
 
 
@@ -31,8 +34,8 @@ class VolumeInfo:
     percentiles : pairs (q, value), exact
     blocks : float64 (2, z, y, x), minimum and maximum of each block; the last along an axis may be smaller
     block_sides : sides of a block along z, y and x, cells
-    values, counts : float64 (n,), int64 (n,), distinct values and their numbers of samples; None if the samples are not
-        whole numbers, or have too many distinct values
+    values, counts : (n,), int64 (n,), distinct values, float64 or 64-bit integers, and their numbers of samples; None
+        if the samples are not whole numbers, or have too many distinct values
     equal_share : share of equal pairs among neighbouring samples that do not both have the most frequent value
     jump_share : share of pairs that differ by more than 1 among unequal neighbouring samples
     """
@@ -52,7 +55,7 @@ class VolumeInfo:
     percentiles: tuple[tuple[float, float], ...] = ()
     blocks: NDArray[np.float64] | None = None
     block_sides: tuple[int, int, int] = (1, 1, 1)
-    values: NDArray[np.float64] | None = None
+    values: NDArray[np.number[Any]] | None = None
     counts: NDArray[np.int64] | None = None
     equal_share: float = 0.0
     jump_share: float = 0.0
@@ -61,6 +64,11 @@ class VolumeInfo:
     def has_histogram(self) -> bool:
         """Whether the values have a distribution: some are finite, and not all are equal."""
         return self.histogram is not None and bool(self.histogram.any()) and self.minimum < self.maximum
+
+    @property
+    def exceeds_floats(self) -> bool:
+        """Whether the samples are whole numbers that float64 does not tell apart: ids, not measured values."""
+        return self.is_integer and max(-self.minimum, self.maximum) > MOST_EXACT
 
     @property
     def is_acquired(self) -> bool:

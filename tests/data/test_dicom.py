@@ -16,6 +16,7 @@ from pydicom.dataset import Dataset
 
 from clusterviz.data import open_source
 from clusterviz.data.axes import Subset
+from clusterviz.errors import DataWarning
 
 NORMAL = np.array([-1.0, 0, 0])
 PLACED = np.array([[0, 0, -2.5, 1], [0.5, 0, 0, 2], [0, -0.75, 0, 3], [0, 0, 0, 1]])
@@ -83,7 +84,21 @@ def test_run_lengths_and_damaged_files(tmp_path: Path) -> None:
     cut(folder / "07.dcm", 40)
     refused(lambda: open_source(folder).read((0, 0, 0), SERIES.shape), "07.dcm", "cannot be decoded")
     cut(folder / "07.dcm", (folder / "07.dcm").stat().st_size - 140)
-    refused(lambda: open_source(folder), "07.dcm")
+    with pytest.warns(DataWarning, match=r"left out; found 07\.dcm"):
+        refused(lambda: open_source(folder), "missing slices")
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8"])
+@pytest.mark.parametrize("slope", [None, -0.5])
+def test_parametric_maps_hold_floats(tmp_path: Path, dtype: str, slope: float | None) -> None:
+    stored = np.linspace(-1, 1, 5 * 6 * 7, dtype=dtype).reshape(5, 6, 7)
+    folder = write(tmp_path / "a", stored, RescaleSlope=slope)
+    check_source(open_source(folder), (stored * np.float64(slope or 1)).astype(dtype))
+    refused(
+        lambda: open_source(write(tmp_path / "b", stored, BitsAllocated=16)),
+        "found 16 bits",
+        f"allowed {8 * int(dtype[1])}",
+    )
 
 
 def enhanced(array: np.ndarray) -> Dataset:
@@ -126,6 +141,31 @@ def test_several_series_in_a_folder(tmp_path: Path) -> None:
         check_source(open_source(folder, name), SERIES + 1)
     check_source(open_source(folder / "200.dcm"), SERIES)
     refused(lambda: open_source(folder, "4"), "no such series", "soft tissue")
+
+
+def test_foreign_files_are_left_out(tmp_path: Path) -> None:
+    folder = write(tmp_path / "a")
+    (folder / "notes.dcm").write_text("of the ward")
+    save_dicom(dicom(SERIES[0] + 1, np.zeros(3), SeriesInstanceUID=None), folder / "odd.dcm")
+    for path, left_out in ((folder, "notes.dcm, odd.dcm"), (folder / "07.dcm", "odd.dcm")):
+        with pytest.warns(DataWarning, match=f"in no series of DICOM are left out; found {left_out}"):
+            check_source(open_source(path), SERIES)
+    check_source(open_source(folder / "odd.dcm"), SERIES[:1] + 1)
+    check_source(open_source(write(tmp_path / "b", SeriesInstanceUID=None)), SERIES)
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "notes.dcm").write_text("of the ward")
+    refused(lambda: open_source(tmp_path / "c"), "notes.dcm", "wrong magic", "found text that begins 'of the ward'")
+
+
+def test_a_spacing_bridges_missing_slices(tmp_path: Path) -> None:
+    folder = write(tmp_path / "a", places=[0, 1, 2, 4, 5], Modality="CT")
+    refused(lambda: open_source(folder), "missing slices", r"or spacing: \[x, y, z\]")
+    with pytest.warns(DataWarning, match="missing slices are interpolated.* found 5 mm between 03.dcm and 10.dcm"):
+        source = open_source(folder, subset=Subset(spaced=True))
+    kept = SERIES.astype("f4")
+    check_source(source, np.insert(kept, 3, (kept[2] + kept[3]) / 2, axis=0))
+    check_placed(source, PLACED)
+    assert (source.grid.orientation, source.grid.modality) == ("LPS", "CT")
 
 
 SIDE = DICOM_TURNED[0]

@@ -340,6 +340,59 @@ def test_columns_of_a_table_are_vectors(tmp_path: Path) -> None:
     assert {name: array.tolist() for name, array in found.items()} == {"v": [[4, 5, 6]], "u": [[7, 8, 9]], "w_x": [0]}
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.tsv", "semicolons.txt"])
+def test_quotes_and_empty_fields_of_tables(name: str, tmp_path: Path) -> None:
+    text = '"name #1, of all",x,"y",z,"heat, K",no\n"a, b",1,2,3,,\n,4,"5",6,7.5, \n"c #2",7,8,9,-1e3,x # a comment\n'
+    for mark in {"a.csv": ",", "a.tsv": "\t"}.get(name, ";"):
+        (tmp_path / name).write_text(text.replace(",", mark))
+        points = read_geometry(tmp_path / name).points
+        np.testing.assert_array_equal(points.positions, [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
+        assert list(points.attributes) == [f"heat{mark} K"]
+        np.testing.assert_array_equal(points.attributes[f"heat{mark} K"], [np.nan, 7.5, -1e3])
+
+
+XYZ = "4\nEnergy=-1.5 # of a program\nN 0 0 0 0.1\n6 1 1 0 0.2\no 2.0 1 5e-1 0.3\nFe 5 5 5 0.4\n"
+
+
+def test_atoms_of_xyz_files(tmp_path: Path) -> None:
+    pytest.importorskip("gemmi")
+    path = tmp_path / "a.xyz"
+    path.write_text(XYZ)
+    atoms = read_geometry(path).points
+    np.testing.assert_array_equal(atoms.positions, PATH[:4])
+    assert atoms.attributes["element"].tolist() == [7, 6, 8, 26]
+    assert atoms.attributes["RGB"].tolist() == [[48, 80, 248], [144, 144, 144], [255, 13, 13], [224, 102, 51]]
+    assert atoms.attributes["radius"][:3] == pytest.approx([1.55, 1.7, 1.52])
+    path.write_text(XYZ + XYZ)
+    with pytest.warns(DataWarning, match="of several frames the first one is read"):
+        assert len(read_geometry(path).points.positions) == 4
+    path.write_text(XYZ.replace("Fe 5 5 5 0.4", "Fe five 5 5"))
+    refused(lambda: read_geometry(path), "not an atom", "found Fe five 5 5", "allowed an element, x, y and z")
+    path.write_text("9" + XYZ[1:])
+    refused(lambda: read_geometry(path), "truncated", "found 4 atoms")
+
+
+@pytest.mark.parametrize("kind", ["Float32LE", "Float32BE", "Float64LE", "Float64BE"])
+@pytest.mark.parametrize("marked", [True, False])
+def test_every_type_of_tck(kind: str, marked: bool, tmp_path: Path) -> None:
+    dtype = np.dtype(f"{'<' if kind.endswith('LE') else '>'}f{int(kind[5:7]) // 8}")
+    points = (PATH.astype(float) + 0.1).astype(dtype)
+    gap, end = np.full((1, 3), np.nan, dtype), np.full((1, 3), np.inf, dtype)
+    rows = [points[:3], gap, points[3:], *([gap] if marked else []), end]
+    head = f"mrtrix tracks\ncount: 2\ndatatype: {kind}\nfile: . 80\nEND\n".encode().ljust(80)
+    path = tmp_path / "a.tck"
+    path.write_bytes(head + b"".join(row.tobytes() for row in rows))
+    lines = read_geometry(path).lines
+    np.testing.assert_array_equal(lines.points, points)
+    assert (lines.points.dtype, lines.offsets.tolist()) == (dtype.newbyteorder("="), [0, 3, 5])
+    path.write_bytes(head + points.tobytes())
+    refused(lambda: read_geometry(path), "truncated: no end mark")
+    path.write_bytes(head + end.tobytes())
+    refused(lambda: read_geometry(path), "the header lies", "found 0 lines", "allowed 2")
+    path.write_bytes(head.replace(b"count: 2", b"count: 0") + end.tobytes())
+    assert read_geometry(path).lines.offsets.tolist() == [0]
+
+
 @pytest.mark.parametrize("name", ["pdb", "cif"])
 def test_atoms_have_radii_and_colours(name: str, tmp_path: Path) -> None:
     pytest.importorskip("gemmi")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
+import h5py
 import netCDF4
 import numpy as np
 import pytest
@@ -67,7 +69,29 @@ def test_values_are_those_of_the_library(tmp_path: Path, form: str) -> None:
 def test_types_of_classic_files(tmp_path: Path, dtype: str) -> None:
     array = values(dtype, (3, 4, 5))
     form = "NETCDF3_64BIT_DATA" if dtype[0] == "u" or dtype == "i8" else "NETCDF3_CLASSIC"
-    check_source(open_source(write(tmp_path / "a.nc", form, array, ("lev", "lat", "lon"))), array)
+    source = open_source(write(tmp_path / "a.nc", form, array, ("lev", "lat", "lon")))
+    if dtype in ("i2", "i4", "u2", "u4"):  # which have a value for samples that were never written, NaN
+        expected = array.astype(np.result_type(dtype, "f4"))
+        expected[array == (np.iinfo(dtype).max if dtype[0] == "u" else -np.iinfo(dtype).max)] = np.nan
+        array = expected
+    check_source(source, array)
+
+
+@pytest.mark.parametrize(
+    ("form", "dtype"), [*((form, "f4") for form in FORMS), *(("NETCDF4", t) for t in ("i2", "u4", "f8"))]
+)
+def test_samples_that_were_never_written(tmp_path: Path, form: str, dtype: str) -> None:
+    path = write(tmp_path / "a.nc", form, np.zeros((2, 3, 4, 5), "i2"))
+    with netCDF4.Dataset(path, "a") as file:
+        for name in ("part", "own"):
+            own = {"fill_value": np.dtype(dtype).type(-7 if dtype[0] != "u" else 7)} if name == "own" else {}
+            file.createVariable(name, dtype, ("lev", "lat", "lon"), **own)[:2] = np.arange(40).reshape(2, 4, 5)
+        expected = file["part"][:].filled(np.nan) if dtype[0] == "f" else file["part"][:].astype("f8").filled(np.nan)
+    assert np.isnan(expected[2]).all()
+    for name in ("part", "own"):
+        kept = expected.copy()
+        kept[0, 1, 2] = np.nan if name == "own" and dtype[0] == "u" else 7
+        check_source(open_source(path, name), kept.astype(np.result_type(dtype, "f4")))
 
 
 @pytest.mark.parametrize(
@@ -91,6 +115,12 @@ def test_unsigned_numbers_in_signed_ones_and_a_fill_value_beyond_the_type(tmp_pa
     expected[array == 255] = np.nan
     part = {"_Unsigned": "true", "_FillValue": np.int8(-1), "missing_value": 1e20}
     path = write(tmp_path / "a.nc", "NETCDF3_CLASSIC", array.view("i1"), ("lev", "lat", "lon"), **part)
+    check_source(open_source(path), expected)
+    short = array.astype("i2")
+    short[0, 0, :2] = -32767, -1
+    path = write(tmp_path / "b.nc", "NETCDF3_CLASSIC", short, ("lev", "lat", "lon"), _Unsigned="true")
+    expected = short.view("u2").astype("f4")
+    expected[0, 0, 0] = np.nan
     check_source(open_source(path), expected)
 
 
@@ -125,6 +155,38 @@ def test_uneven_coordinates_are_those_of_a_lattice(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("units", "steps", "found"),
+    [
+        (("m", "m", "km"), (1, 1, 1000), ""),
+        (("km", "km", "m"), (1, 1, 0.001), ""),
+        (("", "m", "m"), (1, 1, 1), ""),
+        (("furlong", "furlong", ""), (1, 1, 1), ""),
+        (("m", "m", "hPa"), (1, 1, -1), "m, m, hPa"),
+        (("degrees_east", "degrees_north", "degree"), (1, 1, 1), ""),
+        (("degrees_east", "degrees_north", ""), (1, 1, 1), "degrees, degrees, none"),
+        (("degrees_east", "degrees_north", "m"), (1, 1, 1), "degrees, degrees, m"),
+    ],
+)
+def test_axes_in_several_units(tmp_path: Path, units: tuple[str, ...], steps: tuple[float, ...], found: str) -> None:
+    lines = {"z": np.arange(3.0), "y": np.arange(4.0), "x": np.arange(5.0)}
+    path = writers.netcdf(tmp_path / "a.nc", values("f4", (3, 4, 5)), lines)
+    with h5py.File(path, "a") as file:
+        for name, unit in zip("xyz", units, strict=True):
+            file[name].attrs["units"] = unit
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_placed(open_source(path), np.diag([*steps, 1.0]))
+        told, caught[:] = [str(each.message) for each in caught], []
+        placed = open_volume(Volume(path=str(path), spacing=(1, 2, 3)))
+        assert not caught
+    assert placed.grid.spacing == (1, 2, 3)
+    assert len(told) == bool(found)
+    assert all(
+        "different units, whose numbers are taken as they are" in each and f"found {found};" in each for each in told
+    )
+
+
+@pytest.mark.parametrize(
     ("coordinates", "expected"),
     [
         ([10.0, 30.1, 50], [0, 1, 2]),
@@ -132,6 +194,8 @@ def test_uneven_coordinates_are_those_of_a_lattice(tmp_path: Path) -> None:
         ([1000.0, 925, 850, 700, 500], [0, 3, 6, 12, 20]),
         (np.array([0.1, 0.2, 0.4, 0.75], "f4"), [0, 2, 6, 13]),
         ([0.0, 1, 3**0.5, 3.7182818], [0, 15, 26, 56]),
+        (np.float32(359) + np.arange(700, dtype="f4") * np.float32(0.0009), list(range(700))),
+        (np.array([4000.0, 4000.001, 4000.003, 4000.004], "f4"), [0, 1, 3, 4]),
         (90 - np.degrees(np.arccos(np.polynomial.legendre.leggauss(640)[0])), list(range(640))),
         ([0.0, 1e-9, 1], "too fine a lattice"),
         ([0.0, 2, 1, 5], "impossible coordinates"),

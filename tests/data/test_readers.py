@@ -5,8 +5,11 @@ from __future__ import annotations
 import bz2
 import gzip
 import os
+import re
+import warnings
 import zipfile
 import zlib
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +23,21 @@ from data.checks import check_placed, check_source, cut, refused, values
 from data.writers import SHORTS
 from PIL import Image
 
-from clusterviz.data import EXTENSIONS, open_source, open_volume
+from clusterviz.data import (
+    EXTENSIONS,
+    GRID_EXTENSIONS,
+    MESH_EXTENSIONS,
+    open_source,
+    open_volume,
+    read_geometry,
+    read_grid,
+)
 from clusterviz.data.axes import Subset
 from clusterviz.data.formats.raw import KEYS
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.data.unread import AMREX, GADGET, UNREAD
+from clusterviz.errors import DataError, DataWarning, guard
 from clusterviz.scene import Volume
 
 ROOT = Path(__file__).parents[2]
@@ -42,6 +55,11 @@ STEPS = np.array([[0, 2, 0], [-3, 0, 0.5], [0, 0, 0.5]])
 PYNRRD = {"by": writers.pynrrd, "space": "LPS", "space directions": STEPS, "space origin": [1, 2, 3]}
 IMAGEJ = {"imagej": True, "resolution": (4, 2), "metadata": {"spacing": 3.5, "unit": "um", "axes": "ZYX"}}
 OME = {"axes": "ZYX", "PhysicalSizeX": 0.1, "PhysicalSizeY": 0.2, "PhysicalSizeZ": 0.5}
+NANOMETRES = {**OME, "PhysicalSizeX": 200.0, "PhysicalSizeY": 200.0, "PhysicalSizeZ": 1.0}
+NANOMETRES |= {"PhysicalSizeXUnit": "nm", "PhysicalSizeYUnit": "nm", "PhysicalSizeZUnit": "µm"}
+IMAGEJ_MIXED = {**IMAGEJ, "metadata": {**IMAGEJ["metadata"], "unit": "nm", "yunit": "nm", "zunit": "micron"}}
+ENDS = {"axis mins": "0 0 0", "axis maxs": "14 18 20"}
+ROOT = Path(__file__).parents[2]
 CELLS, EXTENT = "0 7 0 6 0 5", "2 8 -1 4 3 7"
 VTI = 'Origin="10 20 30" Spacing="2 3 4" WholeExtent='
 PLACED: list[tuple[str, dict[str, Any], str]] = [
@@ -60,6 +78,21 @@ PLACED: list[tuple[str, dict[str, Any], str]] = [
     ("a.h5", {"attributes": {"element_size_um": [4.0, 3, 2]}}, "2 0 0 0, 0 3 0 0, 0 0 4 0"),
     ("a.nrrd", PYNRRD, "0 -3 0 1, 2 0 0 2, 0 .5 .5 3"),
     ("a.nrrd", {"spacings": "2 3 4", "axis mins": "5 6 7"}, "2 0 0 5, 0 3 0 6, 0 0 4 7"),
+    ("a.nrrd", {**ENDS, "centerings": "cell cell cell"}, "2 0 0 1, 0 3 0 1.5, 0 0 4 2"),
+    ("a.nrrd", {**ENDS, "centers": "cell cell cell"}, "2 0 0 1, 0 3 0 1.5, 0 0 4 2"),
+    ("a.nrrd", ENDS, "2 0 0 1, 0 3 0 1.5, 0 0 4 2"),
+    (
+        "a.nrrd",
+        {"axismins": "0 0 20", "axismaxs": "12 15 4", "centers": "node node node"},
+        "2 0 0 0, 0 3 0 0, 0 0 -4 20",
+    ),
+    (
+        "a.nrrd",
+        {"spacings": "2 3 4", "axis mins": "5 6 nan", "axis maxs": "nan nan 20", "centers": "cell node cell"},
+        "2 0 0 6, 0 3 0 6, 0 0 4 2",
+    ),
+    ("a.nrrd", {"spacings": "200 200 1", "units": '"nm" "nm" "um"'}, "200 0 0 0, 0 200 0 0, 0 0 1000 0"),
+    ("a.nrrd", {**PYNRRD, "space units": ["mm", "mm", "cm"]}, "0 -3 0 1, 2 0 0 2, 0 5 5 30"),
     ("a.nrrd", {"spacings": "2 nan 4"}, "2 0 0 0, 0 1 0 0, 0 0 4 0"),
     ("a.vti", {"where": "CellData", "image": f'{VTI}"{CELLS}"', "piece": CELLS}, "2 0 0 11, 0 3 0 21.5, 0 0 4 32"),
     (
@@ -70,6 +103,9 @@ PLACED: list[tuple[str, dict[str, Any], str]] = [
     ("a.vtk", {}, "2 0 0 1, 0 3 0 2, 0 0 4 3"),
     ("a.tif", IMAGEJ, ".25 0 0 0, 0 .5 0 0, 0 0 3.5 0"),
     ("a.ome.tif", {"ome": True, "metadata": OME}, ".1 0 0 0, 0 .2 0 0, 0 0 .5 0"),
+    ("a.ome.tif", {"ome": True, "metadata": NANOMETRES}, "200 0 0 0, 0 200 0 0, 0 0 1000 0"),
+    ("a.ome.tif", {"ome": True, "metadata": {"axes": "ZYX", "PhysicalSizeZ": 0.5}}, "1 0 0 0, 0 1 0 0, 0 0 .5 0"),
+    ("a.tif", IMAGEJ_MIXED, ".25 0 0 0, 0 .5 0 0, 0 0 3500 0"),
     ("a.tif", {}, "1 0 0 0, 0 1 0 0, 0 0 1 0"),
 ]
 
@@ -79,6 +115,15 @@ def test_the_header_places_the_volume(name: str, options: dict[str, Any], expect
     source = open_source(writers.write(tmp_path / name, **options))
     check_source(source, SHORTS)
     check_placed(source, affine(expected))
+
+
+def test_units_that_differ_and_are_not_known_are_told(tmp_path: Path) -> None:
+    metadata = {**NANOMETRES, "PhysicalSizeZUnit": "pixel"}
+    path = writers.write(tmp_path / "a.ome.tif", ome=True, metadata=metadata)
+    with pytest.warns(
+        DataWarning, match="a.ome.tif: the axes have different units.* found nm, nm, pixel; allowed spacing"
+    ):
+        assert open_source(path).grid.spacing == (200, 200, 1)
 
 
 def test_a_scene_places_its_volume_where_it_says(tmp_path: Path) -> None:
@@ -513,6 +558,61 @@ def test_mrc_columns_rows_and_sections_may_be_any_axes(tmp_path: Path, order: tu
     check_placed(source, affine("2 0 0 22, 0 3 0 36, 0 0 4 52"))
 
 
+def test_old_mrc_files_leave_axes_and_intervals_blank(tmp_path: Path) -> None:
+    blank = dict.fromkeys(("w7", "w8", "w9", "w16", "w17", "w18"), 0)
+    path = writers.mrc(tmp_path / "a.mrc", SHORTS, **blank)
+    check_source(open_source(path), SHORTS)
+    check_placed(open_source(path), affine("2 0 0 0, 0 3 0 0, 0 0 4 0"))
+    writers.mrc(path, SHORTS, **blank, w10=0.0, w11=0.0, w12=0.0)
+    check_placed(open_source(path), np.eye(4))
+    refused(lambda: open_source(writers.mrc(path, SHORTS, w16=0)), "impossible axis order")
+    refused(lambda: open_source(writers.mrc(path, SHORTS, w7=0)), "impossible grid intervals")
+
+
+def test_a_singular_sform_gives_way_to_a_good_qform(tmp_path: Path) -> None:
+    turned = {"qform_code": 1, "pixdim": [1, 2, 3, 4, 1, 1, 1, 1], "quatern_d": 1.0, "qoffset_x": 5.0}
+    path = writers.nifti(tmp_path / "a.nii", SHORTS, np.zeros((4, 4)), **turned)
+    with pytest.warns(DataWarning, match="a.nii: the sform is singular: the qform is used"):
+        check_placed(open_source(path), affine("-2 0 0 5, 0 -3 0 0, 0 0 4 0"))
+    for changes in ({"quatern_b": 5.0}, {"qform_code": 0}):
+        path = writers.nifti(tmp_path / "a.nii", SHORTS, np.zeros((4, 4)), **turned | changes)
+        refused(lambda path=path: open_source(path), "singular placement")
+
+
+@pytest.mark.parametrize(
+    ("tag", "code", "found"), [(259, 50000, "ZSTD, predictor 2"), (259, 7, "JPEG"), (317, 3, "predictor 3")]
+)
+@pytest.mark.skipif(find_spec("imagecodecs") is not None, reason="imagecodecs decodes them")
+def test_codecs_of_tiff_that_are_not_installed(tag: int, code: int, found: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, SHORTS, photometric="minisblack", compression="zlib", predictor=2)
+    content = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as file:
+        for page in file.pages:
+            content[page.tags[tag].valueoffset : page.tags[tag].valueoffset + 2] = code.to_bytes(2, "little")
+    path.write_bytes(content)
+    refused(lambda: open_source(path), "needs the imagecodecs package", f"found .*{found}", "pip install imagecodecs")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ImportError("No module named 'snappy'"), "needs a package that is not installed: ImportError: No module"),
+        (NotImplementedError("v7"), "holds what is not supported"),
+        (OSError(5, "Input/output error"), r"the file cannot be read: OSError: \[Errno 5\]"),
+        (TypeError("unhashable"), "damaged, or a fault of the reader: TypeError: unhashable"),
+        (EOFError(), "damaged, or not a file of its kind"),
+        (ValueError("no number"), "damaged, or not a file of its kind: ValueError: no number"),
+    ],
+)
+def test_files_are_called_damaged_only_where_they_may_be(error: Exception, said: str) -> None:
+    def failing() -> None:
+        with guard(DataError, "a.xyz"):
+            raise error
+
+    refused(failing, f"^a.xyz: {said}")
+
+
 @pytest.mark.parametrize("packed", [None, "zlib"])
 @pytest.mark.parametrize("big", [False, True])
 def test_tiff_pages_tiles_and_big_files(tmp_path: Path, packed: str | None, big: bool) -> None:
@@ -675,9 +775,18 @@ def test_masks_palettes_and_colours(tmp_path: Path) -> None:
     Image.fromarray(mask).save(tmp_path / "mask.png")
     check_source(open_source(tmp_path / "mask.png"), mask.astype("u1")[None])
     painted = Image.fromarray(indices)
-    painted.putpalette(bytes(range(24)))
-    painted.save(tmp_path / "palette.png")
-    check_source(open_source(tmp_path / "palette.png"), indices[None])
+    painted.putpalette(bytes(reversed(range(24))))
+    folder = tmp_path / "painted"
+    folder.mkdir()
+    for name in "ab":
+        painted.save(folder / f"{name}.png")
+    grey = np.asarray(painted.convert("L"))
+    for path, count in ((folder / "a.png", 1), (folder, 2)):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            check_source(open_source(path), np.stack([grey] * count))
+        assert ["a.png: a picture with a palette: the luminance" in str(each.message) for each in told] == [True]
+        check_source(open_source(path, subset=Subset(channel="index")), np.stack([indices] * count))
     folder = fill(tmp_path / "stack", colours, ".png")
     check_source(open_source(folder, subset=Subset(channel="green")), colours[..., 1])
     refused(lambda: open_source(folder), "several channels", "red, green, blue")
@@ -694,7 +803,7 @@ def test_folders_that_are_no_stack(tmp_path: Path) -> None:
     refused(lambda: open_source(folder), "slices of several kinds", r"5 \.png", r"1 \.bmp")
     (tmp_path / "series").mkdir()
     (tmp_path / "series" / "IM0001").write_bytes(bytes(128) + b"DICM" + bytes(99))
-    refused(lambda: open_source(tmp_path / "series"), "IM0001", "no SeriesInstanceUID")
+    refused(lambda: open_source(tmp_path / "series"), "IM0001", "no picture")
     (tmp_path / "stacks").mkdir()
     tifffile.imwrite(tmp_path / "stacks" / "a.tif", layers, photometric="minisblack")
     refused(lambda: open_source(tmp_path / "stacks"), "not a slice", "5 layers")
@@ -711,3 +820,32 @@ def test_truncated_damaged_and_lying_pictures(tmp_path: Path) -> None:
     refused(lambda: open_source(path.with_suffix(".pgm")), "lies about its size", "a.pgm")
     path.write_bytes(b"GIF? no")
     refused(lambda: open_source(path), "wrong magic", "a.png")
+
+
+def test_formats_that_are_not_read_are_named(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "reference" / "data-formats.md").read_text()
+    read = {*EXTENSIONS, *MESH_EXTENSIONS, *GRID_EXTENSIONS}
+    for each in UNREAD:
+        assert each.name in page
+        for extension in each.extensions:
+            assert extension not in read
+            path = tmp_path / f"a{extension.upper()}"
+            refused(lambda path=path: open_source(path), "no such file")
+            path.write_text("anything")
+            for function in (open_source, read_geometry, read_grid):
+                refused(
+                    lambda path=path, function=function: function(path),
+                    f"{each.name} is not read",
+                    re.escape(each.remedy),
+                )
+    for name in (AMREX, GADGET):
+        assert name in page
+
+
+def test_simulations_that_are_not_read_are_named(tmp_path: Path) -> None:
+    (tmp_path / "plt00010").mkdir()
+    (tmp_path / "plt00010" / "Header").write_text("HyperCLaw-V1.1\n1\n")
+    refused(lambda: open_source(tmp_path / "plt00010"), "AMReX's plotfile is not read", "yt")
+    with h5py.File(tmp_path / "snapshot_010.hdf5", "w") as file:
+        file["PartType0/Coordinates"] = np.zeros((9, 3))
+    refused(lambda: open_source(tmp_path / "snapshot_010.hdf5"), "Gadget is not read", "columns x, y and z")

@@ -588,7 +588,11 @@ def test_missing_package_is_named(package: str, tmp_path: Path, monkeypatch: pyt
 
 @pytest.mark.parametrize(
     ("dtype", "error", "text"),
-    [("u1", 0.0, r"codec.*does not pack this type.*uint8.*float32.*wavelet"), ("i4", 1.0, "error.*floats only.*1.0")],
+    [
+        ("u1", 0.0, r"codec.*does not pack this type.*uint8.*float32.*wavelet"),
+        ("u4", 0.0, r"codec.*does not pack this type.*uint32.*float32, float64, int32, int64; wavelet"),
+        ("i4", 1.0, "error.*floats only.*1.0"),
+    ],
 )
 def test_zfp_refuses_what_it_does_not_pack(dtype: str, error: float, text: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=text):

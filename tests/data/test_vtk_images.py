@@ -228,6 +228,15 @@ def test_rectilinear_grids(tmp_path: Path) -> None:
         )
 
 
+def test_coordinates_that_are_even_within_their_type(tmp_path: Path) -> None:
+    x = (359.58 + 0.0009 * np.arange(7)).astype("f4")
+    assert np.ptp(np.diff(x)) > 0.02 * 0.0009
+    for array in (ARRAY, ARRAY[:-1, :-1, :-1].copy()):
+        path = vtr(tmp_path / "a.vtr", array, x)
+        path.write_text(path.read_text().replace('"Float64"', '"Float32"'))
+        assert open_source(path).grid.shape_zyx[2] == array.shape[2]
+
+
 def test_coordinates_that_are_none(tmp_path: Path) -> None:
     path = vtr(tmp_path / "a.vtr", ARRAY)
     text = path.read_text()

@@ -186,7 +186,7 @@ DICOM_TURNED = np.array([[0.0, 1, 0], [0, 0, -1]])  # directions of rows and col
 
 
 def dicom(array: np.ndarray, position: np.ndarray, **elements: Any) -> Any:
-    """A picture, as a scanner writes it; an element of None is left out."""
+    """A picture, as a scanner writes it, or as floats; an element of None is left out."""
     from pydicom import uid
     from pydicom.dataset import Dataset, FileMetaDataset
 
@@ -200,10 +200,15 @@ def dicom(array: np.ndarray, position: np.ndarray, **elements: Any) -> Any:
     known |= {"Rows": array.shape[-2], "Columns": array.shape[-1], "PixelSpacing": [0.75, 0.5], "BitsStored": bits}
     known |= {"ImagePositionPatient": list(position), "ImageOrientationPatient": DICOM_TURNED.ravel().tolist()}
     known |= {"HighBit": bits - 1, "PixelRepresentation": int(array.dtype.kind == "i")}
+    if array.dtype.kind == "f":
+        known |= dict.fromkeys(("BitsStored", "HighBit", "PixelRepresentation"))
+        known["DoubleFloatPixelData" if bits == 64 else "FloatPixelData"] = array.astype(f"<f{bits // 8}").tobytes()
     for key, value in (known | elements).items():
         if value is not None:
             setattr(found, key, value)
-    found.add_new("PixelData", "OB" if bits == 8 else "OW", array.astype(array.dtype.newbyteorder("<>"[big])).tobytes())
+    stored = array.astype(array.dtype.newbyteorder("<>"[big])).tobytes()
+    if array.dtype.kind != "f":
+        found.add_new("PixelData", "OB" if bits == 8 else "OW", stored)
     return found
 
 

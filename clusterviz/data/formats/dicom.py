@@ -1,14 +1,18 @@
 """DICOM series (a folder, or one file of it) and files with several frames; pydicom decodes them.
 
 Slices are sorted by their positions along their normal. The world is DICOM's: x to the left, y to the posterior, z to
-the superior, in mm. Slope and intercept are applied; samples stay integers if the slope is 1 and the intercept whole.
-Of several series in a folder, `array` is one, by number, description or UID. What is not one even stack of slices is
-refused: missing and double slices, slices that are shifted along themselves (gantry tilt), and slices of several sizes
-or orientations.
+the superior, in mm. Slope and intercept are applied; samples stay integers if the slope is 1 and the intercept whole,
+and floats stay floats (FloatPixelData, DoubleFloatPixelData). Of several series in a folder, `array` is one, by number,
+description or UID. Files of other kinds are left out with a warning.
+
+What is not one even stack of slices is refused: missing and double slices, slices that are shifted along themselves
+(gantry tilt), and slices of several sizes or orientations. With a spacing in the scene, missing slices are interpolated
+between their neighbours, as in `clusterviz.data.rectilinear`.
 
 References
 ----------
-DICOM PS3.3 2024, C.7.6.2 "Image Plane Module", C.7.6.16 "Multi-frame Functional Groups Module", C.11.1 "Modality LUT".
+DICOM PS3.3 2024, C.7.6.2 "Image Plane Module", C.7.6.16 "Multi-frame Functional Groups Module", C.7.6.24 "Floating
+Point Image Pixel Module", C.7.6.25 "Double Floating Point Image Pixel Module", C.11.1 "Modality LUT".
 """
 
 from __future__ import annotations
@@ -28,9 +32,10 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, readable, refuse_array, require_file, start_of
 from clusterviz.data.header import check_box, check_packed, check_size, make_grid
-from clusterviz.data.source import Grid, Index
+from clusterviz.data.rectilinear import RectilinearSource, line_of
+from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.cache import CACHE, Owner
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, warn_of_data
 
 EXTENSIONS = (".dcm", ".dicom", ".ima")
 TAGS = (
@@ -40,11 +45,15 @@ TAGS = (
     *("ImagePositionPatient", "ImageOrientationPatient", "RescaleSlope", "RescaleIntercept"),
     *("SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence", "GridFrameOffsetVector", "DoseGridScaling"),
 )
+PIXELS = {0x7FE00008: ("f", (32,)), 0x7FE00009: ("f", (64,)), 0x7FE00010: ("", (8, 16, 32))}
+"""Elements that hold samples: kind of their type, empty if PixelRepresentation tells it, and bits allocated."""
 DIRECTORY = "1.2.840.10008.1.3.10"
 """Class of lists of files (DICOMDIR)."""
 TOLERANCE = 0.02
 """Of the distance of slices, by which positions may be off; files state a few decimals."""
 MAX_LISTED = 8
+NO_SERIES = "no SeriesInstanceUID"
+"""Stands for the series of files that name none."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +62,7 @@ class Slice:
 
     Attributes
     ----------
-    kind : of rows, columns, bits allocated, bits stored, and whether they are signed
+    kind : of rows, columns, bits allocated, bits stored, and kind of type: u, i or f
     position : float64 (3,), world position of the first sample
     axes : float64 (3, 2), world steps from column to column and from row to row
     scale : (slope, intercept)
@@ -61,7 +70,7 @@ class Slice:
 
     path: Path
     frame: int
-    kind: tuple[int, int, int, int, bool]
+    kind: tuple[int, int, int, int, str]
     position: NDArray[np.float64]
     axes: NDArray[np.float64]
     scale: tuple[float, float]
@@ -94,7 +103,7 @@ def is_dicom(path: Path) -> bool:
     return path.is_file() and (path.suffix.lower() in EXTENSIONS or kind_of(start_of(path)) == "DICOM")
 
 
-def open_dicom(path: Path, subset: Subset) -> DicomSource:
+def open_dicom(path: Path, subset: Subset) -> Source:
     """Open a file of several frames, or the series in its folder that a file belongs to.
 
     Raises
@@ -110,10 +119,10 @@ def open_dicom(path: Path, subset: Subset) -> DicomSource:
     with readable(path.parent):
         beside = sorted(file for file in path.parent.iterdir() if file.suffix == path.suffix and file.is_file())
         files = [file for file in beside if file == path or kind_of(start_of(file)) == "DICOM"]
-    return open_series(files, replace(subset, array=subset.array or str(header.get("SeriesInstanceUID"))), str(path))
+    return open_series(files, replace(subset, array=subset.array or _series_of(header)), str(path))
 
 
-def open_series(files: Sequence[Path], subset: Subset, where: str) -> DicomSource:
+def open_series(files: Sequence[Path], subset: Subset, where: str) -> Source:
     """Open a series of DICOM files.
 
     Parameters
@@ -128,16 +137,7 @@ def open_series(files: Sequence[Path], subset: Subset, where: str) -> DicomSourc
         pydicom or a decoder is not installed, damaged files, several series and none named, no such series, colours,
         or slices that are no even stack.
     """
-    series = dict[str, list[tuple[Path, Any]]]()
-    for file in files:
-        header = _header(file)
-        if header.file_meta.get("MediaStorageSOPClassUID") != DIRECTORY:
-            series.setdefault(str(header.get("SeriesInstanceUID", "")), []).append((file, header))
-    for uid, members in list(series.items()):
-        if not uid:
-            raise DataError("damaged: no SeriesInstanceUID", where=str(members[0][0]))
-        if len(series) > 1 and not any("Rows" in header for _, header in members):  # reports, plans
-            del series[uid]
+    series = _members(files, subset.array, where)
     names = {uid: _names(members[0][1]) for uid, members in series.items()}
     told = [f"{' '.join(names[uid]) or uid} ({len(members)})" for uid, members in series.items()]
     listed = ", ".join(told[:MAX_LISTED]) + (", …" if len(told) > MAX_LISTED else "")
@@ -150,6 +150,37 @@ def open_series(files: Sequence[Path], subset: Subset, where: str) -> DicomSourc
     members = series[found[0]]
     slices = [each for file, header in members for each in _frames(file, header)]
     return _stack(slices, subset, where, str(members[0][1].get("Modality") or ""))
+
+
+def _members(files: Sequence[Path], array: str | None, where: str) -> dict[str, list[tuple[Path, Any]]]:
+    """Return files and headers by series; warn of what is no DICOM, or is in no series beside files that are in one."""
+    series, foreign = dict[str, list[tuple[Path, Any]]](), dict[Path, DataError]()
+    for file in files:
+        try:
+            header = _header(file)
+        except DataError as error:
+            if kind_of(start_of(file)) == "DICOM" or len(files) == 1:
+                raise
+            foreign[file] = error
+            continue
+        if header.file_meta.get("MediaStorageSOPClassUID") != DIRECTORY:
+            series.setdefault(_series_of(header), []).append((file, header))
+    if len(series) > 1 and array != NO_SERIES:
+        foreign |= {file: DataError(NO_SERIES, where=str(file)) for file, _ in series.pop(NO_SERIES, [])}
+    for uid, members in list(series.items()):
+        if len(series) > 1 and not any("Rows" in header for _, header in members):  # reports, plans
+            del series[uid]
+    if foreign and not series:
+        raise next(iter(foreign.values()))
+    if foreign:
+        more = ", …" if len(foreign) > MAX_LISTED else ""
+        found = ", ".join(file.name for file in list(foreign)[:MAX_LISTED]) + more
+        warn_of_data("files that are in no series of DICOM are left out", where=where, found=found)
+    return series
+
+
+def _series_of(header: Any) -> str:
+    return str(header.get("SeriesInstanceUID") or NO_SERIES)
 
 
 def _names(header: Any) -> list[str]:
@@ -175,11 +206,20 @@ def _silence(package: Any) -> None:
 
 
 def _header(path: Path) -> Any:
-    """Return the elements of `TAGS` that a file has, and its transfer syntax."""
+    """Return the elements of `TAGS` that a file has, its transfer syntax, and as `pixels` the tag of its samples."""
     require_file(path)
-    package = _pydicom(str(path))
+    package, reached = _pydicom(str(path)), [0]
+
+    def at_pixels(tag: int, *_: object) -> bool:
+        reached[0] = tag
+        return tag in PIXELS
+
+    tags = [package.tag.Tag(name) for name in TAGS]
     try:
-        return package.dcmread(path, stop_before_pixels=True, specific_tags=list(TAGS))
+        with path.open("rb") as file:
+            header = import_module("pydicom.filereader").read_partial(file, at_pixels, specific_tags=tags)
+        header.pixels = reached[0]
+        return header
     except Exception as error:  # a damaged header makes pydicom raise many kinds
         found = kind_of(start_of(path))
         raise DataError(
@@ -196,11 +236,13 @@ def _frames(path: Path, header: Any) -> list[Slice]:
     if samples != 1 or not colours.startswith("MONOCHROME"):
         found = f"{colours}, {samples} samples a pixel"
         raise DataError("not a scalar volume", where=where, found=found, allowed="MONOCHROME1, MONOCHROME2")
-    bits = int(header.BitsAllocated)
-    if bits not in (8, 16, 32):
-        raise DataError("unsupported", where=where, found=f"{bits} bits allocated", allowed="8, 16, 32")
-    stored, signed = int(header.get("BitsStored") or bits), bool(header.get("PixelRepresentation"))
-    form = int(header.Rows), int(header.Columns), bits, min(stored, bits), signed
+    kind, widths = PIXELS.get(header.pixels, ("", (8, 16, 32)))
+    bits, kind = int(header.BitsAllocated), kind or ("i" if header.get("PixelRepresentation") else "u")
+    if bits not in widths:
+        found, allowed = f"{bits} bits allocated", ", ".join(map(str, widths))
+        raise DataError("unsupported", where=where, found=found, allowed=allowed)
+    stored = bits if kind == "f" else int(header.get("BitsStored") or bits)
+    form = int(header.Rows), int(header.Columns), bits, min(stored, bits), kind
     shared = (header.get("SharedFunctionalGroupsSequence") or [{}])[0]
     offsets = [float(offset) for offset in header.get("GridFrameOffsetVector") or ()] or [0.0]  # of doses
     frames = header.get("PerFrameFunctionalGroupsSequence") or [{}] * len(offsets)
@@ -244,7 +286,7 @@ def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     return vector / (float(np.linalg.norm(vector)) or 1.0)
 
 
-def _check_data(path: Path, header: Any, frames: int, form: tuple[int, ...]) -> None:
+def _check_data(path: Path, header: Any, frames: int, form: tuple[int, int, int, int, str]) -> None:
     """Check that a file can hold its samples, and that something can decode them."""
     where, size, needed = str(path), require_file(path), frames * form[0] * form[1] * form[2] // 8
     syntax = header.file_meta.get("TransferSyntaxUID") if hasattr(header, "file_meta") else None
@@ -262,17 +304,17 @@ def _check_data(path: Path, header: Any, frames: int, form: tuple[int, ...]) -> 
         raise DataError("no decoder is installed", where=where, found=syntax.name, allowed=allowed)
 
 
-def _stack(slices: list[Slice], subset: Subset, where: str, modality: str) -> DicomSource:
+def _stack(slices: list[Slice], subset: Subset, where: str, modality: str) -> Source:
     """Return the volume of slices, which are sorted here."""
     first = slices[0]
-    rows, columns, bits, stored, signed = first.kind
+    rows, columns, bits, stored, kind = first.kind
     for each in slices[1:]:
         if each.kind != first.kind:
             raise DataError(
                 "not of one size and type with the first slice",
                 where=str(each.path),
-                found="{1} x {0}, {3} of {2} bits, signed {4}".format(*each.kind),
-                allowed="{1} x {0}, {3} of {2} bits, signed {4}".format(*first.kind),
+                found="{1} x {0}, {3} of {2} bits, type {4}".format(*each.kind),
+                allowed="{1} x {0}, {3} of {2} bits, type {4}".format(*first.kind),
             )
         if np.abs(each.axes - first.axes).max() > 1e-3 * np.abs(first.axes).max():
             raise DataError(
@@ -283,15 +325,27 @@ def _stack(slices: list[Slice], subset: Subset, where: str, modality: str) -> Di
             )
     normal = _unit(np.cross(first.axes[:, 0], first.axes[:, 1]))
     slices = sorted(slices, key=lambda each: float(each.position @ normal))
-    step = _step(slices, normal, where) if len(slices) > 1 else normal
-    grid = make_grid((len(slices), rows, columns), np.column_stack([first.axes, step]), slices[0].position, where)
+    step, layers = _layers(slices, normal, subset.spaced, where) if len(slices) > 1 else (normal, np.zeros(1, int))
+    shape = int(layers[-1]) + 1, rows, columns
+    grid = make_grid(shape, np.column_stack([first.axes, step]), slices[0].position, where)
+    grid = replace(grid, orientation="LPS", modality=modality)
     select(grid.shape_zyx, "ZYX", subset, where)
-    dtype = _dtype([each.scale for each in slices], bits, stored, signed)
-    return DicomSource(where, replace(grid, orientation="LPS", modality=modality), dtype, tuple(slices))
+    dtype = _dtype([each.scale for each in slices], bits, stored, kind)
+    stack = DicomSource(where, replace(grid, shape_zyx=(len(slices), rows, columns)), dtype, tuple(slices))
+    if shape == stack.grid.shape_zyx:
+        return stack
+    return RectilinearSource(stack, grid, (layers, np.arange(rows), np.arange(columns)))
 
 
-def _step(slices: Sequence[Slice], normal: NDArray[np.float64], where: str) -> NDArray[np.float64]:
-    """Return the world step from slice to slice, after checks that all steps are equal."""
+def _layers(
+    slices: Sequence[Slice], normal: NDArray[np.float64], spaced: bool, where: str
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the world step from layer to layer of the volume, and the layers that are stored.
+
+    Parameters
+    ----------
+    spaced : the scene has a spacing: missing slices are layers that are not stored; else they are an error
+    """
     places = np.stack([each.position for each in slices])
     gaps = np.diff(places @ normal)
     usual = float(np.median(gaps))
@@ -305,27 +359,33 @@ def _step(slices: Sequence[Slice], normal: NDArray[np.float64], where: str) -> N
         at = int(uneven[np.argmax(gaps[uneven])])
         found = f"{gaps[at]:g} mm between {_named(slices[at])} and {_named(slices[at + 1])}"
         what = "missing slices" if gaps[at] > 1.5 * usual else "uneven slices"
-        raise DataError(what, where=where, found=found, allowed=f"{usual:g} mm between slices")
-    step: NDArray[np.float64] = (places[-1] - places[0]) / (len(slices) - 1)
-    aside, off_line = step - normal * (step @ normal), places - places[0] - step * np.arange(len(slices))[:, None]
+        if not spaced:
+            allowed = (
+                f"{usual:g} mm between slices; or spacing: [x, y, z] of the volume, which interpolates between them"
+            )
+            raise DataError(what, where=where, found=found, allowed=allowed)
+        warn_of_data(f"{what} are interpolated between their neighbours", where=where, found=found)
+    layers = np.arange(len(slices)) if not len(uneven) else line_of(places @ normal, True, "of slices", where).places
+    step: NDArray[np.float64] = (places[-1] - places[0]) / layers[-1]
+    aside, off_line = step - normal * (step @ normal), places - places[0] - step * layers[:, None]
     if max(np.linalg.norm(aside), np.abs(off_line).max()) > TOLERANCE * usual:
         lateral = places - places[0] - np.outer((places - places[0]) @ normal, normal)
         found = f"slices up to {np.linalg.norm(lateral, axis=1).max():.3g} mm beside the normal through the first one"
         allowed = "slices above one another; dcm2niix and 3D Slicer correct a gantry tilt"
         raise DataError("shifted slices (gantry tilt)", where=where, found=found, allowed=allowed)
-    return step
+    return step, layers
 
 
 def _named(each: Slice) -> str:
     return f"{each.path.name}:{each.frame}" if each.frame else each.path.name
 
 
-def _dtype(scales: Sequence[tuple[float, float]], bits: int, stored: int, signed: bool) -> np.dtype[Any]:
-    """Return the type of data values: the smallest integers that hold them, or float32 (float64 for 32 bits)."""
-    kept = np.dtype(f"{'i' if signed else 'u'}{bits // 8}")
-    if all(slope == 1 and shift == int(shift) for slope, shift in scales):
+def _dtype(scales: Sequence[tuple[float, float]], bits: int, stored: int, kind: str) -> np.dtype[Any]:
+    """Return the type of data values: that of floats, the smallest integers that hold them, or float32 or float64."""
+    kept = np.dtype(f"{kind}{bits // 8}")
+    if kind != "f" and all(slope == 1 and shift == int(shift) for slope, shift in scales):
         shifts = [int(shift) for _, shift in scales]
-        low = -(1 << (stored - 1)) if signed else 0
+        low = -(1 << (stored - 1)) if kind == "i" else 0
         for dtype in (kept, *map(np.dtype, ("i2", "i4", "i8"))):
             limits = np.iinfo(dtype)
             if limits.min <= low + min(shifts) and low + (1 << stored) - 1 + max(shifts) <= limits.max:
@@ -336,14 +396,14 @@ def _dtype(scales: Sequence[tuple[float, float]], bits: int, stored: int, signed
 def _decode(one: Slice, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return a slice with its data values, (rows, columns)."""
     pixels = import_module("pydicom.pixels")
-    rows, columns, bits, stored, signed = one.kind
+    rows, columns, bits, stored, kind = one.kind
     try:
         # `raw` leaves the values as they are stored.
         found = np.asarray(pixels.pixel_array(one.path, index=one.frame, raw=True)).reshape(rows, columns)
     except Exception as error:  # decoders raise many kinds
         raise DataError(f"the picture cannot be decoded: {error}", where=str(one.path)) from error
     if stored < bits:  # other bits may hold an overlay
-        integer = np.dtype(f"{'i' if signed else 'u'}{bits // 8}")
+        integer = np.dtype(f"{kind}{bits // 8}")
         found = (found.astype(integer) << (bits - stored)) >> (bits - stored)
     slope, shift = one.scale
     if dtype.kind in "iu":

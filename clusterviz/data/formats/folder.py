@@ -4,7 +4,8 @@ A folder without pictures may hold a DICOM series: see `clusterviz.data.formats.
 
 All slices must have the same size and type. The spacing within a slice is that of the first one; between slices it is 1
 unless the scene sets it. Hidden files and files that are not pictures are ignored. Pillow reads pictures other than
-TIFF: samples are grey values or palette indices, or the `channel` of colours, which Pillow reduces from 16 to 8 bits.
+TIFF: samples are grey values, or the `channel` of colours, which Pillow reduces from 16 to 8 bits. Of a picture with a
+palette they are the luminance of its colours, or with `channel: index` its indices, which label maps have.
 """
 
 from __future__ import annotations
@@ -25,8 +26,11 @@ from clusterviz.data.formats.tiff import open_tiff
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.header import check_box, check_packed
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.errors import DataError
+from clusterviz.data.unread import check_folder
+from clusterviz.errors import DataError, warn_of_data
 
+PALETTE = ("luminance", "index")
+"""Channels of a picture with a palette."""
 NAMES = {"R": "red", "G": "green", "B": "blue", "A": "alpha", "L": "grey"}
 TYPES = {"1": "u1", "I;16": "u2", "I;16L": "u2", "I;16B": "u2", "I;16N": "u2", "I": "i4", "F": "f4"}
 
@@ -50,7 +54,10 @@ class PictureSource:
             return np.empty(shape, self.dtype)
         try:
             with Image.open(self.path) as image:
-                pixels = np.asarray(image).reshape(self.slab.shape)
+                pixels = np.asarray(image)
+                if image.mode == "P":
+                    pixels = np.stack([np.asarray(image.convert("L")), pixels], axis=-1)
+                pixels = pixels.reshape(self.slab.shape)
         except Exception as error:  # decoders raise many kinds
             raise DataError(f"the picture cannot be decoded: {error}", where=self.name) from error
         (_, y, x), (_, y_end, x_end) = begin_zyx, end_zyx
@@ -72,9 +79,14 @@ def open_picture(path: Path, subset: Subset) -> PictureSource:
     try:
         with Image.open(path) as image:
             mode, bands, (width, height) = image.mode, image.getbands(), image.size
+            bands = PALETTE if mode == "P" else bands
     except Exception as error:  # each decoder has its own kind
         raise DataError(f"wrong magic or damaged: {error}", where=str(path)) from error
     dtype = np.dtype(TYPES.get(mode, "u1"))
+    if bands == PALETTE and subset.channel is None:
+        text = "a picture with a palette: the luminance of its colours is drawn"
+        warn_of_data(text, where=str(path), allowed="channel: index for its indices, as of labels")
+        subset = replace(subset, channel=0)
     slab = select((height, width, len(bands)), "YXC", subset, str(path), [NAMES.get(band, band) for band in bands])
     check_packed(size, slab.samples * dtype.itemsize, "TIFF", str(path))
     return PictureSource(f"{path}{slab.label}", Grid(slab.shape_zyx), dtype, path, slab)
@@ -130,6 +142,7 @@ def open_folder(path: Path, subset: Subset) -> Source:
         dicom = [] if files else sorted(filter(is_dicom, held))
     if dicom:
         return open_series(dicom, subset, where)
+    check_folder(path)
     kinds = Counter(file.suffix.lower() for file in files)
     if len(kinds) != 1:
         found = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
@@ -141,6 +154,8 @@ def open_folder(path: Path, subset: Subset) -> Source:
     spacing = (*first.grid.spacing[:2], 1.0)
     grid = replace(first.grid, shape_zyx=(len(files), y, x), spacing=spacing)
     slab = getattr(first, "slab", None)
+    if slab is not None and slab.channels > 1:  # the other slices have nothing to choose
+        subset = replace(subset, channel=slab.channel)
     return FolderSource(where + (slab.label if slab else ""), grid, first.dtype, tuple(files), subset, slab)
 
 

@@ -8,9 +8,9 @@ them the coordinate variables of a netCDF file define the grid; uneven ones as i
 
 By the CF conventions an axis is x, y or z of the world, in whatever order a file has them, and a coordinate that is
 `positive` downwards is negated. Longitude and latitude stay degrees: there is no projection. `_FillValue`,
-`missing_value`, `valid_min`, `valid_max` and `valid_range` make samples NaN, and `scale_factor` and `add_offset` are
-applied. The samples are then float32, or float64 if float32 cannot hold the stored type. `_Unsigned` makes integers
-unsigned.
+`missing_value`, `valid_min`, `valid_max` and `valid_range` make samples NaN, as does what netCDF fills in where nothing
+was written, and `scale_factor` and `add_offset` are applied. The samples are then float32, or float64 if float32 cannot
+hold the stored type. `_Unsigned` makes integers unsigned.
 
 Limit: a damaged file that crashes the HDF5 library ends the rank, and with it the job, without a DataError. 5 of
 144,000 damaged files did, all by a chunk shorter than its checksum. Chunks are therefore checked before they are read;
@@ -20,13 +20,13 @@ time in every rank at every start, and would not detect what reading the samples
 References
 ----------
 NetCDF Climate and Forecast (CF) Metadata Conventions 1.11, sections 2.5.1, 4 and 8.1.
-NetCDF User's Guide, appendix A, "Attribute Conventions" (`_Unsigned`).
+NetCDF User's Guide, appendix A, "Attribute Conventions" (`_Unsigned`), and "Fill Values".
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,8 @@ from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.rectilinear import Line, even_line, line_of, placed
 from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.units import axis_factors, unit_factors
+from clusterviz.data.unread import GADGET
 from clusterviz.errors import DataError
 
 MAX_COORDINATES = 1 << 24  # samples along an axis whose coordinates are read
@@ -83,6 +85,15 @@ class CfValues:
         return values
 
 
+FILLED: dict[str, Any] = {
+    "i2": np.int16(-32767),
+    "i4": np.int32(-2147483647),
+    "u2": np.uint16(65535),
+    "u4": np.uint32(4294967295),
+    "f4": np.float32(9.969209968386869e36),
+    "f8": np.float64(9.969209968386869e36),
+}
+"""What netCDF fills in by type where nothing was written. It notes this in files of HDF5; classic ones do not tell."""
 AS_STORED = CfValues((), (-np.inf, np.inf), (1.0, 0.0))
 
 
@@ -182,6 +193,9 @@ def _choose(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
             raise DataError("no such array", where=str(path), found=subset.array, allowed=listed)
         return held[subset.array.lstrip("/")]
     volumes = [item for item in held.values() if item.shape and len(item.shape) > 2]
+    if not volumes and any(name.startswith("PartType") for name in held):
+        allowed = "a table of its particles with columns x, y and z, as .csv or .npy"
+        raise DataError(f"{GADGET} is not read", where=str(path), allowed=allowed)
     if subset.vectors:
         volumes = [item for item in volumes if _channels(item, subset) == 3]
     spatial = [item for item in volumes if _letters(item, subset).count("Z") == 3]
@@ -286,11 +300,39 @@ def _on_grid(source: Hdf5Source, subset: Subset, where: str) -> Source:
         told[told.index("")] = rest[0]
     if sorted(told) != ["X", "Y", "Z"]:
         told = ["X", "Y", "Z"]
+    units = [_unit(scales[axis]) if slab.shape[axis] > 1 else "" for axis in kept] + [""] * (3 - len(kept))
+    lines = _in_one_unit(lines, units, told, subset.spaced, where)
     axes = np.zeros((3, 3))
     for column, (letter, sign) in enumerate(zip(told, signs, strict=True)):
         axes["XYZ".index(letter), column] = sign
     found: Source = placed(source, lines, axes, subset.spaced)
     return found
+
+
+def _unit(scale: Any) -> str:
+    """Return the unit of the coordinates of an axis: "degrees" for all kinds of degrees, "none" without one."""
+    unit = _text(scale, "units").strip()
+    return "degrees" if unit.lower().startswith("degree") else unit or "none"
+
+
+def _in_one_unit(
+    lines: Sequence[Line], units: Sequence[str], told: Sequence[str], spaced: bool, where: str
+) -> list[Line]:
+    """Return lines in the unit of x; where there is no common unit, as they are, and warn of it.
+
+    Parameters
+    ----------
+    units : of the lines; empty where there is one sample
+    told : axes of the world along which the lines run: X, Y and Z
+    spaced : the scene has a spacing, so nobody is warned
+    """
+    if "degrees" not in units:  # numbers of layers beside lengths are of any unit, but not beside degrees
+        units = [unit.replace("none", "") for unit in units]
+    order = sorted(range(3), key=lambda n: told[n])
+    ordered = [units[n] for n in order]
+    factors = (unit_factors(ordered) or [1.0] * 3) if spaced else axis_factors(ordered, where)
+    each = [factors[order.index(n)] for n in range(3)]
+    return [replace(line, first=line.first * f, step=line.step * f) for line, f in zip(lines, each, strict=True)]
 
 
 def _line(scale: Any, count: int, spaced: bool, where: str) -> Line:
@@ -322,6 +364,18 @@ def _cf_values(dataset: Any, dtype: np.dtype[Any], where: str) -> CfValues:
 
     lows, highs = numbers("valid_min"), numbers("valid_max")
     low, high = numbers("valid_range") or [lows[0] if lows else -np.inf, highs[0] if highs else np.inf]
-    missing = tuple(numbers("_FillValue") + numbers("missing_value"))
+    filled = () if "_FillValue" in dataset.attrs else _filled(dataset, stored or dtype)
+    missing = (*numbers("_FillValue"), *numbers("missing_value"), *filled)
     slope, intercept = (numbers("scale_factor") or [1.0])[0], (numbers("add_offset") or [0.0])[0]
     return CfValues(missing, (low, high), (slope, intercept), stored)
+
+
+def _filled(dataset: Any, stored: np.dtype[Any]) -> tuple[float, ...]:
+    """Return the stored value of netCDF's samples that were never written, if the dataset has it.
+
+    Integers of 64 bits have none here: they may be labels, which floats do not hold.
+    """
+    default = FILLED.get(dataset.dtype.str[1:])
+    if default is None or getattr(dataset, "fillvalue", default) != default:
+        return ()
+    return (float(default.view(stored.newbyteorder("="))),)

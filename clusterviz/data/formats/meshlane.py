@@ -56,7 +56,10 @@ def read_meshlane(path: Path) -> UnstructuredGrid:
     said = io.StringIO()
     size = path.stat().st_size
     with limited_time(size, where), limited_memory(size), redirect_stdout(said), redirect_stderr(said):  # its warnings
-        mesh = package._helpers.reader_map[name](where)
+        try:
+            mesh = package._helpers.reader_map[name](where)
+        except package.ReadError as error:
+            raise DataError(f"meshlane does not read the file: {error or said.getvalue()}", where=where) from error
     return grid_of_blocks(mesh, where)
 
 

@@ -2,7 +2,8 @@
 
 Modes 0 (int8; uint8 if IMOD's stamp says so), 1 (int16), 2 (float32), 6 (uint16) and 12 (float16). The byte order comes
 from the machine stamp, the spacing and the axes' angles from the unit cell (Å), the origin from the start indices or,
-if those are zero, from the ORIGIN field of MRC-2014. Columns, rows and sections may be any of x, y and z.
+if those are zero, from the ORIGIN field of MRC-2014. Columns, rows and sections may be any of x, y and z. Old files
+leave axes and intervals blank: then columns lie along x, and the unit cell holds the samples.
 
 References
 ----------
@@ -12,6 +13,7 @@ Cheng et al., MRC2014: extensions to the MRC format header, J. Struct. Biol. 192
 from __future__ import annotations
 
 import gzip
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,7 +56,7 @@ def open_mrc(path: Path, subset: Subset) -> StridedSource:
     words = np.frombuffer(header, order + "i4")
     stored = _stored_dtype(words, header, order, where)
     sizes = check_shape(words[2::-1].tolist(), where)  # sections, rows, columns
-    xyz_of_column_row_section = words[16:19].tolist()
+    xyz_of_column_row_section = words[16:19].tolist() if words[16:19].any() else [1, 2, 3]
     if sorted(xyz_of_column_row_section) != [1, 2, 3]:
         raise DataError(
             "impossible axis order", where=where, found=xyz_of_column_row_section, allowed="1, 2, 3 in any order"
@@ -64,7 +66,7 @@ def open_mrc(path: Path, subset: Subset) -> StridedSource:
     shape_zyx = tuple(sizes[file_axes.index(a)] for a in range(3))
     select(shape_zyx, "ZYX", subset, where)
     start_xyz = np.array([words[4 + xyz_of_column_row_section.index(a)] for a in (1, 2, 3)], float)
-    steps = _cell_steps(words, where)
+    steps = _cell_steps(words, shape_zyx[::-1], where)
     origin = steps @ start_xyz if start_xyz.any() else words[49:52].view(order + "f4").astype(float)
     grid = replace(make_grid(check_shape(shape_zyx, where), steps, origin, where), modality="density")
     offset = HEADER_BYTES + max(0, int(words[23]))  # the extended header: symmetry records
@@ -105,10 +107,10 @@ def _stored_dtype(words: NDArray[Any], header: bytes, order: str, where: str) ->
     return np.dtype(order + MODES[mode])
 
 
-def _cell_steps(words: NDArray[Any], where: str) -> NDArray[np.float64]:
+def _cell_steps(words: NDArray[Any], counts_xyz: Sequence[int], where: str) -> NDArray[np.float64]:
     """Return the steps along the cell axes in Å, float64 (3, 3), a column each; a lies along x, b in the xy plane."""
     cell = words[10:16].view(words.dtype.str.replace("i", "f")).astype(float)
-    intervals = words[7:10].astype(float)
+    intervals = (words[7:10] if words[7:10].any() else np.array(counts_xyz)).astype(float)
     if not (intervals > 0).all():
         raise DataError("impossible grid intervals", where=where, found=intervals, allowed="1 or more")
     if not cell[:3].any():

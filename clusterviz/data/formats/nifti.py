@@ -1,25 +1,28 @@
 """NIfTI-1 and -2 (.nii, .nii.gz), of neuroimaging; nibabel reads the header.
 
-The world is the header's (right, anterior, superior; usually mm), by nibabel's choice of affine: sform, else qform,
-else the voxel sizes. `scl_slope` and `scl_inter` are applied; the samples are then float32, or float64 if float32
-cannot hold the stored type. The fourth axis is time, the fifth the components of vectors (channels).
+The world is the header's (right, anterior, superior; usually mm): by its sform, else qform, else the voxel sizes, as
+its codes say; the qform also for an sform that is singular. `scl_slope` and `scl_inter` are applied; the samples are
+then float32, or float64 if float32 cannot hold the stored type. The fourth axis is time, the fifth the components of
+vectors (channels).
 """
 
 from __future__ import annotations
 
 import gzip
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
 from clusterviz.data.header import check_dtype, check_packed, check_size, make_grid
 from clusterviz.data.storage import FileBytes, FileRange, Storage, StreamBytes
 from clusterviz.data.strided import StridedSource
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, warn_of_data
 
 
 def open_nifti(path: Path, subset: Subset) -> StridedSource:
@@ -65,7 +68,7 @@ def _read_header(path: Path) -> tuple[Any, Any, str]:
         if not isinstance(image, nibabel.Nifti1Image):
             raise DataError("not NIfTI", where=str(path), found=type(image).__name__)
         header: Any = image.header
-        return np.asarray(image.affine, float), image.dataobj, str(header.get_intent()[0])
+        return _affine(header, path), image.dataobj, str(header.get_intent()[0])
     except DataError:
         raise
     except Exception as error:  # a damaged header makes nibabel raise many kinds
@@ -74,3 +77,18 @@ def _read_header(path: Path) -> tuple[Any, Any, str]:
         raise DataError(
             f"wrong magic or damaged header: {text}", where=str(path), found=found, allowed="NIfTI-1 or NIfTI-2"
         ) from error
+
+
+def _affine(header: Any, path: Path) -> NDArray[np.float64]:
+    """Return the affine that the header's codes name, float64 (4, 4); the qform for a singular sform."""
+    affine, has_qform = header.get_best_affine(), int(header["qform_code"]) > 0
+    if int(header["sform_code"]) > 0 and has_qform and not _is_regular(affine):
+        with suppress(ValueError):  # of impossible rotations
+            if _is_regular(header.get_qform()):
+                affine = header.get_qform()
+                warn_of_data("the sform is singular: the qform is used", where=str(path))
+    return np.asarray(affine, float)
+
+
+def _is_regular(affine: NDArray[np.float64]) -> bool:
+    return bool(np.isfinite(affine).all() and np.linalg.det(affine[:3, :3]) != 0)

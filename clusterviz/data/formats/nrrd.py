@@ -1,8 +1,9 @@
 """NRRD (.nrrd, and .nhdr with the data in other files), the format of 3D Slicer; pynrrd reads the header.
 
 Encodings raw (any box, any size), gzip and bzip2 (in order of z) and ascii. The grid comes from `space directions` and
-`space origin`, else from `spacings` and `axis mins`; the world is the file's `space`. An axis with one entry, such as a
-single component, is dropped. Other axes are time or channels by their `kinds`; without these the slowest is time.
+`space origin`, else from `spacings`, `axis mins`, `axis maxs` and `centerings`; the world is the file's `space`. Where
+units differ, world units are that of x. An axis with one entry, such as a single component, is dropped. Other axes are
+time or channels by their `kinds`; without these the slowest is time.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from clusterviz.data.storage import (
     numbers_from_text,
 )
 from clusterviz.data.strided import StridedSource
+from clusterviz.data.units import axis_factors
 from clusterviz.errors import DataError
 
 PACKINGS = {"gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
@@ -215,16 +217,37 @@ def _grid_of(header: Mapping[str, Any], kept: Sequence[int], shape_zyx: Index, w
         steps[:, 2] = normal / (np.linalg.norm(normal) or 1.0)
     position = np.zeros(3)
     position[: len(origin)] = origin
-    return make_grid(shape_zyx, steps, position, where)
+    factors = np.array([*axis_factors([*header.get("space units", ())][:3], where), 1.0, 1.0, 1.0])[:3]
+    return make_grid(shape_zyx, steps * factors[:, None], position * factors, where)
 
 
 def _grid_of_spacings(header: Mapping[str, Any], kept: Sequence[int], shape_zyx: Index, where: str) -> Grid:
-    def per_axis(field: str, alias: str, default: float) -> list[float]:
-        values = header.get(field, header.get(alias))
-        if values is None:
-            return [default] * 3
-        numbers = [float(values[axis]) for axis in kept]
-        return [default if np.isnan(n) else n for n in numbers] + [default] * (3 - len(numbers))
+    """Return the grid by spacings, ends and units of the kept axes, x first."""
 
-    spacing, mins = per_axis("spacings", "spacings", 1.0), per_axis("axis mins", "axismins", 0.0)
-    return make_grid(shape_zyx, np.diag(spacing), mins, where)
+    def per_axis(*names: str) -> list[Any]:
+        values = next((header[name] for name in names if name in header), ())
+        values = values.split() if isinstance(values, str) else values
+        return [values[axis] if axis < len(values) else None for axis in kept]
+
+    named = (("spacings",), ("axis mins", "axismins"), ("axis maxs", "axismaxs"))
+    numbers = [[np.nan if value is None else float(value) for value in per_axis(*names)] for names in named]
+    counts, centers = shape_zyx[::-1][: len(kept)], per_axis("centerings", "centers")
+    lines = [_even_axis(*each) for each in zip(counts, *numbers, centers, strict=True)] + [(1.0, 0.0)] * (3 - len(kept))
+    factors = [*axis_factors([unit or "" for unit in per_axis("units")], where), 1.0][:3]
+    spacing, origin = np.array(lines).T * factors
+    return make_grid(shape_zyx, np.diag(spacing), origin, where)
+
+
+def _even_axis(count: int, spacing: float, low: float, high: float, center: str) -> tuple[float, float]:
+    """Return the spacing of an axis and its first position; NaN stands for what the header does not have.
+
+    Its ends are those of cells with samples at their centres, or samples. Without a centering, two ends without a
+    spacing are those of cells, as for teem, and an end beside a spacing is a sample, as ITK writes it.
+    """
+    is_cell = center == "cell" or (center != "node" and np.isnan(spacing))
+    if np.isnan(spacing):
+        spacing = (high - low) / (count if is_cell else max(1, count - 1))
+        spacing, is_cell = (1.0, False) if np.isnan(spacing) else (spacing, is_cell)
+    inside = spacing / 2 if is_cell else 0.0
+    first = high - inside - spacing * (count - 1) if np.isnan(low) else low + inside
+    return spacing, 0.0 if np.isnan(first) else first

@@ -36,25 +36,12 @@ from clusterviz.data.store.levels import coarser, is_within
 from clusterviz.data.store.shards import PACKAGES, ShardedArray, open_array, read_json, require_packages
 from clusterviz.data.store.statistics import read_statistics
 from clusterviz.data.summary import VolumeSummary
+from clusterviz.data.units import METRES, unit_factors
 from clusterviz.errors import DataError
 
 METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
 """Files, one of which each folder of Zarr holds."""
 DISAGREE = "the levels disagree with their metadata"
-METRES = {
-    "angstrom": 1e-10,
-    "picometer": 1e-12,
-    "nanometer": 1e-9,
-    "micrometer": 1e-6,
-    "millimeter": 1e-3,
-    "centimeter": 1e-2,
-    "decimeter": 0.1,
-    "meter": 1.0,
-    "kilometer": 1e3,
-    "inch": 0.0254,
-    "foot": 0.3048,
-}
-"""Units of length."""
 
 
 @dataclass(frozen=True)
@@ -401,11 +388,10 @@ def _axes(scales: Mapping[str, Any], shape: Sequence[int], names: Sequence[str |
 def _units(units: Sequence[str], world: Sequence[int], where: str) -> list[float]:
     """Return the factors to the unit of x, or of the next axis that has one; 1 for axes without a unit."""
     order = sorted(range(len(units)), key=lambda n: world[n])
-    first = next((units[n] for n in order if units[n]), "")
-    other = [unit for unit in units if unit and unit != first]
-    if other and (unknown := [unit for unit in (first, *other) if unit not in METRES]):
-        raise DataError("units that differ and are not known", where=where, found=unknown, allowed=", ".join(METRES))
-    return [METRES[unit] / METRES[first] if unit and unit != first else 1.0 for unit in units]
+    found = unit_factors([units[n] for n in order])
+    if found is None:
+        raise DataError("units that differ and are not known", where=where, found=units, allowed=", ".join(METRES))
+    return [found[order.index(n)] for n in range(len(units))]
 
 
 def _grid(

@@ -1,6 +1,11 @@
-"""Streamlines of tractography: TrackVis (.trk) and MRtrix (.tck); nibabel reads the file.
+"""Streamlines of tractography: TrackVis (.trk), which nibabel reads, and MRtrix (.tck).
 
-Points are scanner coordinates (right, anterior, superior; mm). Numbers of points and of lines are attributes.
+Points are scanner coordinates (right, anterior, superior; mm). Numbers of points and of lines are attributes. nibabel
+reads MRtrix's files of 32 bits only.
+
+References
+----------
+MRtrix3 documentation: Image and other file formats, "Tracks file format (.tck)".
 """
 
 from __future__ import annotations
@@ -13,16 +18,58 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import require_file
+from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Attributes, Geometry, Lines
 from clusterviz.data.header import check_size
 from clusterviz.errors import DataError
 
-TRK_HEADER = 1000  # bytes
+TRK_HEADER, MAX_LINE = 1000, 1 << 16  # bytes
+TCK_TYPES = {"Float32LE": "<f4", "Float32BE": ">f4", "Float64LE": "<f8", "Float64BE": ">f8"}
 
 
-def read_streamlines(path: Path) -> Geometry:
-    """Read all streamlines of a file.
+def read_tck(path: Path) -> Geometry:
+    """Read all streamlines of MRtrix's file.
+
+    Raises
+    ------
+    DataError
+        Damaged or truncated, another type than floats, or another number of lines than the header says.
+    """
+    where, size, header, at_end = str(path), require_file(path, (b"mrtrix tracks",)), dict[str, str](), False
+    with readable(path), path.open("rb") as file:
+        while not at_end and (line := file.readline(MAX_LINE)):
+            key, _, value = line.decode("utf-8", "replace").partition(":")
+            header[key.strip()], at_end = value.strip(), key.strip() == "END"
+        name, _, begin = header.get("file", "").partition(" ")
+        if not at_end or name != "." or not begin.strip().isdecimal():
+            raise DataError("damaged header", where=where, found=header.get("file"), allowed="file: . OFFSET, and END")
+        kind = header.get("datatype", "")
+        if kind not in TCK_TYPES:
+            raise DataError("damaged: no such type", where=where, found=kind, allowed=", ".join(TCK_TYPES))
+        stored = np.dtype(TCK_TYPES[kind])
+        file.seek(int(begin))
+        content = file.read()
+    triples = np.frombuffer(content, stored, len(content) // stored.itemsize // 3 * 3).reshape(-1, 3)
+    ends = np.flatnonzero(np.isinf(triples).all(axis=1))
+    if not len(ends):
+        raise DataError("truncated: no end mark", where=where, found=f"{size} bytes")
+    triples = triples[: ends[0]].astype(stored.newbyteorder("="))
+    marks = np.isnan(triples).all(axis=1)
+    offsets = np.flatnonzero(np.append(True, marks)) - np.arange(int(marks.sum()) + 1)
+    if len(marks) and not marks[-1]:  # the last line needs no mark
+        offsets = np.append(offsets, len(marks) - int(marks.sum()))
+    _check_count(header.get("count", "0"), len(offsets) - 1, where)
+    return Geometry(lines=Lines(where, np.ascontiguousarray(triples[~marks]), offsets))
+
+
+def _check_count(stated: Any, found: int, where: str) -> None:
+    """Check the number of lines against the header's, which is 0 where the program that wrote it did not know it."""
+    if int(stated) not in (0, found):
+        raise DataError("truncated, or the header lies", where=where, found=f"{found} lines", allowed=int(stated))
+
+
+def read_trk(path: Path) -> Geometry:
+    """Read all streamlines of TrackVis's file.
 
     Raises
     ------
@@ -30,9 +77,8 @@ def read_streamlines(path: Path) -> Geometry:
         Damaged or truncated, or another number of lines than the header says.
     """
     streamlines: Any = import_module("nibabel.streamlines")
-    where, size = str(path), require_file(path, (b"TRACK", b"mrtrix tracks"))
-    if path.suffix.lower() == ".trk":
-        _check_trk(path, size)
+    where, size = str(path), require_file(path, (b"TRACK",))
+    _check_trk(path, size)
     logger = logging.getLogger("nibabel.global")
     disabled, logger.disabled = logger.disabled, True  # of headers without an orientation, which then is taken as RAS
     try:
@@ -40,9 +86,7 @@ def read_streamlines(path: Path) -> Geometry:
     finally:
         logger.disabled = disabled
     found, header = tractogram.streamlines, tractogram.header
-    stated = int(header.get("count" if path.suffix.lower() == ".tck" else "nb_streamlines", 0))
-    if stated and stated != len(found):
-        raise DataError("truncated, or the header lies", where=where, found=f"{len(found)} lines", allowed=stated)
+    _check_count(header.get("nb_streamlines", 0), len(found), where)
     lengths = np.array([len(line) for line in found], np.int64)
     points = found.get_data().reshape(-1, 3) if len(found) else np.empty((0, 3), np.float32)
     points = points.astype(np.promote_types(points.dtype, np.float32), copy=False)

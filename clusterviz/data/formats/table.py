@@ -2,7 +2,8 @@
 
 The columns x, y, z (or `Points:0` to `Points:2`, as ParaView writes them) are positions, or x and y alone, at z = 0;
 without names the first three. Other columns of numbers are attributes, and three whose names end in :0 to :2, or in _x
-to _z, are a vector.
+to _z, are a vector. Fields may be in quotes; an empty one is NaN. An .xyz file that begins with a number alone holds
+atoms: their number, a comment, and a line each of element and position.
 Rows of equal `line`, one after another, are a polyline. A .npy file is an array (n, 3 or more), or a structured one
 with fields x, y, z. A .npz file has `vertices` (n, 3), `faces` (m, 3), and further arrays of n or m; or `arr_0` to
 `arr_2`: vertices (z, y, x), faces and values, as napari has them.
@@ -10,7 +11,9 @@ with fields x, y, z. A .npz file has `vertices` (n, 3), `faces` (m, 3), and furt
 
 from __future__ import annotations
 
+import csv
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.files import readable, require_file
+from clusterviz.data.formats.molecule import atoms_of_xyz
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.errors import DataError
 
 POSITIONS = (("x", "y", "z"), ("points:0", "points:1", "points:2"), ("x", "y"))
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 VECTORS = ((":0", ":1", ":2"), ("_x", "_y", "_z"))
-MAX_LINE = 1 << 16
 
 
 def read_table(path: Path) -> Geometry:
@@ -38,27 +41,68 @@ def read_table(path: Path) -> Geometry:
     where = str(path)
     require_file(path)
     with readable(path), path.open(encoding="utf-8-sig") as file:
-        first = _line(file)
+        lines = (line for line in map(_without_comment, file) if line.strip())
+        first = next(lines, "")
+        if path.suffix.lower() == ".xyz" and first.strip().isdecimal():
+            return atoms_of_xyz(file, int(first), where)
         separator = next((mark for mark in (",", ";", "\t") if mark in first), None)
-        names, skipped = [word.strip().strip("\"'") for word in first.split(separator)], 1
-        row = _line(file)
-        if all(NUMBER.fullmatch(name) for name in names):
-            row, names, skipped = first, [f"column {n}" for n in range(len(names))], 0
-            names[:3] = POSITIONS[0][: len(names)]
-        words = [word.strip().strip("\"'") for word in row.split(separator)] if row else []
-        if row and len(words) != len(names):
-            found = f"{len(names)} columns, then {len(words)}"
-            raise DataError("rows of different lengths", where=where, found=found)
-        numeric = [n for n, word in enumerate(words or names) if not row or NUMBER.fullmatch(word)]
-        file.seek(0)
-        lines = (line for line in file if line.partition("#")[0].strip())
-        for _ in range(skipped):
-            next(lines)
-        rows = list(lines)
-        columns = np.empty((0, len(numeric)))
-        if rows:
-            columns = np.loadtxt(rows, np.float64, delimiter=separator, usecols=numeric, quotechar='"', ndmin=2)
+        names, rows = _fields(first, separator), list(lines)
+    if names and all(NUMBER.fullmatch(name) for name in names):
+        rows, names = [first, *rows], [f"column {n}" for n in range(len(names))]
+        names[:3] = POSITIONS[0][: len(names)]
+    kinds = _first_entries(rows, len(names), separator, where)
+    numeric = [n for n, entry in enumerate(kinds) if not rows or NUMBER.fullmatch(entry)]
+    columns = np.empty((0, len(numeric)))
+    if rows:
+        try:
+            columns = np.loadtxt(rows, np.float64, **_dialect(separator, numeric))
+        except ValueError:  # empty fields
+            columns = np.loadtxt(rows, np.float64, **_dialect(separator, numeric), converters=_number)
     return _geometry({names[n]: column for n, column in zip(numeric, columns.T, strict=True)}, where)
+
+
+def _dialect(separator: str | None, numeric: Sequence[int]) -> dict[str, Any]:
+    return {"delimiter": separator, "usecols": numeric, "quotechar": '"', "comments": None, "ndmin": 2}
+
+
+def _number(field: str) -> float:
+    return float(field) if field.strip() else float("nan")
+
+
+def _without_comment(line: str) -> str:
+    """Return a line up to a # that is not in quotes."""
+    if "#" not in line:
+        return line
+    return re.match(r'(?:[^"#]|"[^"]*"|")*?(?=#|$)', line.rstrip("\n"))[0]  # type: ignore[index]
+
+
+def _fields(line: str, separator: str | None) -> list[str]:
+    """Return the fields of a line, without quotes."""
+    words = (
+        next(csv.reader([line.strip(" \r\n")], delimiter=separator, skipinitialspace=True))
+        if separator
+        else line.split()
+    )
+    return [word.strip().strip("\"'") for word in words]
+
+
+def _first_entries(rows: Sequence[str], count: int, separator: str | None, where: str) -> list[str]:
+    """Return the first entry of each column that is not empty.
+
+    Raises
+    ------
+    DataError
+        The first row has another number of columns.
+    """
+    found = [""] * count
+    for number, row in enumerate(rows):
+        fields = _fields(row, separator)
+        if number == 0 and len(fields) != count:
+            raise DataError("rows of different lengths", where=where, found=f"{count} columns, then {len(fields)}")
+        found = [known or field for known, field in zip(found, fields, strict=False)]
+        if all(found):
+            break
+    return found
 
 
 def read_npy_table(path: Path) -> Geometry:
@@ -122,15 +166,6 @@ def is_npz_mesh(path: Path) -> bool:
         if {"arr_0", "arr_1"} <= names <= {"arr_0", "arr_1", "arr_2"}:
             return all(archive[name].ndim == 2 and archive[name].shape[1] == 3 for name in ("arr_0", "arr_1"))
         return {"vertices", "faces"} <= names
-
-
-def _line(file: Any) -> str:
-    """Return the next line that holds more than a comment; "" at the end."""
-    while line := file.readline(MAX_LINE):
-        text: str = line.partition("#")[0].strip()
-        if text:
-            return text
-    return ""
 
 
 def _geometry(columns: dict[str, NDArray[Any]], where: str) -> Geometry:

@@ -1,9 +1,9 @@
 """TIFF stacks (.tif, .tiff) of microscopy, one page a layer; tifffile reads the pages.
 
-Spacing comes from OME metadata (PhysicalSizeX, Y, Z) or from ImageJ's (spacing, and resolution in pixels a unit);
-without either, samples lie 1 apart. Uncompressed contiguous stacks are read box by box, others page by page. Of a file
-with several series, `array` is the number of one. Axes T and C (or S, the samples of a pixel) are time and channels. A
-series of pictures along T alone is a stack along z, unless a time is named.
+Spacing comes from OME metadata (PhysicalSizeX, Y, Z) or from ImageJ's (spacing, and resolution in pixels a unit), in
+the unit of x. Without either, samples lie 1 apart. Uncompressed contiguous stacks are read box by box, others page by
+page. Of a file with several series, `array` is the number of one. Axes T and C (or S, the samples of a pixel) are time
+and channels. A series of pictures along T alone is a stack along z, unless a time is named.
 """
 
 from __future__ import annotations
@@ -29,8 +29,11 @@ from clusterviz.data.header import check_box, check_dtype, check_packed, check_s
 from clusterviz.data.source import Grid, Index, Source, Triple
 from clusterviz.data.storage import FileBytes, FileRange
 from clusterviz.data.strided import StridedSource
+from clusterviz.data.units import axis_factors
 from clusterviz.errors import DataError
 
+OME_UNIT = "µm"
+"""Unit of sizes that name none."""
 LOST_PAGES = re.compile("page offset|failed to reshape|circular")
 
 
@@ -83,6 +86,23 @@ def _check_page(page: Any, size: int, where: str) -> None:
     check_packed(packed, int(np.prod(page.shape, dtype=object)) * page.dtype.itemsize, "TIFF", where)
 
 
+def _check_codec(page: Any, where: str) -> None:
+    """Check that what decodes a page is installed: tifffile has few codecs of its own."""
+    import tifffile
+
+    try:
+        codec = tifffile.TIFF.DECOMPRESSORS[page.compression]
+        tifffile.TIFF.UNPREDICTORS[page.predictor]
+        if page.compression > 1:
+            codec(b"")
+    except (KeyError, ImportError) as error:
+        found = f"{getattr(page.compression, 'name', page.compression)}, predictor {int(page.predictor)}"
+        text = "needs the imagecodecs package"
+        raise DataError(text, where=where, found=found, allowed="pip install imagecodecs") from error
+    except Exception:  # no bytes are damaged ones
+        return
+
+
 def open_tiff(path: Path, subset: Subset) -> Source:
     """Open a stack of pages, or one picture as a single layer.
 
@@ -101,7 +121,7 @@ def open_tiff(path: Path, subset: Subset) -> Source:
                 _check_pages(file, size)
                 series, number = _choose(file.series, subset.array, path)
                 shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
-                spacing, names = _spacing_of(file), _channel_names(file, series)
+                spacing, names = _spacing_of(file, path), _channel_names(file, series)
         except DataError:
             raise
         except Exception as error:  # a damaged file makes tifffile raise many kinds
@@ -113,6 +133,7 @@ def open_tiff(path: Path, subset: Subset) -> Source:
         name += slab.label
         dtype = check_dtype(stored, name)
         if series.dataoffset is None:
+            _check_codec(series.keyframe, name)
             _check_page(series.keyframe, size, name)
             source = TiffPages(name, grid, dtype, file, series.pages, slab)
             weakref.finalize(source, closing.pop_all().close)
@@ -195,18 +216,22 @@ def _choose(series: Any, array: str | None, path: Path) -> tuple[Any, int]:
     return series[int(array or 0)], int(array or 0)
 
 
-def _spacing_of(file: Any) -> Triple:
-    """Return the world units between samples along x, y, z; 1 where the file has none."""
+def _spacing_of(file: Any, path: Path) -> Triple:
+    """Return the world units between samples along x, y, z, in the unit of x; 1 where the file has none."""
     if file.is_ome and file.ome_metadata:
         pixels = _ome_pixels(file)
         attributes = {} if pixels is None else pixels.attrib
-        x, y, z = (_positive(attributes.get(f"PhysicalSize{axis}", 1)) for axis in "XYZ")
-        return x, y, z
-    imagej = file.imagej_metadata
-    if not imagej:
+        names = [f"PhysicalSize{axis}" for axis in "XYZ"]
+        sizes = [_positive(attributes.get(name, 1)) for name in names]
+        units = [attributes.get(f"{name}Unit", OME_UNIT) if name in attributes else "" for name in names]
+    elif imagej := file.imagej_metadata:
+        sizes = [_pixel_size(file.pages[0].tags.get(tag)) for tag in ("XResolution", "YResolution")]
+        sizes.append(_positive(imagej.get("spacing", 1)))
+        units = [str(imagej.get(key) or imagej.get("unit") or "") for key in ("unit", "yunit", "zunit")]
+    else:
         return 1.0, 1.0, 1.0
-    x, y = (_pixel_size(file.pages[0].tags.get(tag)) for tag in ("XResolution", "YResolution"))
-    return x, y, _positive(imagej.get("spacing", 1))
+    x, y, z = (size * factor for size, factor in zip(sizes, axis_factors(units, str(path)), strict=True))
+    return x, y, z
 
 
 def _pixel_size(resolution: Any) -> float:

@@ -153,7 +153,12 @@ def open_pvti(path: Path, subset: Subset) -> Source:
     slab = replace(first.source.slab, shape=(*shape, first.source.slab.channels), shape_zyx=shape)
     check_packed(sum(map(require_file, files)), slab.samples * first.source.stored_dtype.itemsize, packing, where)
     coordinates = (
-        tuple(np.full(last - begin + 1, np.nan) for begin, last in whole.tolist()) if first.coordinates else ()
+        tuple(
+            np.full(last - begin + 1, np.nan, np.result_type(line, np.float32))
+            for (begin, last), line in zip(whole.tolist(), first.coordinates, strict=True)
+        )
+        if first.coordinates
+        else ()
     )
     for number in range(len(files)) if coordinates else ():
         for line, part, begin in zip(

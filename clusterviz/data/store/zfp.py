@@ -1,4 +1,4 @@
-"""Bricks packed by zfp, as `numcodecs.zfpy` of Zarr 3 has them: for floats, and for integers of 32 and 64 bits.
+"""Bricks packed by zfp, as `numcodecs.zfpy` of Zarr 3 has them: floats and signed integers of 32 and 64 bits.
 
 References
 ----------
