@@ -28,13 +28,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
+from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.classic_netcdf import read_classic
 from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
@@ -175,7 +176,7 @@ def _datasets(path: Path, array: str | None) -> dict[str, Any]:
 
 
 def _choose(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
-    """Return the dataset that is named, or the only one with three axes of space."""
+    """Return the dataset that is named, or the only one with three axes of space, or else of three axes or more."""
     listed = ", ".join(f"{item.name} {item.shape}" for item in held.values()) or "none: the file holds no dataset"
     if subset.array is not None:
         if subset.array.lstrip("/") not in held:
@@ -186,11 +187,13 @@ def _choose(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
         volumes = [item for item in volumes if _channels(item, subset) == 3]
     spatial = [item for item in volumes if _letters(item, subset).count("Z") == 3]
     volumes = [item for item in spatial if len(item.shape) == 3] or spatial or volumes
-    if len(volumes) != 1:
-        what = f"several volumes: name one, as in {path.name}:/path" if volumes else "no 3-D dataset"
-        if subset.vectors and not volumes:
-            what = "no array of vectors"
+    if not volumes:
+        what = "no array of vectors" if subset.vectors else "no 3-D dataset"
         raise DataError(what, where=str(path), allowed=listed)
+    if len(volumes) > 1:  # the largest comes first, since others may be coarser levels
+        volumes.sort(key=lambda item: -prod(item.shape) * (item.dtype.kind in "iufb"))
+        names = [item.name for item in volumes]
+        raise UnnamedPartError("array", names, where=str(path), allowed=listed, noun="volume")
     return volumes[0]
 
 
