@@ -59,7 +59,7 @@ class UnnamedPartError(DataError):
 
 
 def first_parts(
-    opener: Callable[[Subset], Opened], subset: Subset, keys: Collection[Part] = tuple(NOUNS)
+    opener: Callable[[Subset], Opened], subset: Subset, keys: Collection[str] = tuple(NOUNS)
 ) -> tuple[Opened, Subset, list[Choice]]:
     """Open the part of a file that a subset names, and the first of those that it leaves open.
 

@@ -81,14 +81,6 @@ FILES: dict[str, tuple[Callable[[Path], object], str, dict[str, Any], str]] = {
 }
 
 
-def _completed(path: str, overrides: list[str]) -> tuple[Scene, list[str]]:
-    """Return the completed scene of a file, and the warnings."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        scene, _, _ = open_volumes(Run(LoopbackChannel(), Options()), open_scene(path, overrides))
-    return scene, [str(each.message) for each in caught]
-
-
 def _completed(path: Path, overrides: list[str]) -> tuple[Scene, str]:
     """Return the completed scene of a file, and all warnings."""
     with warnings.catch_warnings(record=True) as caught:
