@@ -22,7 +22,9 @@ from PIL import Image as Pillow
 
 import clusterviz
 from clusterviz.comm import LoopbackChannel
+from clusterviz.data.geometry import Lines, Points
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import DataError, InputError, OutputError, SceneError
 from clusterviz.frame import render_frame
 from clusterviz.image.finish import finish
@@ -232,6 +234,37 @@ def test_a_mesh_in_memory_is_drawn_in_whatever_form_it_comes() -> None:
         clusterviz.render(clusterviz.Scene(), meshes=[forms[0], {"path": 3}])
 
 
+CORNERS = np.array([[0, 0, 0], [4.0, 0, 0], [0, 4, 0], [0, 0, 4]])
+SWIRL = np.stack(np.meshgrid(*[np.linspace(-1, 1, 6)] * 3, indexing="ij"), axis=-1)
+ALONE: list[tuple[str, Any, Any, dict[str, Any]]] = [
+    ("meshes", (CORNERS, np.array([[0, 1, 2], [0, 2, 3]])), None, {}),
+    ("grids", (CORNERS, np.array([[0, 1, 2, 3]]), np.arange(4.0)), None, {}),
+    ("points", CORNERS, Points("array", CORNERS), {"radius": 0.4}),
+    ("lines", [CORNERS], Lines("array", CORNERS, np.array([0, 4])), {"radius": 0.4}),
+    ("flows", [SWIRL], VectorArray(SWIRL), {}),
+]
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(("section", "content", "alone", "keys"), ALONE, ids=[section for section, *_ in ALONE])
+def test_content_of_any_kind_is_drawn_without_a_scene(
+    section: str, content: Any, alone: Any, keys: dict[str, Any]
+) -> None:
+    found = clusterviz.render(**{section: content}, **keys, size=(20, 16))
+    assert found is not None
+    assert found[..., 3].max() > 0.1
+    np.testing.assert_array_equal(clusterviz.render(content if alone is None else alone, **keys, size=(20, 16)), found)
+
+
+@pytest.mark.gl
+def test_a_tuple_of_volumes_is_no_mesh() -> None:
+    pair = np.ones((3, 4, 3)), np.ones((2, 5, 3), int)
+    found, expected = (clusterviz.render(each, size=(20, 16), opacity=0.1) for each in (pair, list(pair)))
+    assert found is not None
+    assert found[..., 3].max() > 0
+    np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.gl
 def test_the_example_of_a_flow_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["flow.py", str(tmp_path / "a.png")])
@@ -332,6 +365,7 @@ def _fields(section: str) -> list[str]:
         ("none.npy", {}, DataError, "none.npy: no such file"),
         (np.zeros((2, 2, 2, 2)), {}, DataError, "array"),
         (7, {}, InputError, "nothing to render; found int"),
+        (None, {"size": (4, 3)}, InputError, "nothing to render; found NoneType"),
         ("field:gaussian:8", {"grid": object()}, InputError, "only an array takes a grid"),
     ],
 )

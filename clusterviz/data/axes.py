@@ -90,16 +90,17 @@ def first_parts(
             choices.append(choice)
 
 
-def warn_of_choices(path: str, choices: Sequence[Choice], key: str = "") -> None:
+def warn_of_choices(path: str, choices: Sequence[Choice], key: str = "", option: str = "-D ") -> None:
     """Say on one line which parts of a file are drawn, and how to take others.
 
     Parameters
     ----------
     key : of the file's entry in the scene and a point; empty if the last name of a key is enough
+    option : that sets a key
     """
     if choices:
         drawn = ", ".join(map(str, choices))
-        others = " ".join(f"-D {shlex.quote(f'{key}{choice.key}={choice.parts[1]}')}" for choice in choices)
+        others = " ".join(f"{option}{shlex.quote(f'{key}{choice.key}={choice.parts[1]}')}" for choice in choices)
         warnings.warn(f"{path}: {drawn} is drawn; for others give {others}", stacklevel=2)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,16 +12,13 @@ from clusterviz.image.picture import is_notebook
 if TYPE_CHECKING:
     from typing import Unpack
 
-    from numpy.typing import NDArray
-
-    from clusterviz.data.source import Grid, Source
+    from clusterviz.data.source import Grid
     from clusterviz.scene.overrides import Settings
-    from clusterviz.scene.values import Scene
     from clusterviz.viewer.widget import Viewer
 
 
 def view(
-    scene: Scene | Source | NDArray[Any] | str | os.PathLike[str] | Sequence[Source | NDArray[Any]],
+    scene: Any = None,
     *,
     grid: Grid | Sequence[Grid] | None = None,
     ranks: int | None = None,

@@ -145,8 +145,13 @@ def open_hdf5(path: Path, subset: Subset) -> Source:
     require_file(path)
     with readable(path):
         start = start_of(path)
-    dataset = _choose(read_classic(path) if start.startswith(b"CDF") else _datasets(path, subset.array), subset, path)
-    where = f"{path}:{dataset.name}"
+    held = read_classic(path) if start.startswith(b"CDF") else _datasets(path, subset.array)
+    dataset = choose_dataset(held, subset, path)
+    return open_dataset(dataset, subset, f"{path}:{dataset.name}")
+
+
+def open_dataset(dataset: Any, subset: Subset, where: str) -> Source:
+    """Open a dataset of h5py, or what has its attributes; parameters and errors as of `open_hdf5`."""
     dtype = check_dtype(dataset.dtype, where)
     slab = select(dataset.shape or (), _letters(dataset, subset), subset, where)
     values = _cf_values(dataset, dtype, where)
@@ -175,7 +180,7 @@ def _datasets(path: Path, array: str | None) -> dict[str, Any]:
     return held
 
 
-def _choose(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
+def choose_dataset(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
     """Return the dataset that is named, or the only one with three axes of space, or else of three axes or more."""
     listed = ", ".join(f"{item.name} {item.shape}" for item in held.values()) or "none: the file holds no dataset"
     if subset.array is not None:
