@@ -392,16 +392,3 @@ def test_render_is_collective_under_mpirun(mpi_ranks: int) -> None:
             assert clusterviz.compare(picture, alone, 1e-5).count == 0
     with pytest.raises(DataError):
         clusterviz.render("none.npy")
-
-
-@pytest.mark.gl
-def test_the_examples_of_the_manual_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/how-to/use-from-python.md").read_text(), re.DOTALL)
-    assert len(blocks) >= 3
-    monkeypatch.chdir(tmp_path)
-    np.save(tmp_path / "head.npy", VOXELS)
-    (tmp_path / "scene.yaml").write_text("volumes: [{path: head.npy}]\nimage: {size: [24, 18]}\n")
-    names: dict[str, Any] = {}
-    for block in blocks:
-        exec(compile(block, "docs/how-to/use-from-python.md", "exec"), names)
-    assert {path.name for path in tmp_path.iterdir()} >= {"head.png", "ripples.png"}

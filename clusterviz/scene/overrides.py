@@ -210,7 +210,7 @@ def _check_known(key: KeyPath, where: str) -> None:
 def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tuple[KeyPath, type[Section]]]:
     """Yield the sections whose keys can be set by last name: those of all scenes, then those in lists of this one."""
     has_others_only = not data.get("volumes") and any(data.get(name) for name in LISTED_SECTIONS)
-    yield from (pair for pair in SECTIONS if pair[1] is not Volume or not has_others_only)
+    yield from (pair for pair in SECTIONS if all_of_them or pair[1] is not Volume or not has_others_only)
     lights, volumes = data.get("lights"), data.get("volumes")
     for name, section in LISTED_SECTIONS.items():
         if all_of_them or data.get(name):
