@@ -22,8 +22,11 @@ from data.cells import lattice
 
 import clusterviz
 from clusterviz.cli import COMMANDS, _without_flags, command_line
-from clusterviz.comm import LoopbackChannel
+from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.composite import ALGORITHMS, Compositor
+from clusterviz.composite.schedules.schedule import check
 from clusterviz.data import open_source
+from clusterviz.data.formats import mrc
 from clusterviz.errors import SceneError
 from clusterviz.scene import load_scene, scene_of_data
 from clusterviz.scene.animation import load_path
@@ -85,17 +88,29 @@ def test_fragments_of_python_are_those_of_the_code() -> None:
     (entry,) = blocks("docs/how-to/add-a-blend-mode.md", "python")
     found = eval("{" + entry + "}", {"BlendModeTraits": type(BLEND_MODES["first-hit"])})
     assert found == {"first-hit": BLEND_MODES["first-hit"]}
-    for page, module, name in (
-        ("add-an-algorithm", "composite/schedules/binary_tree.py", "schedule"),
-        ("add-a-format", "data/formats/mrc.py", "open_mrc"),
-    ):
-        (block,) = blocks(f"docs/how-to/{page}.md", "python")
-        trees = (ast.parse(block), ast.parse((ROOT / "clusterviz" / module).read_text()))
-        told, real = (
-            next(n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name in (name, "open_NAME"))
-            for tree in trees
-        )
-        assert ast.unparse(told.args) == ast.unparse(real.args)
+    (told,) = ast.parse(*blocks("docs/how-to/add-a-format.md", "python")).body
+    (real,) = (
+        each for each in ast.parse(Path(mrc.__file__).read_text()).body if getattr(each, "name", "") == "open_mrc"
+    )
+    assert isinstance(told, ast.FunctionDef)
+    assert isinstance(real, ast.FunctionDef)
+    assert ast.unparse(told.args) == ast.unparse(real.args)
+
+
+def test_the_algorithm_of_the_how_to_runs_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is registered, and has no cost in closed form."""
+    names: dict[str, Any] = {}
+    exec(*blocks("docs/how-to/add-an-algorithm.md", "python"), names)
+    check(names["schedule"](5, 99))
+    monkeypatch.setitem(ALGORITHMS, "NAME", names["schedule"])
+    images = np.random.default_rng(0).random((3, 4, 5, 4), np.float32)
+
+    def composited(channel: Any, algorithm: str) -> Any:
+        compositor = Compositor(channel, (5, 4), algorithm=algorithm, transport="messages")
+        return compositor.composite(images[channel.rank], range(3))[0]
+
+    found, expected = (run_loopback(3, lambda c, name=name: composited(c, name))[0] for name in ("NAME", "serial"))
+    np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 FRAGMENTS = {f"docs/how-to/add-{name}.md" for name in ("a-blend-mode", "a-format", "an-algorithm")}
