@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from clusterviz.image import compare, read_image, write_image
     from clusterviz.image.picture import Image
     from clusterviz.scene import Camera, Scene, Volume, load_scene
-    from clusterviz.scene.overrides import Settings
+    from clusterviz.scene.settings import Settings
     from clusterviz.viewer.notebook import view
 
     __version__: str

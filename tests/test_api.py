@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import io
 import pickle
 import pydoc
@@ -13,8 +12,8 @@ import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from types import SimpleNamespace, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,13 +27,8 @@ from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import DataError, InputError, OutputError, SceneError
 from clusterviz.frame import render_frame
 from clusterviz.image.finish import finish
-from clusterviz.scene import cluster, flows, values
-from clusterviz.scene.field_types import Section
-from clusterviz.scene.grids import LISTED_SECTIONS
-from clusterviz.scene.overrides import Settings, with_settings
-from clusterviz.scene.transfer_2d import Transfer2d
-from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
-from clusterviz.scene.values import Light
+from clusterviz.scene.overrides import with_settings
+from clusterviz.scene.validation_messages import KEY_PATHS
 
 ROOT = Path(__file__).parents[1]
 VOXELS = np.random.default_rng(0).random((12, 13, 14), np.float32)
@@ -274,58 +268,11 @@ def test_the_example_of_a_flow_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert np.asarray(picture).std(axis=(0, 1)).min() > 20
 
 
-CHOICES = {
-    kind: name
-    for module in (cluster, values, flows)
-    for name, kind in vars(module).items()
-    if get_origin(kind) is Literal
-}
-
-
-def _words(kind: Any) -> list[str]:
-    """The type of a scene's key as `Settings` writes it: sequences for tuples, mappings for sections."""
-    origin, parts = get_origin(kind), get_args(kind)
-    if origin is Annotated:
-        return _words(parts[0])
-    if origin in (Union, UnionType):
-        return [word for part in parts for word in _words(part)]
-    if origin is Literal:
-        return [CHOICES.get(kind, f"Literal[{', '.join(map(repr, parts))}]")]
-    if origin is tuple:
-        inner = [word for part in parts if part is not ... for word in _words(part)]
-        return ["Rows" if {"Numbers", "Rows"} & set(inner) else "Numbers"]
-    if isinstance(kind, type) and issubclass(kind, Section):
-        return [kind.__name__, "Mapping[str, Any]"]
-    return [{type(None): "None"}.get(kind, kind.__name__)]
-
-
-def test_the_types_of_settings_are_those_of_the_scene() -> None:
-    expected: dict[str, str] = {}
-    for section in (
-        *(section for _, section in SECTIONS),
-        *LISTED_SECTIONS.values(),
-        Light,
-        Transfer2d,
-        clusterviz.Scene,
-    ):
-        for name, kind in get_type_hints(section, include_extras=True).items():
-            if name in section.model_fields:
-                expected.setdefault(name, " | ".join(dict.fromkeys(_words(kind))))
-    expected |= {
-        "cmap": "str | Rows | Callable[..., Any] | None",
-        "isosurfaces": "Sequence[float | Sequence[float]] | NDArray[Any]",
-        "volumes": "Sequence[Volume | Mapping[str, Any]]",
-        "lights": "Sequence[Light | Mapping[str, Any]]",
-        "layers": "Sequence[Layer]",
-        "surfaces": "Sequence[str] | None",
-        "color": "str | Numbers",  # of a light: numbers only
-        "time": "int | float | None",
-        "radius": "float | str | None",
-        "direction": "Rows | str | None",  # of arrows, the name of an array
-        **dict.fromkeys(LISTED_SECTIONS, "Sequence[Any]"),  # sections, or objects in memory
-    }
-    found = {name: ast.unparse(ast.parse(kind.__forward_arg__)) for name, kind in Settings.__annotations__.items()}
-    assert found == expected
+def test_what_is_generated_of_scene_keys_is_current() -> None:
+    """Types for checkers, and the page for readers."""
+    made = runpy.run_path(str(ROOT / "docs" / "make_scene_keys.py"))
+    for path, text in ((made["MODULE"], made["settings_text"]()), (made["PAGE"], made["page_text"]())):
+        assert path.read_text(encoding="utf-8") == text, "run python docs/make_scene_keys.py"
 
 
 @pytest.mark.fresh

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from clusterviz.data.source import Grid
-    from clusterviz.scene.overrides import Settings
+    from clusterviz.scene.settings import Settings
     from clusterviz.viewer.widget import Viewer
 
 
