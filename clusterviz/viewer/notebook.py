@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from clusterviz.data.given import given_scene
-from clusterviz.errors import ClustervizError, InputError
+from clusterviz.errors import ClustervizError, InputError, installation
 from clusterviz.image.picture import is_notebook
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def view(
     Raises
     ------
     clusterviz.errors.ClustervizError
-        As `clusterviz.render` does; outside of a notebook; and without the packages of `clusterviz[notebook]`.
+        As `clusterviz.render` does; outside of a notebook; and without the packages of the extra `notebook`.
     """
     if not is_notebook():
         allowed = "a notebook; elsewhere the command `clusterviz view`, which shows the same in a browser"
@@ -55,6 +55,6 @@ def view(
         from clusterviz.viewer.remote_session import RemoteSession
         from clusterviz.viewer.widget import Viewer
     except ModuleNotFoundError as error:
-        raise ClustervizError(f"notebooks need {error.name}: pip install 'clusterviz[notebook]'") from None
+        raise ClustervizError(f"notebooks need {error.name}: {installation('notebook')}") from None
     opened, sources = given_scene(scene, grid, settings, "view")
     return Viewer(LocalSession(opened, sources) if ranks is None else RemoteSession(opened, sources, ranks))

@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import subprocess
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -224,7 +225,10 @@ def commands_in(call: list[str]) -> Iterator[list[str]]:
         assert all((ROOT / word).exists() for word in named)
         assert named or words[:2] == ["-m", "pytest"]
     elif program == "pip":
+        (extras,) = re.findall(r"^\.\[([\w,]+)\]$", words[1])  # of the checkout: no package index has clusterviz
+        known = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
         assert words[0] == "install"
+        assert set(extras.split(",")) <= known.keys()
     else:
         assert program in ("demo", "setup", "test", "run")
 

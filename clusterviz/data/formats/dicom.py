@@ -30,7 +30,7 @@ from clusterviz.data.files import kind_of, readable, refuse_array, require_file,
 from clusterviz.data.header import check_box, check_packed, check_size, make_grid
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.store.cache import CACHE, Owner
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, installation
 
 EXTENSIONS = (".dcm", ".dicom", ".ima")
 TAGS = (
@@ -164,7 +164,7 @@ def _pydicom(where: str) -> Any:
     try:
         package: Any = import_module("pydicom")
     except ImportError as error:
-        raise DataError("needs the pydicom package", where=where, allowed="pip install 'clusterviz[dicom]'") from error
+        raise DataError("needs the pydicom package", where=where, allowed=installation("dicom")) from error
     _silence(package)
     return package
 

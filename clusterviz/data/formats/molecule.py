@@ -1,4 +1,4 @@
-"""Atoms of PDB and mmCIF files, as points; gemmi reads the file (`pip install clusterviz[molecules]`).
+"""Atoms of PDB and mmCIF files, as points; gemmi, of the extra `molecules`, reads the file.
 
 The first model is read, and of alternative positions the first. Units are ångström. Attributes: `radius` (van der
 Waals), `element` (atomic number), `RGB` (by element, as Jmol), `b_factor`, `occupancy`, `residue` and `chain` (their
@@ -22,7 +22,7 @@ import numpy as np
 
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Geometry, Points
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, installation
 
 COLOURS = {
     "H": 0xFFFFFF, "C": 0x909090, "N": 0x3050F8, "O": 0xFF0D0D, "F": 0x90E050, "Na": 0xAB5CF2, "Mg": 0x8AFF00,
@@ -46,9 +46,7 @@ def read_molecule(path: Path) -> Geometry:
     try:
         gemmi: Any = import_module("gemmi")
     except ImportError as error:
-        raise DataError(
-            "needs the gemmi package", where=where, allowed="pip install 'clusterviz[molecules]'"
-        ) from error
+        raise DataError("needs the gemmi package", where=where, allowed=installation("molecules")) from error
     if path.name.lower().removesuffix(".gz").endswith((".pdb", ".ent")):
         _check_pdb(path)
     structure = gemmi.read_structure(where)
