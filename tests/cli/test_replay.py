@@ -62,7 +62,7 @@ def test_a_picture_of_a_pattern_is_rendered_again(cli: Callable[..., Any], pictu
     (data / "a.npy").rename(data / "a_0.npy")
     with pytest.warns(UserWarning, match="time step 0 of 2 is drawn; for others give -D time=1"):
         assert cli("render", str(data / "a_*.npy"), "-o", str(picture), *SMALL).status == 0
-    assert "    time: 0\n" in read_text(picture)
+    assert "  time: 0\n" in read_text(picture)
     again = cli("replay", str(picture))
     assert (again.status, again.err) == (0, "")
 
