@@ -7,7 +7,7 @@ with the header `large.mhd`, once; `clusterviz store` makes `errorE.ome.zarr` of
 Printed are the time of each conversion, the peak memory of the largest rank, the sizes of the stores, and of some of
 their bricks the decoding speed and what zstd and blosc2 make of the same bytes; then the time from the start of a
 process until its picture is written, and its peak memory, here and of pvbatch on the raw file with the same transfer
-function and camera. It needs `clusterviz[store]`; the parts of blosc2, pvbatch and xvfb-run are omitted without them.
+function and camera. It needs the extra `store`; the parts of blosc2, pvbatch and xvfb-run are omitted without them.
 """
 
 from __future__ import annotations

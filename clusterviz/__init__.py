@@ -10,7 +10,6 @@ Importing the package takes milliseconds; the modules behind a name are imported
 
 from __future__ import annotations
 
-import os
 from importlib import import_module
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -19,13 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Unpack
 
-    from numpy.typing import NDArray
-
-    from clusterviz.data.source import Grid, Source
+    from clusterviz.data.source import Grid
     from clusterviz.image import compare, read_image, write_image
     from clusterviz.image.picture import Image
     from clusterviz.scene import Camera, Scene, Volume, load_scene
-    from clusterviz.scene.overrides import Settings
+    from clusterviz.scene.settings import Settings
     from clusterviz.viewer.notebook import view
 
     __version__: str
@@ -67,7 +64,7 @@ import_module("clusterviz.render")
 
 
 def render(
-    scene: Scene | Source | NDArray[Any] | str | os.PathLike[str] | Sequence[Source | NDArray[Any]],
+    scene: Any = None,
     *,
     grid: Grid | Sequence[Grid] | None = None,
     comm: Any = None,
@@ -77,10 +74,13 @@ def render(
 
     Parameters
     ----------
-    scene : Scene, path, array, data source, mesh, unstructured grid, or list of arrays and sources
-        A scene, the path of a scene file or data file, or an array (z, y, x) of any integer or float type. An
-        object with `name`, `grid`, `dtype` and `read` is a data source (see `clusterviz.data.source`); each rank reads
-        its own boxes. A list of arrays and data sources gives one volume each. All ranks pass the same scene.
+    scene : Scene, path, array, object of another library, data source, or list of volumes, optional
+        A scene, the path of a scene file or data file, or an array (z, y, x) of any integer or float type. Objects of
+        pyvista, trimesh, meshio, nibabel, SimpleITK, ITK and xarray are taken with their places and arrays; a mesh may
+        be (vertices, faces), an unstructured grid (points, tetrahedra, scalars). An object with `name`, `grid`, `dtype`
+        and `read` is a data source (see `clusterviz.data.source`); each rank reads its own boxes. A list of volumes
+        gives one volume each. All ranks pass the same scene. It may be left out where volumes, meshes, lines, points,
+        grids or flows are given by their keys.
     grid : Grid or list of Grid, optional
         Spacing, origin and direction of an array, or a list for several; the default spacing is 1.
     comm : mpi4py.MPI.Comm, optional
@@ -120,7 +120,7 @@ def render(
         if channel.size > 1:
             limit_threads(channel.placement())
         with agree(channel, 0, "scene"):
-            opened, sources = given_scene(scene, grid, settings, "render")
+            opened, sources = given_scene(scene, grid, settings, "render", warns=channel.rank == 0)
         rendered = render_frame(opened, channel, sources, Options(annotate=True))
         if rendered.image is None:
             return None

@@ -161,6 +161,11 @@ class RankError(ClustervizError):
         self.exit_status = exit_status
 
 
+def installation(extra: str) -> str:
+    """Return how the packages of an extra are installed: from a checkout, since no index has clusterviz yet."""
+    return f"pip install '.[{extra}]' in a checkout of clusterviz"
+
+
 def mark_agreed(error: ClustervizError) -> ClustervizError:
     """Mark an error as raised by every rank, and return it."""
     error.agreed = True

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,6 @@ import typer.main
 import clusterviz
 import clusterviz.jobs
 from clusterviz.cli import COMMANDS, command_line
-from clusterviz.scene import scene_schema
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.viewer.messages import MESSAGES
 
@@ -72,6 +72,7 @@ def scene(schema: Schema) -> Iterator[str]:
             section = schema["$defs"].get(name, {})
             names += [inner for inner in dict.fromkeys(names_in(section)) if inner not in names]
             if "properties" in section:
+                yield "" if name == names[0] else f"\n### {name}"
                 yield from keys(name, section)
 
 
@@ -91,7 +92,8 @@ def keys(name: str, section: Schema) -> Iterator[str]:
     rows: list[tuple[object, ...]] = []
     for key, part in section["properties"].items():
         default = part.get("default")
-        rows.append((f"`{key}`", kind(part), "" if default is None else f"`{default}`", part.get("description", "")))
+        shown = default if isinstance(default, str) else json.dumps(default)
+        rows.append((f"`{key}`", kind(part), "" if default is None else f"`{shown}`", part.get("description", "")))
     yield from table(("key", "value", "default", "meaning"), rows)
 
 
@@ -168,7 +170,7 @@ def modules() -> Iterator[str]:
 def write_pages(folder: Path) -> None:
     """Write the pages into a folder."""
     folder.mkdir(exist_ok=True)
-    pages = {"commands": commands(), "scene": scene(scene_schema()), "blend-modes": blend_modes(), "python": api()}
+    pages = {"commands": commands(), "blend-modes": blend_modes(), "python": api()}
     pages |= {"viewer-messages": viewer_messages(), "modules": modules()}
     for page, lines in pages.items():
         text = "\n".join(lines) + "\n"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import io
 import pickle
 import pydoc
@@ -13,8 +12,8 @@ import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from types import SimpleNamespace, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,17 +21,14 @@ from PIL import Image as Pillow
 
 import clusterviz
 from clusterviz.comm import LoopbackChannel
+from clusterviz.data.geometry import Lines, Points
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import DataError, InputError, OutputError, SceneError
 from clusterviz.frame import render_frame
 from clusterviz.image.finish import finish
-from clusterviz.scene import cluster, flows, values
-from clusterviz.scene.field_types import Section
-from clusterviz.scene.grids import LISTED_SECTIONS
-from clusterviz.scene.overrides import Settings, with_settings
-from clusterviz.scene.transfer_2d import Transfer2d
-from clusterviz.scene.validation_messages import KEY_PATHS, SECTIONS
-from clusterviz.scene.values import Light
+from clusterviz.scene.overrides import with_settings
+from clusterviz.scene.validation_messages import KEY_PATHS
 
 ROOT = Path(__file__).parents[1]
 VOXELS = np.random.default_rng(0).random((12, 13, 14), np.float32)
@@ -232,6 +228,37 @@ def test_a_mesh_in_memory_is_drawn_in_whatever_form_it_comes() -> None:
         clusterviz.render(clusterviz.Scene(), meshes=[forms[0], {"path": 3}])
 
 
+CORNERS = np.array([[0, 0, 0], [4.0, 0, 0], [0, 4, 0], [0, 0, 4]])
+SWIRL = np.stack(np.meshgrid(*[np.linspace(-1, 1, 6)] * 3, indexing="ij"), axis=-1)
+ALONE: list[tuple[str, Any, Any, dict[str, Any]]] = [
+    ("meshes", (CORNERS, np.array([[0, 1, 2], [0, 2, 3]])), None, {}),
+    ("grids", (CORNERS, np.array([[0, 1, 2, 3]]), np.arange(4.0)), None, {}),
+    ("points", CORNERS, Points("array", CORNERS), {"radius": 0.4}),
+    ("lines", [CORNERS], Lines("array", CORNERS, np.array([0, 4])), {"radius": 0.4}),
+    ("flows", [SWIRL], VectorArray(SWIRL), {}),
+]
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(("section", "content", "alone", "keys"), ALONE, ids=[section for section, *_ in ALONE])
+def test_content_of_any_kind_is_drawn_without_a_scene(
+    section: str, content: Any, alone: Any, keys: dict[str, Any]
+) -> None:
+    found = clusterviz.render(**{section: content}, **keys, size=(20, 16))
+    assert found is not None
+    assert found[..., 3].max() > 0.1
+    np.testing.assert_array_equal(clusterviz.render(content if alone is None else alone, **keys, size=(20, 16)), found)
+
+
+@pytest.mark.gl
+def test_a_tuple_of_volumes_is_no_mesh() -> None:
+    pair = np.ones((3, 4, 3)), np.ones((2, 5, 3), int)
+    found, expected = (clusterviz.render(each, size=(20, 16), opacity=0.1) for each in (pair, list(pair)))
+    assert found is not None
+    assert found[..., 3].max() > 0
+    np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.gl
 def test_the_example_of_a_flow_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["flow.py", str(tmp_path / "a.png")])
@@ -241,58 +268,11 @@ def test_the_example_of_a_flow_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert np.asarray(picture).std(axis=(0, 1)).min() > 20
 
 
-CHOICES = {
-    kind: name
-    for module in (cluster, values, flows)
-    for name, kind in vars(module).items()
-    if get_origin(kind) is Literal
-}
-
-
-def _words(kind: Any) -> list[str]:
-    """The type of a scene's key as `Settings` writes it: sequences for tuples, mappings for sections."""
-    origin, parts = get_origin(kind), get_args(kind)
-    if origin is Annotated:
-        return _words(parts[0])
-    if origin in (Union, UnionType):
-        return [word for part in parts for word in _words(part)]
-    if origin is Literal:
-        return [CHOICES.get(kind, f"Literal[{', '.join(map(repr, parts))}]")]
-    if origin is tuple:
-        inner = [word for part in parts if part is not ... for word in _words(part)]
-        return ["Rows" if {"Numbers", "Rows"} & set(inner) else "Numbers"]
-    if isinstance(kind, type) and issubclass(kind, Section):
-        return [kind.__name__, "Mapping[str, Any]"]
-    return [{type(None): "None"}.get(kind, kind.__name__)]
-
-
-def test_the_types_of_settings_are_those_of_the_scene() -> None:
-    expected: dict[str, str] = {}
-    for section in (
-        *(section for _, section in SECTIONS),
-        *LISTED_SECTIONS.values(),
-        Light,
-        Transfer2d,
-        clusterviz.Scene,
-    ):
-        for name, kind in get_type_hints(section, include_extras=True).items():
-            if name in section.model_fields:
-                expected.setdefault(name, " | ".join(dict.fromkeys(_words(kind))))
-    expected |= {
-        "cmap": "str | Rows | Callable[..., Any] | None",
-        "isosurfaces": "Sequence[float | Sequence[float]] | NDArray[Any]",
-        "volumes": "Sequence[Volume | Mapping[str, Any]]",
-        "lights": "Sequence[Light | Mapping[str, Any]]",
-        "layers": "Sequence[Layer]",
-        "surfaces": "Sequence[str] | None",
-        "color": "str | Numbers",  # of a light: numbers only
-        "time": "int | float | None",
-        "radius": "float | str | None",
-        "direction": "Rows | str | None",  # of arrows, the name of an array
-        **dict.fromkeys(LISTED_SECTIONS, "Sequence[Any]"),  # sections, or objects in memory
-    }
-    found = {name: ast.unparse(ast.parse(kind.__forward_arg__)) for name, kind in Settings.__annotations__.items()}
-    assert found == expected
+def test_what_is_generated_of_scene_keys_is_current() -> None:
+    """Types for checkers, and the page for readers."""
+    made = runpy.run_path(str(ROOT / "docs" / "make_scene_keys.py"))
+    for path, text in ((made["MODULE"], made["settings_text"]()), (made["PAGE"], made["page_text"]())):
+        assert path.read_text(encoding="utf-8") == text, "run python docs/make_scene_keys.py"
 
 
 @pytest.mark.fresh
@@ -332,6 +312,7 @@ def _fields(section: str) -> list[str]:
         ("none.npy", {}, DataError, "none.npy: no such file"),
         (np.zeros((2, 2, 2, 2)), {}, DataError, "array"),
         (7, {}, InputError, "nothing to render; found int"),
+        (None, {"size": (4, 3)}, InputError, "nothing to render; found NoneType"),
         ("field:gaussian:8", {"grid": object()}, InputError, "only an array takes a grid"),
     ],
 )
@@ -358,16 +339,3 @@ def test_render_is_collective_under_mpirun(mpi_ranks: int) -> None:
             assert clusterviz.compare(picture, alone, 1e-5).count == 0
     with pytest.raises(DataError):
         clusterviz.render("none.npy")
-
-
-@pytest.mark.gl
-def test_the_examples_of_the_manual_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/how-to/use-from-python.md").read_text(), re.DOTALL)
-    assert len(blocks) >= 3
-    monkeypatch.chdir(tmp_path)
-    np.save(tmp_path / "head.npy", VOXELS)
-    (tmp_path / "scene.yaml").write_text("volumes: [{path: head.npy}]\nimage: {size: [24, 18]}\n")
-    names: dict[str, Any] = {}
-    for block in blocks:
-        exec(compile(block, "docs/how-to/use-from-python.md", "exec"), names)
-    assert {path.name for path in tmp_path.iterdir()} >= {"head.png", "ripples.png"}

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from clusterviz.errors import ClustervizError
+from clusterviz.errors import ClustervizError, installation
 
 Colour = tuple[float, float, float]
 Point = Sequence[float] | NDArray[np.float64]
@@ -36,7 +36,7 @@ def check_library() -> None:
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        raise ClustervizError("annotations need matplotlib: pip install 'clusterviz[report]'") from None
+        raise ClustervizError(f"annotations need matplotlib: {installation('report')}") from None
 
 
 @dataclass(frozen=True, eq=False)

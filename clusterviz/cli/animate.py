@@ -37,8 +37,7 @@ from clusterviz.cli.arguments import (
 from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.instrumentation import Tracing, check_reports, slowest_startup, start, write_statistics
 from clusterviz.comm import Channel, agree
-from clusterviz.data import open_scene, open_source
-from clusterviz.data.axes import Subset
+from clusterviz.data import open_scene, open_volume
 from clusterviz.errors import InputError, OutputError
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.frame.picture_file import write_picture
@@ -358,8 +357,8 @@ def with_time_steps(scene: Scene, asked_for: bool) -> tuple[Scene, dict[int, int
     volumes, steps = list(scene.volumes), dict[int, int]()
     for n, volume in enumerate(volumes):
         if volume.time == "all" or (asked_for and volume.time is None):
-            subset = Subset(volume.array, None, volume.channel, first=True, spaced=True)
-            slab = getattr(open_source(volume.path, subset=subset), "slab", None)
+            first = open_volume(volume.model_copy(update={"time": None, "spacing": (1.0, 1.0, 1.0)}))
+            slab = getattr(first, "slab", None)
             if slab is not None and slab.time_steps > 1:
                 steps[n] = slab.time_steps
             volumes[n] = volume.model_copy(update={"time": "all" if n in steps else None})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as json_text
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,7 +42,7 @@ def command(
     from rich.console import Console
 
     from clusterviz.data import grid_format_of, mesh_format_of, open_source, read_geometry, read_grid
-    from clusterviz.data.axes import Subset
+    from clusterviz.data.axes import Subset, first_parts
 
     arrays: dict[str, Any] = {}
     if plot:
@@ -60,7 +61,7 @@ def command(
             found = {"name": file, "format": grid_format.name, "grid": describe_grid(grid)}
         else:
             try:
-                source = open_source(file, subset=Subset(array, time, channel, first=True))
+                source, _, _ = first_parts(partial(open_source, file, None), Subset(array, time, channel))
             except DataError as error:
                 source = _speeds_of(file, array, time, error)
             found = describe(source, brick) | _vectors_of(file, array)
@@ -83,11 +84,12 @@ def command(
 
 def _speeds_of(file: str, array: str | None, time: int | None, error: DataError) -> Source:
     """Return the speeds of a file that has no scalars but vectors; raise the error if it has neither."""
+    from clusterviz.data.axes import Subset, first_parts
     from clusterviz.data.vectors import open_vectors
     from clusterviz.flow.lic import SpeedSource
 
     try:
-        return SpeedSource(open_vectors(file, array, time))
+        return SpeedSource(first_parts(lambda part: open_vectors(file, part.array, part.time), Subset(array, time))[0])
     except DataError:
         raise error from None
 

@@ -114,7 +114,8 @@ def _check_data(picture: Path, scene: Scene, record: Mapping[str, Any]) -> None:
                 found=Path(file).name,
                 allowed=f"a picture of files, or -D {key}=FILE with the same data",
             )
-        files_of_pattern(file)
+        if files_of_pattern(file) != [file]:
+            continue
         raise InputError(
             "the data are not there",
             where=f"{picture}: {key}",

@@ -24,7 +24,7 @@ from clusterviz.comm import agree
 from clusterviz.comm.placement import launched
 from clusterviz.data import FILE_AND_DATASET, open_scene
 from clusterviz.data.remote import is_url
-from clusterviz.errors import ClustervizError, InputError
+from clusterviz.errors import ClustervizError, InputError, installation
 from clusterviz.frame import Options
 from clusterviz.viewer.pace import Pace
 from clusterviz.viewer.render_loop import RenderLoop
@@ -71,7 +71,7 @@ def command(
 
         from clusterviz.viewer.server import Server, open_socket
     except ImportError as error:
-        raise ClustervizError(f"view needs {error.name}: pip install 'clusterviz[view]'") from None
+        raise ClustervizError(f"view needs {error.name}: {installation('view')}") from None
     if ranks is not None and launched():
         raise InputError("the launcher sets the number of ranks", where="--ranks", found=ranks, allowed="no --ranks")
     token, folders = _token(), _folders_of(scene, root or [])

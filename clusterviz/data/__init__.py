@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab, Subset
+from clusterviz.data.axes import Choice, Hyperslab, Subset, first_parts
 from clusterviz.data.bricks import Box, read_boxes
 from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, require_file, start_of
@@ -443,23 +443,29 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = (), preset:
 
 
 def holds_only_vectors(path: str, overrides: Sequence[str] = ()) -> bool:
-    """Return whether a file has no volume of scalars, with its defaults, but an array of vectors on a regular grid.
+    """Return whether what a file shows first is an array of vectors on a regular grid, not a volume of scalars.
 
     Parameters
     ----------
     overrides : of the scene, such as array=U
     """
     chosen = dict(each.partition("=")[::2] for each in overrides)
-    array = chosen.get("array")
     if {"time", "channel"} & chosen.keys():
         return False
+    subset, scalars = Subset(chosen.get("array"), spaced="spacing" in chosen), None
     with suppress(DataError):
-        open_source(path, subset=Subset(array))
-        return False
+        scalars, _, choices = first_parts(lambda part: open_source(path, subset=part), subset)
+        if not choices:
+            return False
     with suppress(DataError):
-        source = open_source(path, subset=Subset(array, channel=0, first=True, vectors=True))
-        slab = getattr(source, "slab", None)
-        return slab is not None and slab.channels == 3 and source.dtype.kind == "f"
+        vectors, _, _ = first_parts(
+            lambda part: open_source(path, subset=part), replace(subset, channel=0, vectors=True)
+        )
+        slab, other = getattr(vectors, "slab", None), getattr(scalars, "slab", None)
+        if slab is None or slab.channels != 3 or vectors.dtype.kind != "f" or vectors.grid.modality == "microscopy":
+            return False
+        # Axes without names may be time steps or channels of scalars, or components of vectors.
+        return scalars is None or (other is not None and other.samples == slab.samples)
     return False
 
 
@@ -487,18 +493,29 @@ def _sections_of(path: Path, found: Format) -> tuple[str, ...]:
 
 
 def open_volume(volume: Volume) -> Source:
-    """Open the data of a scene's volume, with the scene's grid.
+    """Open the data of a scene's volume, with the scene's grid; raises as `open_first_parts`."""
+    return open_first_parts(volume)[0]
+
+
+def open_first_parts(volume: Volume) -> tuple[Source, list[Choice]]:
+    """Open a scene's volume, with the scene's grid: the first array, time step and channel that it does not name.
+
+    Returns
+    -------
+    source : the volume
+    choices : that were made
 
     Raises
     ------
     DataError
-        As `open_source`.
+        As `open_source`, or all time steps are to be shown.
     """
     if volume.time == "all":
         raise DataError(ONE_STEP, where=volume.path, found="time: all", allowed=ALL_STEPS)
     is_spaced = volume.spacing is not None
     subset = Subset(volume.array, volume.time, volume.channel, spaced=is_spaced, scattered=volume.scattered)
-    return override_grid(open_source(volume.path, subset=subset), volume)
+    source, _, choices = first_parts(lambda part: open_source(volume.path, subset=part), subset)
+    return override_grid(source, volume), choices
 
 
 def open_time_step(source: Source, volume: Volume) -> Source:

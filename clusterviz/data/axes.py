@@ -2,16 +2,111 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import shlex
+import warnings
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from math import prod
+from typing import Any, Literal, TypeVar
 
 from clusterviz.data.header import check_shape
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 from clusterviz.scene.values import Scattered
 
-MAX_LISTED = 12  # channel names in a message
+MAX_LISTED = 12  # names in a message
+Part = Literal["array", "time", "channel"]
+"""Key of a scene that names a part of a file."""
+NOUNS: dict[Part, str] = {"array": "array", "time": "time step", "channel": "channel"}
+Opened = TypeVar("Opened")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Choice of the first of several parts of a file, of which none is named.
+
+    Attributes
+    ----------
+    key : that names a part
+    parts : names or numbers, at least two; the first is chosen
+    noun : what messages call a part
+    """
+
+    key: Part
+    parts: tuple[Any, ...]
+    noun: str
+
+    def __str__(self) -> str:
+        """Return the choice, and how many there are."""
+        names = f" ({listed(self.parts)})" if isinstance(self.parts[0], str) else ""
+        return f"{self.noun} {self.parts[0]} of {len(self.parts)}{names}"
+
+
+class UnnamedPartError(DataError):
+    """A file has several arrays, time steps or channels, and none is named.
+
+    Attributes
+    ----------
+    choice : that is made where a default is wanted
+    """
+
+    def __init__(
+        self, key: Part, parts: Sequence[Any], *, where: str, found: object = None, allowed: object, noun: str = ""
+    ) -> None:
+        self.choice = Choice(key, tuple(parts), noun or NOUNS[key])
+        several = f"{self.choice.noun.removesuffix('s')}s"
+        super().__init__(f"several {several}: name one", where=where, found=found, allowed=allowed)
+
+
+def first_parts(
+    opener: Callable[[Subset], Opened], subset: Subset, keys: Collection[str] = tuple(NOUNS)
+) -> tuple[Opened, Subset, list[Choice]]:
+    """Open the part of a file that a subset names, and the first of those that it leaves open.
+
+    Parameters
+    ----------
+    keys : that may be left open
+
+    Returns
+    -------
+    opened : by the opener
+    subset : with all names that it needs
+    choices : that were made
+
+    Raises
+    ------
+    DataError
+        As the opener.
+    """
+    choices = list[Choice]()
+    while True:
+        try:
+            return opener(subset), subset, choices
+        except UnnamedPartError as error:
+            choice = error.choice
+            if choice.key not in keys or getattr(subset, choice.key) is not None:
+                raise
+            subset = replace(subset, **{choice.key: choice.parts[0]})
+            choices.append(choice)
+
+
+def warn_of_choices(path: str, choices: Sequence[Choice], key: str = "", option: str = "-D ") -> None:
+    """Say on one line which parts of a file are drawn, and how to take others.
+
+    Parameters
+    ----------
+    key : of the file's entry in the scene and a point; empty if the last name of a key is enough
+    option : that sets a key
+    """
+    if choices:
+        drawn = ", ".join(map(str, choices))
+        others = " ".join(f"{option}{shlex.quote(f'{key}{choice.key}={choice.parts[1]}')}" for choice in choices)
+        warnings.warn(f"{path}: {drawn} is drawn; for others give {others}", stacklevel=2)
+
+
+def listed(names: Sequence[object]) -> str:
+    """Return names on one line; at most `MAX_LISTED` of them."""
+    return ", ".join(map(str, names[:MAX_LISTED])) + (", …" if len(names) > MAX_LISTED else "")
 
 
 @dataclass(frozen=True)
@@ -23,7 +118,6 @@ class Subset:
     array : name of the array, for files with several
     time : number of the time step, from 0
     channel : number of the channel, from 0, or its name if the file has names
-    first : take time step 0 and channel 0 if there are several and none is named
     spaced : the spacing is given elsewhere, so coordinates that are on no lattice count as even
     scattered : the file holds points, whose values are interpolated on this grid
     vectors : the array holds vectors: an axis of three without a name, the last or first of space, is their channels
@@ -32,7 +126,6 @@ class Subset:
     array: str | None = None
     time: int | None = None
     channel: int | str | None = None
-    first: bool = False
     spaced: bool = False
     scattered: Scattered | None = None
     vectors: bool = False
@@ -107,8 +200,8 @@ def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_
         raise DataError("not a scalar volume", where=where, found=f"axes {axes} {tuple(sizes)}", allowed="one channel")
     time_steps, channels = (sizes[axes.index(letter)] if letter in axes else 1 for letter in "TC")
     names = tuple(channel_names) if len(channel_names) == channels else ()
-    time = _pick("time", "time step", time_steps, subset.time, subset.first, (), where)
-    channel = _pick("channel", "channel", channels, subset.channel, subset.first, names, where)
+    time = _pick("time", time_steps, subset.time, (), where)
+    channel = _pick("channel", channels, subset.channel, names, where)
     space = [axis for axis, letter in enumerate(axes) if letter not in "TC"]
     for axis in [axis for axis in space if sizes[axis] == 1][: max(0, len(space) - 3)]:
         space.remove(axis)
@@ -134,17 +227,16 @@ def unnamed_axes(shape: Sequence[int], subset: Subset) -> str:
     return {4: "TZYX", 5: "TCZYX"}.get(dimensions, "Z" * dimensions)
 
 
-def _pick(
-    key: str, noun: str, count: int, wanted: int | str | None, first: bool, names: tuple[str, ...], where: str
-) -> int:
+def _pick(key: Part, count: int, wanted: int | str | None, names: tuple[str, ...], where: str) -> int:
     """Return the requested index along one axis."""
+    noun = NOUNS[key]
     allowed = f"{key}: 0" if count == 1 else f"{key}: 0 to {count - 1}"
     if names:
-        listed = ", ".join(names[:MAX_LISTED]) + (", …" if len(names) > MAX_LISTED else "")
-        allowed += f", or a name: {listed}"
+        allowed += f", or a name: {listed(names)}"
+    if wanted is None and count > 1:
+        parts = names if len(set(names)) == count else range(count)
+        raise UnnamedPartError(key, parts, where=where, found=f"{count} {noun}s", allowed=allowed)
     if wanted is None:
-        if count > 1 and not first:
-            raise DataError(f"several {noun}s: name one", where=where, found=f"{count} {noun}s", allowed=allowed)
         return 0
     if wanted in names:
         return names.index(str(wanted))

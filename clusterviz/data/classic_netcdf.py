@@ -30,12 +30,12 @@ class ClassicDimension:
     """Axis of a variable, as h5py's dimensions: its name, and the coordinate variable if there is one."""
 
     label: str
-    scales: tuple[ClassicVariable, ...]
+    scales: tuple[Any, ...]
 
     def __len__(self) -> int:
         return len(self.scales)
 
-    def __getitem__(self, number: int) -> ClassicVariable:
+    def __getitem__(self, number: int) -> Any:
         return self.scales[number]
 
 

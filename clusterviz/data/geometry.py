@@ -306,7 +306,7 @@ def check_indices(indices: NDArray[np.integer[Any]], count: int, where: str) -> 
 
 ALLOWED_OBJECTS = {
     "meshes": "Mesh, (vertices, faces), or an object with vertices and faces (trimesh) or points and faces (pyvista)",
-    "lines": "Lines, a list of arrays (k, 3), or an object with points and lines (pyvista)",
+    "lines": "Lines, an array (k, 3) or a list of them, or an object with points and lines (pyvista)",
     "points": "Points, an array (n, 3), or an object with points or vertices",
 }
 
@@ -340,7 +340,8 @@ def as_geometry(given: Any, section: str, where: str) -> Geometry:
             placed = positions_of(given if positions is None else positions)
             return Geometry(points=Points(where, placed, named_arrays(given, "point", len(placed))))
         if section == "lines" and positions is None:
-            each = [positions_of(line) for line in given]
+            one = hasattr(given, "__array__") and np.ndim(given) == 2
+            each = [positions_of(line) for line in ([given] if one else given)]
             offsets = np.cumsum([0, *map(len, each)])
             return Geometry(lines=Lines(where, np.concatenate([np.empty((0, 3), np.float32), *each]), offsets))
         if positions is None:

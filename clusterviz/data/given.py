@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from clusterviz.data import open_scene
+from clusterviz.data.axes import Choice, Subset, first_parts, warn_of_choices
 from clusterviz.data.geometry import Geometry, Lines, Points, as_geometry
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.source import Source
+from clusterviz.data.objects import open_object
 from clusterviz.data.vectors import VectorArray, VectorSource
 from clusterviz.data.vtk_cells import as_grid, is_grid
 from clusterviz.errors import DataError, InputError
@@ -22,14 +24,20 @@ from clusterviz.scene.grids import LISTED_SECTIONS, GridSection
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Scene, Volume
 
+CONTENT = {"volumes", *LISTED_SECTIONS}
+"""Sections of a scene that hold content."""
 
-def given_scene(given: Any, grid: Any, settings: Mapping[str, Any], where: str) -> tuple[Scene, Any]:
+
+def given_scene(
+    given: Any, grid: Any, settings: Mapping[str, Any], where: str, *, warns: bool = True
+) -> tuple[Scene, Any]:
     """Return the scene of a caller's arguments, and the data that are not in files.
 
     Parameters
     ----------
     given, grid, settings : as in `clusterviz.render`
     where : name of the function, for errors
+    warns : whether to say which parts of objects are drawn, on one of the ranks
 
     Returns
     -------
@@ -42,20 +50,48 @@ def given_scene(given: Any, grid: Any, settings: Mapping[str, Any], where: str) 
     SceneError, DataError, InputError
         An argument is no data, a file cannot be read, or a setting does not suit the scene.
     """
-    scene, sources = _scene_and_sources(given, grid, where)
+    named: dict[str, Any] = {key: settings.get(key) for key in ("array", "time", "channel")}
+    subset = Subset(**named, spaced="spacing" in settings)
+    scene, sources, choices = _scene_and_sources(given, grid, where, subset, CONTENT & settings.keys())
+    if warns:
+        warn_of_choices(where, choices, option="")
     named, in_memory = _named_objects(dict(settings))
     scene = with_settings(scene, named)
-    if in_memory:
-        sources = _joined_sources(scene, sources, in_memory)
-    elif sources is not None and any(v.time is not None or v.channel is not None for v in scene.volumes):
+    each = sources if isinstance(sources, list) else [sources] * (sources is not None)
+    if any(v.time is not None or v.channel is not None for v in scene.volumes) and any(map(_is_whole, each)):
         allowed = "array[time], array[..., channel]"
         raise InputError("only files have time steps and channels", where=where, allowed=allowed)
-    return scene, sources
+    return scene, _joined_sources(scene, sources, in_memory) if in_memory else sources
 
 
-def _scene_and_sources(given: Any, grid: Any, where: str) -> tuple[Scene, Any]:
+def _is_whole(source: Any) -> bool:
+    """Return whether a source is no part of something, but data as they were given."""
+    return source is not None and getattr(source, "slab", None) is None
+
+
+def _scene_and_sources(
+    given: Any, grid: Any, where: str, subset: Subset, content: Set[str] = frozenset()
+) -> tuple[Scene, Any, list[Choice]]:
+    """Return the scene of a first argument, its data in memory, and the choices among their parts.
+
+    Parameters
+    ----------
+    subset : part of an object of another library that is the volume
+    content : sections among the settings, which may stand alone
+    """
+    if given is None and content:
+        return Scene(automatic=True), None, []
+    if _is_indexed(given, 3):
+        given = as_grid(given, where)
+    elif _is_indexed(given, 2):
+        given = as_geometry(given, "meshes", where)
     if isinstance(given, (list, tuple)):
-        return _several(given, grid, where)
+        return _several(given, grid, where, subset)
+    volume, _, choices = first_parts(lambda part: open_object(given, part, "array"), subset)
+    return *_one(given if volume is None else volume, grid, where), choices
+
+
+def _one(given: Any, grid: Any, where: str) -> tuple[Scene, Any]:
     if is_grid(given):
         return Scene(grids=(GridSection(path="array"),), automatic=True), [as_grid(given, where)]
     if _is_vectors(given):
@@ -63,7 +99,7 @@ def _scene_and_sources(given: Any, grid: Any, where: str) -> tuple[Scene, Any]:
     if any(hasattr(given, name) for name in ("faces", "vertices")) or isinstance(given, (Geometry, Lines, Points)):
         # Objects of pyvista may have all, of which some are empty.
         cells = (("meshes", "faces"), ("lines", "lines"))
-        kind = next((name for name, attribute in cells if len(getattr(given, attribute, ()))), "points")
+        kind = next((name for name, attribute in cells if _count(given, attribute)), "points")
         geometry = as_geometry(given, kind, where)
         parts = {"meshes": geometry.mesh, "lines": geometry.lines, "points": geometry.points}
         each = [section(path="array") for name, section in GEOMETRY_SECTIONS.items() if parts[name]]
@@ -82,17 +118,36 @@ def _scene_and_sources(given: Any, grid: Any, where: str) -> tuple[Scene, Any]:
     raise InputError(f"nothing to {where}", where=where, found=type(given).__name__, allowed="a scene, path or array")
 
 
-def _several(given: Sequence[Any], grids: Any, where: str) -> tuple[Scene, list[Source]]:
-    """Return the scene of several arrays and data sources, and the sources."""
+def _count(given: Any, attribute: str) -> int:
+    """Return the length of an attribute; 0 if it is None, or missing."""
+    found = getattr(given, attribute, None)
+    return 0 if found is None else len(found)
+
+
+def _is_indexed(given: Any, count: int) -> bool:
+    """Return whether a tuple is positions (n, 3), cells as integers and maybe scalars, not volumes."""
+    if not isinstance(given, tuple) or len(given) != count:
+        return False
+    with suppress(ValueError):  # of lists of unequal lengths
+        positions, cells = np.asarray(given[0]), np.asarray(given[1])
+        return positions.shape[1:] == (3,) and cells.ndim in (1, 2) and cells.dtype.kind in "iu"
+    return False
+
+
+def _several(given: Sequence[Any], grids: Any, where: str, subset: Subset) -> tuple[Scene, Any, list[Choice]]:
+    """Return the scene of several volumes, their sources, and choices; of the first a subset may name a part."""
     each = [None] * len(given) if grids is None else list(grids)
     if len(each) != len(given):
         raise InputError("not one for each volume", where=f"{where}: grid", found=len(each), allowed=len(given))
-    parts = [_scene_and_sources(data, grid, where) for data, grid in zip(given, each, strict=True)]
-    sources: list[Any] = [source for _, source in parts]
+    subsets = [subset, *[Subset()] * (len(given) - 1)]
+    triples = zip(given, each, subsets, strict=True)
+    parts = [_scene_and_sources(data, grid, where, part) for data, grid, part in triples]
+    sources: list[Any] = [source for _, source, _ in parts]
     if not parts or any(source is None or isinstance(source, list) for source in sources):
         allowed = "arrays, or objects with name, grid, dtype and read; files go into a scene"
         raise InputError("not data", where=where, found="a list of other things", allowed=allowed)
-    return Scene(volumes=tuple(volume for scene, _ in parts for volume in scene.volumes), automatic=True), sources
+    volumes = tuple(volume for scene, _, _ in parts for volume in scene.volumes)
+    return Scene(volumes=volumes, automatic=True), sources, [each for _, _, choices in parts for each in choices]
 
 
 def _named_objects(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, list[Any]]]:

@@ -19,7 +19,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from clusterviz.data.files import readable
-from clusterviz.errors import DataError, public_address
+from clusterviz.errors import DataError, installation, public_address
 
 ATTEMPTS = 5
 FIRST_WAIT_SECONDS = 0.25
@@ -331,5 +331,5 @@ def _fetch_by_fsspec(path: RemotePath, begin: int, count: int | None) -> tuple[b
 
 def _require(package: str, path: RemotePath) -> Any:
     if find_spec(package) is None:
-        raise DataError(f"needs the {package} package", where=str(path), allowed="pip install 'clusterviz[store]'")
+        raise DataError(f"needs the {package} package", where=str(path), allowed=installation("store"))
     return __import__(package)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab, Subset
+from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, first_parts
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
@@ -115,11 +115,12 @@ def open_step(files: Sequence[str], subset: Subset, opener: Open, where: str) ->
     DataError
         No time step is named, or there is no such step; as the opener.
     """
-    time = 0 if subset.time is None and (subset.first or len(files) == 1) else subset.time
-    if time is None or time >= len(files):
-        found = f"{len(files)} time steps" if time is None else f"{time}, and {len(files)} time steps"
-        what = "several time steps: name one" if time is None else "no such time step"
-        raise DataError(what, where=where, found=found, allowed=f"time: 0 to {len(files) - 1}")
+    steps, time = range(len(files)), 0 if len(files) == 1 else subset.time
+    found, allowed = f"{len(files)} time steps", f"time: 0 to {steps[-1]}"
+    if time is None:
+        raise UnnamedPartError("time", steps, where=where, found=found, allowed=allowed)
+    if time >= len(files):
+        raise DataError("no such time step", where=where, found=f"{time}, and {found}", allowed=allowed)
     return FileOfSeries(opener(files[time], replace(subset, time=None)), time, len(files))
 
 
@@ -140,7 +141,7 @@ def open_series(names: Sequence[str], along: str, subset: Subset, opener: Open) 
         names = sorted(names, key=lambda name: by_numbers(Path(name)))
     files = [file for name in names for file in files_of_pattern(name)]
     letter = "t" if along == "time" else "c"
-    first = opener(files[0], replace(subset, first=True))
+    first, _, _ = first_parts(lambda part: opener(files[0], part), subset, ("time", "channel"))
     slab = getattr(first, "slab", None)
     within = {"t": slab.time_steps, "c": slab.channels} if slab else {"t": 1, "c": 1}
     given = {"t": subset.time, "c": subset.channel}

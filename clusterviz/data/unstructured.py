@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.axes import UnnamedPartError
 from clusterviz.data.geometry import (
     Attributes,
     Bounds,
@@ -121,8 +122,9 @@ class UnstructuredGrid:
         if not found:
             allowed = names or "none: the file has no arrays"
             raise DataError("no such array", where=self.name, found=name or "no array", allowed=allowed)
-        if name is None and len({key for key, _, _ in scalars}) > 1:
-            raise DataError("several arrays, and none is named", where=self.name, found=names, allowed="array: NAME")
+        named = list(dict.fromkeys(key for key, _, _ in scalars))
+        if name is None and len(named) > 1:
+            raise UnnamedPartError("array", named, where=self.name, found=names, allowed="array: NAME")
         return scalars[0][1].reshape(-1), scalars[0][2], scalars[0][0]
 
     def _arrays(self) -> list[tuple[str, NDArray[Any], bool]]:

@@ -15,7 +15,7 @@ are an error: a flow that is interpolated over a hole would look like one.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data import open_source
-from clusterviz.data.axes import Subset
+from clusterviz.data.axes import Subset, first_parts
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.header import check_box, check_dtype, check_step
 from clusterviz.data.series import check_same, files_of_pattern
@@ -255,7 +255,7 @@ def _parts(path: str, array: str | None, time: int | None) -> tuple[str | None, 
         except DataError as error:
             for known in KNOWN_NAMES:
                 try:
-                    open_source(path, subset=Subset(known.split(",")[0], time, first=True))
+                    _at_first_step(path, Subset(known.split(",")[0], time))
                 except DataError:
                     continue
                 return _parts(path, known, time)
@@ -265,7 +265,7 @@ def _parts(path: str, array: str | None, time: int | None) -> tuple[str | None, 
         return array, _components(path, array, time)
     if len(names) not in (2, 3):
         raise DataError("impossible names of arrays", where=path, found=array, allowed="two or three: u,v,w")
-    found = [open_source(path, subset=Subset(each, time, first=True)) for each in names]
+    found = [_at_first_step(path, Subset(each, time))[0] for each in names]
     for other in found[1:]:
         check_same(found[0], other)
     return array, [*found, *[None] * (3 - len(found))]
@@ -273,8 +273,7 @@ def _parts(path: str, array: str | None, time: int | None) -> tuple[str | None, 
 
 def _components(path: str, array: str | None, time: int | None) -> list[Source | None]:
     """Return the three components of an array of vectors."""
-    subsets = [Subset(array, time, channel, first=True, vectors=True) for channel in range(3)]
-    first = open_source(path, subset=subsets[0])
+    first, subset = _at_first_step(path, Subset(array, time, channel=0, vectors=True))
     slab = getattr(first, "slab", None)
     channels = slab.channels if slab else 1
     if channels != 3:
@@ -284,7 +283,12 @@ def _components(path: str, array: str | None, time: int | None) -> list[Source |
         )
         allowed = "3 components; or array: u,v,w for arrays of one"
         raise DataError("not vectors", where=where, found=found, allowed=allowed)
-    return [first, *(open_source(path, subset=subset) for subset in subsets[1:])]
+    return [first, *(open_source(path, subset=replace(subset, channel=channel)) for channel in (1, 2))]
+
+
+def _at_first_step(path: str, subset: Subset) -> tuple[Source, Subset]:
+    """Open a source at a time step, by default the first one; return it, and the subset with the step."""
+    return first_parts(lambda part: open_source(path, subset=part), subset, ("time",))[:2]
 
 
 def _step_numbers(files: Sequence[str], where: str) -> list[float]:

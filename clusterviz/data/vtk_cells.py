@@ -118,9 +118,10 @@ def _visible(
 
 
 def is_grid(given: Any) -> bool:
-    """Return whether an object is an unstructured grid of this package, pyvista or meshio."""
+    """Return whether an object is an unstructured grid of this package, pyvista or meshio, or pyvista's curved one."""
     is_meshio = hasattr(given, "cells") and hasattr(given, "cell_data") and not hasattr(given, "faces")
-    return isinstance(given, UnstructuredGrid) or hasattr(given, "celltypes") or is_meshio
+    is_curved = hasattr(given, "dimensions") and hasattr(given, "cast_to_unstructured_grid")
+    return isinstance(given, UnstructuredGrid) or hasattr(given, "celltypes") or is_meshio or is_curved
 
 
 def as_grid(given: Any, where: str) -> UnstructuredGrid:
@@ -128,7 +129,7 @@ def as_grid(given: Any, where: str) -> UnstructuredGrid:
 
     Parameters
     ----------
-    given : an `UnstructuredGrid`, an unstructured grid of pyvista, a mesh of meshio, or points (n, 3), tetrahedra
+    given : an `UnstructuredGrid`, a grid of pyvista, a mesh of meshio, or points (n, 3), tetrahedra
         (m, 4) and scalars (n,) or (m,), which become the array values
     where : for errors
 
@@ -140,9 +141,12 @@ def as_grid(given: Any, where: str) -> UnstructuredGrid:
     if isinstance(given, UnstructuredGrid):
         return given
     try:
+        if not hasattr(given, "celltypes") and hasattr(given, "cast_to_unstructured_grid"):
+            given = given.cast_to_unstructured_grid()
         if hasattr(given, "celltypes"):
             points, types = positions_of(given.points), np.asarray(given.celltypes)
-            offsets, corners = (np.asarray(each, np.int64) for each in (given.offset, given.cell_connectivity))
+            ends = given.cell_offsets if hasattr(given, "cell_offsets") else given.offset  # of pyvista before 0.49
+            offsets, corners = np.asarray(ends, np.int64), np.asarray(given.cell_connectivity, np.int64)
             of_points, of_cells = named_arrays(given, "point", len(points)), named_arrays(given, "cell", len(types))
             return grid_of_cells(points, types, offsets, corners, of_points, of_cells, where)
         if is_grid(given):

@@ -9,6 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.axes import UnnamedPartError
 from clusterviz.data.header import check_shape, make_grid
 from clusterviz.data.rectilinear import line_of, placed
 from clusterviz.data.source import Grid, Source
@@ -72,9 +73,12 @@ def choose_array(arrays: Sequence[Array], name: str | None, noun: str, path: Pat
     active = [a for a in arrays if a.active]
     if active:
         return min(active, key=lambda a: a.on_cells)
-    if len(arrays) != 1:
-        raise DataError("several arrays: name one" if arrays else "no scalar volume", where=str(path), allowed=listed)
-    return arrays[0]
+    if not arrays:
+        raise DataError("no scalar volume", where=str(path), allowed=listed)
+    own = [a for a in arrays if not a.name.startswith("vtk")] or arrays  # before VTK's numbers and flags
+    if len(own) > 1:
+        raise UnnamedPartError("array", [a.name for a in own], where=str(path), allowed=listed)
+    return own[0]
 
 
 def image_grid(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data import read_grid
+from clusterviz.data.axes import UnnamedPartError
 from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
@@ -90,9 +91,10 @@ def _vectors_of(grid: UnstructuredGrid, name: str | None) -> tuple[NDArray[Any],
     known = [key for key in KNOWN_NAMES if set(key.split(",")) <= set(found)]
     name = name or (three[0] if len(three) == 1 else known[0] if known and not three else None)
     allowed = ", ".join([*three, *known]) or f"array: u,v,w of {', '.join(found)}"
+    if name is None and three:
+        raise UnnamedPartError("array", three, where=grid.name, found=", ".join(three), allowed=allowed)
     if name is None:
-        what = "several arrays of vectors, and none is named" if three else "no vectors"
-        raise DataError(what, where=grid.name, found=", ".join(three or found) or "no array", allowed=allowed)
+        raise DataError("no vectors", where=grid.name, found=", ".join(found) or "no array", allowed=allowed)
     names = [key.strip() for key in name.split(",")]
     lost = [key for key in names if key not in found]
     if lost:

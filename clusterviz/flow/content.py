@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree
 from clusterviz.data import grid_format_of
+from clusterviz.data.axes import Subset, first_parts, warn_of_choices
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.source import Index, Source
@@ -111,7 +112,13 @@ def open_flow(section: FlowSection, given: Any, key: str, channel: Channel) -> O
         The file cannot be read, or holds no vectors.
     """
     with agree(channel, 0, "open"):
-        vectors = open_flow_vectors(section, given, key)
+        vectors, _, choices = first_parts(
+            lambda part: open_flow_vectors(section.model_copy(update={"array": part.array}), given, key),
+            Subset(section.array),
+            ("array",),
+        )
+        if channel.rank == 0:
+            warn_of_choices(section.path, choices, f"{key}.")
         mine = _speeds(vectors, channel.rank, channel.size)
     speeds = np.concatenate(channel.allgather(mine))
     fastest = float(np.percentile(speeds, FASTEST)) if speeds.size else 0.0

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
-from clusterviz.data import open_time_step, open_volume, override_grid, read_geometry, read_piece
+from clusterviz.data import open_first_parts, open_time_step, override_grid, read_geometry, read_piece
+from clusterviz.data.axes import warn_of_choices
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.grid_files import GridFile, grid_files
@@ -306,7 +307,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         scene = with_flows(scene, [each.info for each in flows])
         given = [*given, *(volume for flow in flows for volume in flow.sources())]
         geometries = geometry_with_flows(scene, geometries, flows, run.channel)
-        sources = _sources(scene, given)
+        sources, parts = _sources(scene, given, run.channel.rank == 0)
         layouts = [_layout(scene, *pair) for pair in zip(scene.volumes, sources, strict=True)]
         _check_bricks([each.grid.shape_zyx for each in sources], scene.cluster.brick, run.channel.size)
         triples = zip(scene.geometry, scene.geometry_keys, geometries, strict=True)
@@ -322,9 +323,15 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     with run.local("plan", "plan"):
         opened = tuple(
             OpenedVolume(
-                each, layout, summary, (_info(each, _over_time(volume, each, layout, summary)),), _first_step(volume)
+                each,
+                layout,
+                summary,
+                (replace(_info(each, _over_time(volume, each, layout, summary)), parts=part),),
+                part.get("time", _first_step(volume)),
             )
-            for volume, each, layout, summary in zip(scene.volumes, sources, layouts, summaries, strict=True)
+            for volume, each, layout, summary, part in zip(
+                scene.volumes, sources, layouts, summaries, parts, strict=True
+            )
         )
         has_levels = any(volume.detail != "full" for volume in scene.volumes)
         if len(opened) > 1 or geometry or grids or flows or has_levels:
@@ -514,14 +521,17 @@ def _divided(scene: Scene, given: Given) -> tuple[list[Any], list[Any], list[Any
     return each[:volumes], each[volumes:grids], each[grids:flows], each[flows:]
 
 
-def _sources(scene: Scene, given: Sequence[Source | None]) -> list[Source]:
-    """Open the source of each volume."""
-    pairs = zip(given, scene.volumes, strict=True)
-    return [_source(volume) if each is None else override_grid(each, volume) for each, volume in pairs]
-
-
-def _source(volume: Volume) -> Source:
-    return open_volume(volume.model_copy(update={"time": _first_step(volume)}))
+def _sources(scene: Scene, given: Sequence[Source | None], warns: bool) -> tuple[list[Source], list[dict[str, Any]]]:
+    """Open the source of each volume; return them, and the keys of the parts of their files that were chosen."""
+    sources, parts = list[Source](), list[dict[str, Any]]()
+    for number, (each, volume) in enumerate(zip(given, scene.volumes, strict=True)):
+        at_first = volume.model_copy(update={"time": _first_step(volume)})
+        source, choices = open_first_parts(at_first) if each is None else (override_grid(each, volume), [])
+        sources.append(source)
+        parts.append({choice.key: choice.parts[0] for choice in choices})
+        if warns:
+            warn_of_choices(volume.path, choices, f"volumes.{number}." if number else "")
+    return sources, parts
 
 
 def _first_step(volume: Volume) -> int | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import OutputError
+from clusterviz.errors import OutputError, installation
 from clusterviz.image.replace import replacing
 
 QUALITY = 8  # of 10
@@ -28,7 +28,7 @@ def check_encoder(path: Path) -> None:
 
         imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:
-        allowed = "pip install 'clusterviz[movie]', or numbered pictures: -o 'frame_%04d.png'"
+        allowed = f"{installation('movie')}, or numbered pictures: -o 'frame_%04d.png'"
         raise OutputError("no encoder for movies", where=str(path), found=error, allowed=allowed) from None
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
+from clusterviz.data.axes import Choice, Subset, first_parts, warn_of_choices
 from clusterviz.data.faces import find_neighbours
 from clusterviz.data.geometry import CHUNK, STEP, hashes, merge_equal
 from clusterviz.data.grid_files import GridFile
@@ -158,20 +159,22 @@ class KnownCells:
         files, sizes = zip(*channel.broadcast(listed), strict=True)
         with agree(channel, 0, "open"):
             parts, matrix = self._cut(files, sizes), world_from_file(section)
-            mine = [_Part.of(part, matrix) for part in parts]
+            mine = [_Part.of(part, choices, matrix) for part, choices in parts]
         each = channel.allgather(mine)
         with agree(channel, 0, "open"):
             known = [part for of_rank in each for part in of_rank]
             self._on_cells, self._types = _check_alike(known)
             self.info = _info(known)
+            if known and known[0].choices and channel.rank == 0:
+                warn_of_choices(section.path, known[0].choices)
             points = sum(part.points for part in known)
             if max(points, self.info.count) > MOST:
                 found = f"{points} points, {self.info.count} tetrahedra"
                 raise DataError("too large", where=section.path, found=found, allowed=f"at most {MOST} of each")
             before = [part for of_rank in each[: channel.rank] for part in of_rank]
-            own = _stacked(parts, before, self._types)
+            own = _stacked([part for part, _ in parts], before, self._types)
             if len(files) == 1:
-                own = replace(own, rows=parts[0].rows)
+                own = replace(own, rows=parts[0][0].rows)
             del parts
         if len(files) > 1:
             rows = _numbered(own, self._on_cells, channel)
@@ -180,16 +183,19 @@ class KnownCells:
         self._own = own
         return own
 
-    def _cut(self, files: Sequence[GridFile], sizes: Sequence[int]) -> list[Tetrahedra]:
-        """Return the tetrahedra of each of the files that this rank reads, or of its share of the only one."""
+    def _cut(self, files: Sequence[GridFile], sizes: Sequence[int]) -> list[tuple[Tetrahedra, list[Choice]]]:
+        """Return the tetrahedra of each of the files that this rank reads, or of its share of the only one.
+
+        Where no array is named, it is the first one; the choices say so.
+        """
         rank, ranks, array = self._channel.rank, self._channel.size, self._section.array
         if len(files) == 1:
-            return [make_tetrahedra(self._load(files[0]).part(rank, ranks), array)]
+            return [_tetrahedra(self._load(files[0]).part(rank, ranks), array)]
         # The rank of a file's middle, of equal shares of all bytes.
         middles = np.cumsum(sizes) - np.array(sizes) / 2
         mine = np.flatnonzero((ranks * middles / sum(sizes)).astype(int) == rank)
         grids = (self._load(files[n]) for n in mine.tolist())
-        return [make_tetrahedra(grid, array) for grid in grids if grid.count]
+        return [_tetrahedra(grid, array) for grid in grids if grid.count]
 
     def _members(self, section: GridSection, grid: BrickGrid) -> tuple[CellBrick, BrickMembers]:
         """Return the tetrahedra in the bricks r, r + n, … on rank r of n, and those of each brick, as rows of them.
@@ -339,9 +345,10 @@ class _Part:
     volume: float
     sides: float  # of boxes around all tetrahedra, summed
     counts: Mapping[str, int]
+    choices: Sequence[Choice]
 
     @classmethod
-    def of(cls, found: Tetrahedra, matrix: Floats) -> _Part:
+    def of(cls, found: Tetrahedra, choices: Sequence[Choice], matrix: Floats) -> _Part:
         count, values = len(found.corners), found.values
         return cls(
             found.name,
@@ -355,7 +362,14 @@ class _Part:
             (float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))),
             *_volume_and_sides(found.points, found.corners, matrix),
             {name: n for name, n in found.counts.items() if name not in ("duplicates", "unused")},
+            choices,
         )
+
+
+def _tetrahedra(grid: UnstructuredGrid, array: str | None) -> tuple[Tetrahedra, list[Choice]]:
+    """Return the tetrahedra of a grid with an array, by default the first one, and whether it was chosen."""
+    found, _, choices = first_parts(lambda part: make_tetrahedra(grid, part.array), Subset(array))
+    return found, choices
 
 
 def _check_alike(parts: Sequence[_Part]) -> tuple[bool, tuple[np.dtype[Any], np.dtype[Any]]]:
@@ -391,6 +405,7 @@ def _info(parts: Sequence[_Part]) -> GridInfo:
         float(np.cbrt(math.fsum(part.volume for part in some) / cells)),
         counts,
         side=_rounded(math.fsum(part.sides for part in some) / tetrahedra),
+        array=some[0].array,
     )
 
 

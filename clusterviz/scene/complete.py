@@ -133,10 +133,10 @@ def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometryS
 
 
 def complete_grid(section: GridSection, info: GridInfo) -> GridSection:
-    """Return an unstructured grid with clim, opacity and unit distance."""
+    """Return an unstructured grid with the name of its array, clim, opacity and unit distance."""
     low, high = info.scalars or (0.0, 1.0)
     clim = section.clim or ((low, high) if low < high else range_around(low))
-    found: dict[str, object] = {"clim": clim}
+    found: dict[str, object] = {"clim": clim, "array": section.array or info.array or None}
     if section.opacity is None:
         found["opacity"] = _default_opacity(section.cmap, clim)
     if section.opacity_unit_distance is None:
@@ -152,7 +152,9 @@ def box_corners(box: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def complete_volume(volume: Volume, info: VolumeInfo) -> Volume:
-    """Return a volume with colour map, clim, opacity and unit distance, unless it has optics in their place."""
+    """Return a volume with its part of the file, and colour map, clim, opacity and unit distance in place of optics."""
+    parts = {key: part for key, part in info.parts.items() if getattr(volume, key) is None}
+    volume = volume.model_copy(update=parts)
     if volume.optics is not None:
         return volume
     clim = volume.clim or default_clim(info)

@@ -184,7 +184,7 @@ class FlowSection(Section):
     path: Annotated[str, AfterValidator(check_path)] = Field(
         examples=["channel.vti"], description="The data file, relative to the scene file; a formula is field:NAME."
     )
-    array: str | None = Field(default=None, description="Name of the array of vectors; default: the only one.")
+    array: str | None = Field(default=None, description="Name of the array of vectors; default: the first one.")
     time: Annotated[int, Field(strict=True, ge=0), BeforeValidator(to_builtin)] | None = Field(
         default=None,
         description="Number of the time step, from 0; the first one of pathlines and streaklines; default: the first.",

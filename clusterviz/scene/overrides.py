@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypedDict
+from typing import Any
 
 import yaml
 from pydantic import ValidationError
@@ -30,45 +30,6 @@ from clusterviz.scene.validation_messages import (
 )
 from clusterviz.scene.values import Light, Scene, Volume
 from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from clusterviz.scene.annotations import Annotations
-    from clusterviz.scene.cluster import Codec, Compositing, Distribution, Mode, Tiling, Transport
-    from clusterviz.scene.flows import Lic, Order, Seeds, Show, Trace
-    from clusterviz.scene.geometry import Edges
-    from clusterviz.scene.grids import KBuffer
-    from clusterviz.scene.optics import Optics
-    from clusterviz.scene.presets import PresetName
-    from clusterviz.scene.transfer_2d import Transfer2d
-    from clusterviz.scene.values import (
-        ABuffer,
-        AmbientOcclusion,
-        Blending,
-        Borders,
-        Camera,
-        Classification,
-        Clip,
-        Cluster,
-        Detail,
-        Filter,
-        Gradient,
-        ImageSettings,
-        Interpolation,
-        Layer,
-        LensQuality,
-        Light,
-        LightType,
-        PixelFormat,
-        Quality,
-        RendererName,
-        Scattered,
-        View,
-    )
-
-    Numbers = Sequence[float] | NDArray[Any]
-    Rows = Sequence[Sequence[Any]] | NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -210,7 +171,7 @@ def _check_known(key: KeyPath, where: str) -> None:
 def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tuple[KeyPath, type[Section]]]:
     """Yield the sections whose keys can be set by last name: those of all scenes, then those in lists of this one."""
     has_others_only = not data.get("volumes") and any(data.get(name) for name in LISTED_SECTIONS)
-    yield from (pair for pair in SECTIONS if pair[1] is not Volume or not has_others_only)
+    yield from (pair for pair in SECTIONS if all_of_them or pair[1] is not Volume or not has_others_only)
     lights, volumes = data.get("lights"), data.get("volumes")
     for name, section in LISTED_SECTIONS.items():
         if all_of_them or data.get(name):
@@ -253,144 +214,6 @@ def _assign(data: dict[str, Any], key: KeyPath, override: Override) -> None:
         if isinstance(part, str) and (place.get(part) is None or place[part] is True):
             place[part] = [] if isinstance(following, int) else {}
         place = place[part]
-
-
-class Settings(TypedDict, total=False):
-    """Keyword arguments of `clusterviz.render`, for editors and type checkers; a test compares them with the scene."""
-
-    # Volume
-    path: str
-    array: str | None
-    time: int | float | None
-    channel: int | str | None
-    detail: Literal["full"] | Detail | Mapping[str, Any]
-    scattered: Scattered | Mapping[str, Any] | None
-    labels: Sequence[int] | Literal["hashed"] | None
-    spacing: Numbers | None
-    origin: Numbers | None
-    direction: Rows | str | None
-    preset: PresetName | None
-    cmap: str | Rows | Callable[..., Any] | None
-    clim: Numbers | None
-    opacity: str | float | Rows | None
-    opacity_unit_distance: float | None
-    gradient_opacity: Rows
-    transfer_2d: Transfer2d | Mapping[str, Any] | None
-    shader: str | None
-    ambient_occlusion: AmbientOcclusion | Mapping[str, Any] | None
-    interpolation: Interpolation
-    blending: Blending
-    optics: Optics | Mapping[str, Any] | None
-    isosurfaces: Sequence[float | Sequence[float]] | NDArray[Any]
-    threshold: float | None
-    shade: bool
-    gradient: Gradient
-    ambient: float
-    diffuse: float
-    specular: float
-    specular_power: float
-    # Camera
-    position: Numbers | None
-    focal_point: Numbers | None
-    view_up: Numbers | None
-    view_angle: float
-    parallel_scale: float | None
-    window_center: Numbers
-    aperture: float
-    focal_distance: float | None
-    view: View | None
-    azimuth: float
-    elevation: float
-    roll: float
-    zoom: float
-    fit: bool | Literal["orbit"] | None
-    # Clip
-    planes: Rows
-    box: Numbers | None
-    cap: bool
-    # ImageSettings
-    size: Numbers
-    background: str | Numbers
-    layers: Sequence[Layer]
-    # Quality
-    step: float
-    classification: Classification
-    borders: Borders
-    renderer: RendererName
-    jitter: bool
-    filter: Filter
-    early_termination: float
-    adaptive: float
-    frame_coherence: bool
-    early_discarding: float | None
-    max_error: float | None
-    pixel: PixelFormat
-    abuffer: ABuffer | Mapping[str, Any]
-    lens: LensQuality | Mapping[str, Any]
-    # Cluster
-    mode: Mode
-    groups: int | None
-    tiling: Tiling
-    tile: int
-    repetitions: int
-    compositing: Compositing
-    codec: Codec
-    transport: Transport
-    distribution: Distribution
-    copies: int
-    memory_limit: int | None
-    migration_bytes: int | None
-    migration_share: float
-    brick: int
-    largest_brick: int | None
-    # Light
-    type: LightType
-    color: str | Numbers
-    intensity: float
-    positional: bool
-    cone_angle: float
-    exponent: float
-    attenuation: Numbers
-    # MeshSection, LinesSection, PointsSection
-    scalars: str | None
-    transform: Rows | None
-    shading: Literal["smooth", "flat"]
-    culling: Literal["none", "front", "back"]
-    edges: Edges | Mapping[str, Any] | None
-    radius: float | str | None
-    color_by: Literal["color", "scalars", "direction"] | None
-    style: Literal["spheres", "arrows"]
-    length: str | float | None
-    scale: float | None
-    # GridSection
-    visibility: Literal["exact"] | KBuffer | Mapping[str, Any]
-    # FlowSection
-    order: Order
-    samples: int | None
-    show: Show
-    lic: Lic | Mapping[str, Any] | None
-    seeds: Seeds | Mapping[str, Any] | None
-    trace: Trace | Mapping[str, Any] | None
-    speed_opacity: Rows | None
-    surfaces: Sequence[str] | None
-    # Transfer2d
-    values: Numbers | None
-    magnitudes: Numbers | None
-    # Scene
-    volumes: Sequence[Volume | Mapping[str, Any]]
-    meshes: Sequence[Any]
-    lines: Sequence[Any]
-    points: Sequence[Any]
-    grids: Sequence[Any]
-    flows: Sequence[Any]
-    automatic: bool
-    lights: Sequence[Light | Mapping[str, Any]]
-    clip: Clip | Mapping[str, Any]
-    camera: Camera | Mapping[str, Any]
-    image: ImageSettings | Mapping[str, Any]
-    annotations: Annotations | Mapping[str, Any]
-    quality: Quality | Mapping[str, Any]
-    cluster: Cluster | Mapping[str, Any]
 
 
 def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:

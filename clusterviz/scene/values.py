@@ -170,7 +170,9 @@ class Volume(Section):
         description="The data file, relative to the scene file; an HDF5 dataset is file.h5:/path, a formula "
         "field:NAME.",
     )
-    array: str | None = Field(default=None, description="Name of the array, for files with several arrays.")
+    array: str | None = Field(
+        default=None, description="Name of the array, for files with several arrays; default: the first one."
+    )
     time: Annotated[int | Literal["all"], BeforeValidator(check_time)] | None = Field(
         default=None,
         description="Number of the time step, from 0, for files with several time steps; all: `animate` shows one "

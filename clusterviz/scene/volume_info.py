@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from statistics import NormalDist
 from typing import Any
 
@@ -38,6 +39,7 @@ class VolumeInfo:
         if the samples are not whole numbers, or have too many distinct values
     equal_share : share of equal pairs among neighbouring samples that do not both have the most frequent value
     jump_share : share of pairs that differ by more than 1 among unequal neighbouring samples
+    parts : keys of a volume, array, time and channel, for the parts of the file that were chosen
     """
 
     shape_zyx: tuple[int, int, int]
@@ -59,6 +61,7 @@ class VolumeInfo:
     counts: NDArray[np.int64] | None = None
     equal_share: float = 0.0
     jump_share: float = 0.0
+    parts: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def has_histogram(self) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from clusterviz.errors import ClustervizError
+from clusterviz.errors import ClustervizError, installation
 from clusterviz.image.finish import Colour, finish
 from clusterviz.viewer.messages import pack
 
@@ -120,7 +120,7 @@ def encode(rgba: NDArray[np.float32], background: Colour | None, encoding: Encod
     try:
         from simplejpeg import encode_jpeg
     except ImportError:
-        raise ClustervizError("the viewer needs simplejpeg: pip install 'clusterviz[view]'") from None
+        raise ClustervizError(f"the viewer needs simplejpeg: {installation('view')}") from None
     pixels = finish(rgba, CHECKERBOARD_MEAN if background is None else background)
     if encoding.reduction > 1:
         pixels = np.asarray(Image.fromarray(pixels).reduce(encoding.reduction))

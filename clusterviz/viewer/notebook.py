@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from clusterviz.data.given import given_scene
-from clusterviz.errors import ClustervizError, InputError
+from clusterviz.errors import ClustervizError, InputError, installation
 from clusterviz.image.picture import is_notebook
 
 if TYPE_CHECKING:
     from typing import Unpack
 
-    from numpy.typing import NDArray
-
-    from clusterviz.data.source import Grid, Source
-    from clusterviz.scene.overrides import Settings
-    from clusterviz.scene.values import Scene
+    from clusterviz.data.source import Grid
+    from clusterviz.scene.settings import Settings
     from clusterviz.viewer.widget import Viewer
 
 
 def view(
-    scene: Scene | Source | NDArray[Any] | str | os.PathLike[str] | Sequence[Source | NDArray[Any]],
+    scene: Any = None,
     *,
     grid: Grid | Sequence[Grid] | None = None,
     ranks: int | None = None,
@@ -47,7 +43,7 @@ def view(
     Raises
     ------
     clusterviz.errors.ClustervizError
-        As `clusterviz.render` does; outside of a notebook; and without the packages of `clusterviz[notebook]`.
+        As `clusterviz.render` does; outside of a notebook; and without the packages of the extra `notebook`.
     """
     if not is_notebook():
         allowed = "a notebook; elsewhere the command `clusterviz view`, which shows the same in a browser"
@@ -59,6 +55,6 @@ def view(
         from clusterviz.viewer.remote_session import RemoteSession
         from clusterviz.viewer.widget import Viewer
     except ModuleNotFoundError as error:
-        raise ClustervizError(f"notebooks need {error.name}: pip install 'clusterviz[notebook]'") from None
+        raise ClustervizError(f"notebooks need {error.name}: {installation('notebook')}") from None
     opened, sources = given_scene(scene, grid, settings, "view")
     return Viewer(LocalSession(opened, sources) if ranks is None else RemoteSession(opened, sources, ranks))

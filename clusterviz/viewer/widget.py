@@ -15,7 +15,8 @@ import traitlets
 
 from clusterviz.errors import SceneError
 from clusterviz.image.picture import Image
-from clusterviz.scene.overrides import Settings, with_settings
+from clusterviz.scene.overrides import with_settings
+from clusterviz.scene.settings import Settings
 from clusterviz.scene.values import Scene
 from clusterviz.viewer.bundle import bundled_modules, bundled_styles
 from clusterviz.viewer.scene_client import Connection, NotebookSession, SceneClient

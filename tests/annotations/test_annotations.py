@@ -327,6 +327,6 @@ def test_a_missing_matplotlib_is_named_before_anything_is_drawn(monkeypatch: pyt
     begun: list[str] = []
     options = Options(annotate=True, progress=lambda step, done=0.0: begun.append(step))
     scene = Scene(volumes=[Volume(path="field:gaussian:8")], annotations={"title": "A"})
-    with pytest.raises(ClustervizError, match=r"annotations need matplotlib: pip install 'clusterviz\[report\]'"):
+    with pytest.raises(ClustervizError, match=r"annotations need matplotlib: pip install '\.\[report\]' in a checkout"):
         render_frame(scene, LoopbackChannel(), options=options)
     assert begun == ["open"]

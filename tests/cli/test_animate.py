@@ -185,7 +185,7 @@ def test_an_encoder_that_is_missing_is_told_before_the_data_is_read(
     assert outcome.status == 2
     assert outcome.err.count("\n") == 1
     assert "a.mp4: no encoder for movies" in outcome.err
-    assert "pip install 'clusterviz[movie]'" in outcome.err
+    assert "pip install '.[movie]' in a checkout" in outcome.err
     assert names(tmp_path) == []
 
 

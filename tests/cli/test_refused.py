@@ -239,4 +239,4 @@ def test_a_missing_library_is_named(
     monkeypatch.setitem(sys.modules, library, None)
     outcome = cli(command, FIELD, "-o", str(tmp_path / "out"))
     assert outcome.status == 1
-    assert f"reports need {library}: pip install 'clusterviz[report]'" in outcome.err
+    assert f"reports need {library}: pip install '.[report]' in a checkout of clusterviz" in outcome.err

@@ -61,6 +61,18 @@ def test_a_picture_is_rendered_again_wherever_it_lies_with_its_data(
 
 
 @pytest.mark.gl
+def test_a_picture_of_a_pattern_is_rendered_again(cli: Callable[..., Any], picture: Path) -> None:
+    data = picture.parents[1] / "data"
+    np.save(data / "a_1.npy", VOXELS[::-1])
+    (data / "a.npy").rename(data / "a_0.npy")
+    with pytest.warns(UserWarning, match="time step 0 of 2 is drawn; for others give -D time=1"):
+        assert cli("render", str(data / "a_*.npy"), "-o", str(picture), *SMALL).status == 0
+    assert "  time: 0\n" in read_text(picture)
+    again = cli("replay", str(picture))
+    assert (again.status, again.err) == (0, "")
+
+
+@pytest.mark.gl
 def test_what_differs_is_told(cli: Callable[..., Any], picture: Path) -> None:
     """Ranks and software, which change no pixel; then the data, which do."""
     record = read_record(picture)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clusterviz.composite.model.communication import COMMUNICATION_COSTS, ImageStatistics
+from clusterviz.composite.model.communication import COMMUNICATION_COSTS, ImageStatistics, communication_cost
 from clusterviz.composite.model.network import Network, open_network
 from clusterviz.composite.model.prediction import place_ranks, predict
 from clusterviz.composite.schedules.algorithms import ALGORITHMS
@@ -45,6 +45,23 @@ def test_dense_images_are_counted_exactly_at_powers_of_two_and_else_nearly(algor
             assert not exact or moves.messages == max(load.messages_sent.max(), load.messages_received.max())
     one = COMMUNICATION_COSTS[algorithm](dense(1))
     assert (one.messages, one.pixels, one.pixels_all, one.gathered) == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_an_algorithm_without_a_closed_form_is_counted(algorithm: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = {ranks: COMMUNICATION_COSTS[algorithm](dense(ranks)) for ranks in (2, 8, 64)}
+    monkeypatch.delitem(COMMUNICATION_COSTS, algorithm)
+    for ranks, form in known.items():
+        found = communication_cost(algorithm, dense(ranks))
+        assert found.messages_all == form.messages_all
+        assert found.pixels_all == pytest.approx(form.pixels_all)
+        assert (found.gathered, found.pieces) == (form.gathered, form.pieces)
+        if algorithm != "pipeline":  # as above
+            assert (found.rounds, found.messages) == (form.rounds, form.messages)
+            assert found.pixels == pytest.approx(form.pixels)
+    for transport in ("messages", "hierarchical"):
+        nodes = ((0, 1), (2, 3)) if transport == "hierarchical" else ((0,), (1,), (2,), (3,))
+        assert predict(algorithm, transport, dense(4), place_ranks(range(4), nodes), open_network("laptop")) > 0
 
 
 @pytest.mark.parametrize("algorithm", ["direct-send", *SWAPS])

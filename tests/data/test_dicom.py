@@ -15,7 +15,7 @@ from pydicom import uid
 from pydicom.dataset import Dataset
 
 from clusterviz.data import open_source
-from clusterviz.data.axes import Subset
+from clusterviz.data.axes import Subset, first_parts
 from clusterviz.errors import DataWarning
 
 NORMAL = np.array([-1.0, 0, 0])
@@ -137,6 +137,8 @@ def test_several_series_in_a_folder(tmp_path: Path) -> None:
     folder = write(tmp_path / "a", SeriesNumber=2, SeriesDescription="bone")
     write(folder, SERIES + 1, SeriesNumber=3, SeriesDescription="soft tissue", SeriesInstanceUID="1.2.4")
     refused(lambda: open_source(folder), "several series", r"2 bone \(5\), 3 soft tissue \(5\)")
+    _, subset, choices = first_parts(lambda part: open_source(folder, subset=part), Subset())
+    assert (subset.array, str(*choices)) == ("2 bone", "series 2 bone of 2 (2 bone, 3 soft tissue)")
     for name in ("3", "soft tissue", "1.2.4"):
         check_source(open_source(folder, name), SERIES + 1)
     check_source(open_source(folder / "200.dcm"), SERIES)

@@ -20,7 +20,7 @@ from data.checks import DTYPES, check_source, cut, refused, values
 from data.writers import SHORTS, write
 
 from clusterviz.data import open_source
-from clusterviz.data.axes import Subset
+from clusterviz.data.axes import Subset, first_parts
 from clusterviz.data.formats.metaimage import TYPES as META_TYPES
 from clusterviz.data.memory import ArraySource
 
@@ -139,7 +139,8 @@ def test_each_step_and_channel_of_every_format(tmp_path: Path, name: str) -> Non
         source = open_source(path, subset=Subset(time=time, channel=channel))
         check_source(source, expected[time, channel])
         assert f"time={time}" in source.name
-    first = open_source(path, subset=Subset(first=True))
+    first, subset, choices = first_parts(lambda part: open_source(path, subset=part), Subset())
+    assert (subset.time, len(choices)) == (0, 2)
     np.testing.assert_array_equal(first.read((3, 4, 0), (4, 5, 6)), expected[0, 0, 3:, 4:])
     for subset, parts in (
         (Subset(channel=0), ("several time steps", "3 time steps", "time: 0 to 2")),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from zarr.codecs import BloscCodec, Crc32cCodec, GzipCodec, ZstdCodec
 
 from clusterviz.data import open_scene, open_source
-from clusterviz.data.axes import Subset
+from clusterviz.data.axes import Subset, first_parts
 
 FIELD = np.arange(3 * 4 * 5, dtype=">i2").reshape(3, 4, 5)
 TYPES = {"t": "time", "c": "channel", "x": "space", "y": "space", "z": "space"}
@@ -141,6 +141,9 @@ def test_images_inside_a_store(tmp_path: Path) -> None:
     check_source(open_source(tmp_path / "b.zarr"), FIELD)
     write_image(tmp_path / "b.zarr" / "1", labels, version="0.4")
     refused(lambda: open_source(tmp_path / "b.zarr"), "several images")
+    source, _, choices = first_parts(lambda part: open_source(tmp_path / "b.zarr", subset=part), Subset())
+    check_source(source, FIELD)
+    assert [str(choice) for choice in choices] == ["image 0 of 2 (0, 1)"]
     check_source(open_source(tmp_path / "b.zarr", "1"), labels)
     plate = zarr.open_group(str(tmp_path / "c.zarr"), mode="a")
     plate.attrs["ome"] = {"plate": {"wells": [{"path": "A/1"}, {"path": "B/2"}]}}

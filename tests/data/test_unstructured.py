@@ -262,7 +262,7 @@ REFUSED: list[tuple[dict[str, Any], str | None, str]] = [
     ({}, "Temp", "no such array; found Temp; allowed f"),
     ({"point_arrays": {}}, None, "no such array; found no array; allowed none"),
     ({"point_arrays": {"u": np.zeros((12, 3))}}, "u", r"not one number each; found \(12, 3\)"),
-    ({"cell_arrays": {"g": np.zeros(2)}}, None, "several arrays, and none is named; found f, g"),
+    ({"cell_arrays": {"g": np.zeros(2)}}, None, "several arrays: name one; found f, g"),
     ({"point_arrays": {"f": np.zeros(2)}}, "f", "the array f does not fit; .*; allowed numbers, 12 points"),
     ({"cell_arrays": {"f": np.zeros(12)}}, "f", "the array f does not fit; .*; allowed numbers, 2 cells"),
     ({"cells": {"hexahedron": np.full((1, 8), 12)}}, "f", "out of range; found 12; allowed 0 to 11"),

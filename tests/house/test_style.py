@@ -31,12 +31,21 @@ def text_of(path: Path) -> str:
         return ""
 
 
+# No package index has clusterviz: `installation` in errors.py says what works.
+INSTALLED_BY_NAME = re.compile(r"pip install \S*cluster" + r"viz\b")
+
+
 @pytest.mark.parametrize("pattern", [UNFINISHED, MACHINE_PATH], ids=["unfinished", "machine-path"])
 def test_no_file_holds(pattern: re.Pattern[str]) -> None:
     found = [
         f"{path.relative_to(ROOT)}: {hit.group()}" for path in tracked() for hit in pattern.finditer(text_of(path))
     ]
     assert found == []
+
+
+def test_nothing_is_installed_by_a_name_that_no_index_has() -> None:
+    files = [path for path in tracked("*.py", "*.md", "containers", "launch") if path.name != "CHANGELOG.md"]
+    assert [str(path) for path in files if INSTALLED_BY_NAME.search(text_of(path))] == []
 
 
 def test_files_that_pages_name_exist() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import runpy
 import sys
 from pathlib import Path
@@ -72,11 +71,3 @@ def test_wrong_input_is_one_message(
         runpy.run_path(str(EXAMPLES / arguments[0]), run_name="__main__")
     assert raised.value.code == 2
     assert message in capsys.readouterr().err
-
-
-def test_the_program_of_the_how_to(tmp_path: Path) -> None:
-    page = (ROOT / "docs/how-to/run-jobs.md").read_text()
-    parts = {kind: re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("glsl", "python")}
-    (tmp_path / "smooth.glsl").write_text(*parts["glsl"])
-    (tmp_path / "program.py").write_text("".join(parts["python"]))
-    assert runpy.run_path(str(tmp_path / "program.py"))["total"] == 64**3

@@ -110,6 +110,11 @@ def test_a_section_left_empty_counts_as_left_out(tmp_path: Path) -> None:
     assert load_scene(write(tmp_path, "volumes:\nquality:\n")) == Scene()
 
 
+def test_a_key_of_volumes_is_refused_where_there_are_none() -> None:
+    with pytest.raises(SceneError, match="-D detail=full: no such item in the list; found 0"):
+        scene_of_data("a.ply", ["detail=full"], ("meshes",))
+
+
 def test_open_scene_takes_data_by_its_suffix(tmp_path: Path) -> None:
     scene = open_scene(tmp_path / "a.npy", ["volumes.0.clim=[1, 2]"])
     assert scene.volumes[0].clim == (1.0, 2.0)

@@ -174,4 +174,4 @@ def test_missing_package_is_named() -> None:
     code = "import sys; sys.modules['uvicorn'] = None; from clusterviz.cli import main; main()"
     ended = finish(start(1, "-c", code, "view", "none.npy"))
     assert ended.status == 1
-    assert ended.err == "clusterviz: error: view needs uvicorn: pip install 'clusterviz[view]'\n"
+    assert ended.err == "clusterviz: error: view needs uvicorn: pip install '.[view]' in a checkout of clusterviz\n"

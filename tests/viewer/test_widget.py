@@ -165,7 +165,7 @@ def test_view_needs_a_notebook(monkeypatch: pytest.MonkeyPatch) -> None:
         clusterviz.view(7)  # type: ignore[arg-type]
     monkeypatch.setitem(sys.modules, "anywidget", None)
     monkeypatch.delitem(sys.modules, "clusterviz.viewer.widget")
-    with pytest.raises(ClustervizError, match=r"notebooks need anywidget: pip install 'clusterviz\[notebook\]'"):
+    with pytest.raises(ClustervizError, match=r"notebooks need anywidget: pip install '\.\[notebook\]' in a checkout"):
         clusterviz.view(VOXELS)
 
 

@@ -11,9 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
+from clusterviz.composite.schedules.algorithms import ALGORITHMS
 from clusterviz.composite.schedules.pipeline import automatic_batches
 from clusterviz.composite.schedules.radix_k import automatic_factors
+from clusterviz.composite.schedules.schedule import Algorithm, Load, count_dense
 
 
 @dataclass(frozen=True)
@@ -220,3 +223,22 @@ COMMUNICATION_COSTS: dict[str, Callable[[ImageStatistics], CommunicationCost]] =
     "parallel-pipeline": parallel_pipeline,
     "slic": direct_send,
 }
+"""Closed forms; algorithms without one are counted, see `communication_cost`."""
+
+
+def communication_cost(algorithm: str, stats: ImageStatistics) -> CommunicationCost:
+    """Return the cost of an algorithm: in closed form, else what its schedule moves, scaled by what images cover."""
+    if closed_form := COMMUNICATION_COSTS.get(algorithm):
+        return closed_form(stats)
+    load = _dense_load(ALGORITHMS[algorithm], stats.images, stats.pixels)
+    rounds, messages = load.rounds, float(max(load.messages_sent.max(), load.messages_received.max()))
+    pixels = stats.cover * float(max(load.pixels_sent.max(), load.pixels_received.max()))
+    pixels_all, messages_all = stats.cover * float(load.pixels_sent.sum()), float(load.messages_sent.sum())
+    if load.pixels_sent[0]:
+        return _ends_on_all_ranks(stats, rounds, messages, pixels, pixels_all, messages_all)
+    return replace(_ends_on_one_rank(stats, rounds, messages, pixels, pixels_all), messages_all=messages_all)
+
+
+@lru_cache(maxsize=64)
+def _dense_load(schedule: Algorithm, images: int, pixels: int) -> Load:
+    return count_dense(schedule(images, pixels, ()))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 
-from clusterviz.composite.model.communication import COMMUNICATION_COSTS, CommunicationCost, ImageStatistics
+from clusterviz.composite.model.communication import CommunicationCost, ImageStatistics, communication_cost
 from clusterviz.composite.model.network import Network
 
 Nodes = tuple[tuple[int, ...], ...]
@@ -68,7 +68,7 @@ def predict(algorithm: str, transport: str, stats: ImageStatistics, placement: P
         return model.shared()
     if transport == "hierarchical":
         return model.hierarchical(algorithm)
-    return model.messages(COMMUNICATION_COSTS[algorithm](stats))
+    return model.messages(communication_cost(algorithm, stats))
 
 
 class TimeModel:
@@ -144,7 +144,7 @@ class TimeModel:
         images = max(1.0, stats.images / placement.nodes)
         cover = stats.union(images)
         between = replace(stats, images=placement.nodes, cover=cover, largest=max(stats.largest, cover))
-        cost = COMMUNICATION_COSTS[algorithm](between)
+        cost = communication_cost(algorithm, between)
         cores = min(self._cores, placement.strips)
         message, _, latency = self._link(1.0)
         pixel = stats.bytes_per_pixel * network.seconds_per_byte + self._blend_seconds / cores

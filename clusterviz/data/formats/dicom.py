@@ -29,13 +29,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Subset, select
+from clusterviz.data.axes import Subset, UnnamedPartError, select
 from clusterviz.data.files import kind_of, readable, refuse_array, require_file, start_of
 from clusterviz.data.header import check_box, check_packed, check_size, make_grid
 from clusterviz.data.rectilinear import RectilinearSource, line_of
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.cache import CACHE, Owner
-from clusterviz.errors import DataError, warn_of_data
+from clusterviz.errors import DataError, installation, warn_of_data
 
 EXTENSIONS = (".dcm", ".dicom", ".ima")
 TAGS = (
@@ -139,14 +139,17 @@ def open_series(files: Sequence[Path], subset: Subset, where: str) -> Source:
     """
     series = _members(files, subset.array, where)
     names = {uid: _names(members[0][1]) for uid, members in series.items()}
-    told = [f"{' '.join(names[uid]) or uid} ({len(members)})" for uid, members in series.items()]
+    labels = {uid: " ".join(names[uid]) or uid for uid in series}
+    told = [f"{labels[uid]} ({len(members)})" for uid, members in series.items()]
     listed = ", ".join(told[:MAX_LISTED]) + (", …" if len(told) > MAX_LISTED else "")
     found = [uid for uid in series if subset.array is None or subset.array in (uid, *names[uid], " ".join(names[uid]))]
     if not found:
         what = "no such series" if series else "no slices"
         raise DataError(what, where=where, found=subset.array, allowed=listed or "files of DICOM with pictures")
     if len(found) > 1:
-        raise DataError("several series: name one as `array`", where=where, allowed=listed)
+        parts = sorted(found, key=lambda uid: -len(series[uid]))
+        parts = [uid if list(labels.values()).count(labels[uid]) > 1 else labels[uid] for uid in parts]
+        raise UnnamedPartError("array", parts, where=where, allowed=listed, noun="series")
     members = series[found[0]]
     slices = [each for file, header in members for each in _frames(file, header)]
     return _stack(slices, subset, where, str(members[0][1].get("Modality") or ""))
@@ -192,7 +195,7 @@ def _pydicom(where: str) -> Any:
     try:
         package: Any = import_module("pydicom")
     except ImportError as error:
-        raise DataError("needs the pydicom package", where=where, allowed="pip install 'clusterviz[dicom]'") from error
+        raise DataError("needs the pydicom package", where=where, allowed=installation("dicom")) from error
     _silence(package)
     return package
 

@@ -21,7 +21,7 @@ from clusterviz.data.classic_netcdf import read_classic
 from clusterviz.data.files import require_file, start_of
 from clusterviz.data.grid_files import choose_step
 from clusterviz.data.unstructured import UnstructuredGrid, linearised
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, installation
 
 KINDS = {"TET": "tetra", "PYR": "pyramid", "WED": "wedge", "HEX": "hexahedron"}
 FLAT = {"SPH": "vertex", "CIR": "vertex", "BAR": "line", "BEA": "line", "TRU": "line", "ROD": "line"}
@@ -53,7 +53,7 @@ def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
     try:
         netcdf: Any = import_module("netCDF4")
     except ImportError as error:
-        raise DataError("needs the netCDF4 package", where=where, allowed="pip install 'clusterviz[grids]'") from error
+        raise DataError("needs the netCDF4 package", where=where, allowed=installation("grids")) from error
     if start_of(path)[:3] == b"CDF":
         read_classic(path)  # checks its size, since the library takes zeros for what is missing
     with netcdf.Dataset(where) as file:

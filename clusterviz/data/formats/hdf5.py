@@ -28,13 +28,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab, Subset, select, unnamed_axes
+from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.classic_netcdf import read_classic
 from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
@@ -155,8 +156,13 @@ def open_hdf5(path: Path, subset: Subset) -> Source:
     require_file(path)
     with readable(path):
         start = start_of(path)
-    dataset = _choose(read_classic(path) if start.startswith(b"CDF") else _datasets(path, subset.array), subset, path)
-    where = f"{path}:{dataset.name}"
+    held = read_classic(path) if start.startswith(b"CDF") else _datasets(path, subset.array)
+    dataset = choose_dataset(held, subset, path)
+    return open_dataset(dataset, subset, f"{path}:{dataset.name}")
+
+
+def open_dataset(dataset: Any, subset: Subset, where: str) -> Source:
+    """Open a dataset of h5py, or what has its attributes; parameters and errors as of `open_hdf5`."""
     dtype = check_dtype(dataset.dtype, where)
     slab = select(dataset.shape or (), _letters(dataset, subset), subset, where)
     values = _cf_values(dataset, dtype, where)
@@ -185,8 +191,8 @@ def _datasets(path: Path, array: str | None) -> dict[str, Any]:
     return held
 
 
-def _choose(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
-    """Return the dataset that is named, or the only one with three axes of space."""
+def choose_dataset(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
+    """Return the dataset that is named, or the only one with three axes of space, or else of three axes or more."""
     listed = ", ".join(f"{item.name} {item.shape}" for item in held.values()) or "none: the file holds no dataset"
     if subset.array is not None:
         if subset.array.lstrip("/") not in held:
@@ -200,11 +206,13 @@ def _choose(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
         volumes = [item for item in volumes if _channels(item, subset) == 3]
     spatial = [item for item in volumes if _letters(item, subset).count("Z") == 3]
     volumes = [item for item in spatial if len(item.shape) == 3] or spatial or volumes
-    if len(volumes) != 1:
-        what = f"several volumes: name one, as in {path.name}:/path" if volumes else "no 3-D dataset"
-        if subset.vectors and not volumes:
-            what = "no array of vectors"
+    if not volumes:
+        what = "no array of vectors" if subset.vectors else "no 3-D dataset"
         raise DataError(what, where=str(path), allowed=listed)
+    if len(volumes) > 1:  # the largest comes first, since others may be coarser levels
+        volumes.sort(key=lambda item: -prod(item.shape) * (item.dtype.kind in "iufb"))
+        names = [item.name for item in volumes]
+        raise UnnamedPartError("array", names, where=str(path), allowed=listed, noun="volume")
     return volumes[0]
 
 

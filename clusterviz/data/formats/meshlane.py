@@ -1,4 +1,4 @@
-"""Unstructured grids of finite-element programs, which the meshlane package reads (`pip install clusterviz[grids]`).
+"""Unstructured grids of finite-element programs, which the meshlane package reads (extra `grids`).
 
 NASTRAN, Abaqus, MED, Medit, TetGen, SU2 and UGRID. The reader of each format is called, as `meshlane.read` ends the
 process on errors.
@@ -18,7 +18,7 @@ from typing import Any
 
 from clusterviz.data.files import require_file
 from clusterviz.data.unstructured import UnstructuredGrid, grid_of_blocks
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, installation
 
 GROWTH, ROOM = 128, 1 << 27
 """Bytes of memory for a byte of a file, and for any file."""
@@ -52,7 +52,7 @@ def read_meshlane(path: Path) -> UnstructuredGrid:
     try:
         package: Any = import_module("meshlane")
     except ImportError as error:
-        raise DataError("needs the meshlane package", where=where, allowed="pip install 'clusterviz[grids]'") from error
+        raise DataError("needs the meshlane package", where=where, allowed=installation("grids")) from error
     said = io.StringIO()
     size = path.stat().st_size
     with limited_time(size, where), limited_memory(size), redirect_stdout(said), redirect_stderr(said):  # its warnings

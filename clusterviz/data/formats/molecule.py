@@ -1,4 +1,4 @@
-"""Atoms of PDB, mmCIF and .xyz files, as points; gemmi reads the first two (`pip install clusterviz[molecules]`).
+"""Atoms of PDB, mmCIF and .xyz files, as points; gemmi, of the extra `molecules`, reads the first two.
 
 The first model is read, and of alternative positions the first. Units are ångström. Attributes: `radius` (van der
 Waals), `element` (atomic number), `RGB` (by element, as Jmol), `b_factor`, `occupancy`, `residue` and `chain` (their
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Geometry, Points
-from clusterviz.errors import DataError, warn_of_data
+from clusterviz.errors import DataError, installation, warn_of_data
 
 COLOURS = {
     "H": 0xFFFFFF, "C": 0x909090, "N": 0x3050F8, "O": 0xFF0D0D, "F": 0x90E050, "Na": 0xAB5CF2, "Mg": 0x8AFF00,
@@ -110,8 +110,7 @@ def _gemmi(where: str) -> Any:
     try:
         return import_module("gemmi")
     except ImportError as error:
-        allowed = "pip install 'clusterviz[molecules]'"
-        raise DataError("needs the gemmi package", where=where, allowed=allowed) from error
+        raise DataError("needs the gemmi package", where=where, allowed=installation("molecules")) from error
 
 
 def _check_pdb(path: Path) -> None:

@@ -9,6 +9,7 @@ vectors (channels).
 from __future__ import annotations
 
 import gzip
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -17,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Subset, select
+from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
 from clusterviz.data.header import check_dtype, check_packed, check_size, make_grid
+from clusterviz.data.source import Grid
 from clusterviz.data.storage import FileBytes, FileRange, Storage, StreamBytes
 from clusterviz.data.strided import StridedSource
 from clusterviz.errors import DataError, warn_of_data
@@ -39,9 +41,7 @@ def open_nifti(path: Path, subset: Subset) -> StridedSource:
     affine, proxy, intent = _read_header(path)
     stored = np.dtype(proxy.dtype)
     dtype = check_dtype(stored, where)
-    shape = (*proxy.shape, 1, 1, 1)[: max(3, len(proxy.shape))]  # x, y, z, time, component
-    slab = select(shape[::-1], "ZCTZYX"[-len(shape) :].rjust(len(shape), "Z"), subset, where)
-    grid = replace(make_grid(slab.shape_zyx, affine[:3, :3], affine[:3, 3], where), orientation="RAS")
+    slab, grid = placed_volume(proxy.shape, affine, subset, where)
     grid = replace(grid, modality="labels" if intent == "label" else "")
     offset, strides = slab.strides(stored.itemsize)
     storage: Storage
@@ -57,6 +57,26 @@ def open_nifti(path: Path, subset: Subset) -> StridedSource:
         dtype = np.result_type(dtype, np.float32)
     name = where + slab.label
     return StridedSource(name, grid, dtype, storage, stored, proxy.offset + offset, strides, scale, slab)
+
+
+def placed_volume(
+    shape: Sequence[int], affine: NDArray[np.float64], subset: Subset, where: str
+) -> tuple[Hyperslab, Grid]:
+    """Return the part of an image of nibabel that a subset names, and its grid.
+
+    Parameters
+    ----------
+    shape : along x, y, z, time, component
+    affine : float64 (4, 4), world from index
+
+    Raises
+    ------
+    DataError
+        As `select` and `make_grid`.
+    """
+    shape = (*shape, 1, 1, 1)[: max(3, len(shape))]
+    slab = select(shape[::-1], "ZCTZYX"[-len(shape) :].rjust(len(shape), "Z"), subset, where)
+    return slab, replace(make_grid(slab.shape_zyx, affine[:3, :3], affine[:3, 3], where), orientation="RAS")
 
 
 def _read_header(path: Path) -> tuple[Any, Any, str]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from clusterviz.data.axes import Subset, select, unnamed_axes
+from clusterviz.data.axes import Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.files import readable, refuse_array, require_file
 from clusterviz.data.header import check_dtype, check_packed, check_size
 from clusterviz.data.source import Grid
@@ -132,8 +132,10 @@ def _choose(members: dict[str, _Member], subset: Subset, path: Path) -> tuple[st
         return array, members[array]
     volumes = {name: member for name, member in members.items() if len(member.shape) >= (4 if subset.vectors else 3)}
     only = members if len(members) == 1 else volumes
-    if len(only) != 1:
-        raise DataError("several arrays: name one" if only else "no volume", where=str(path), allowed=listed)
+    if not only:
+        raise DataError("no volume", where=str(path), allowed=listed)
+    if len(only) > 1:
+        raise UnnamedPartError("array", list(only), where=str(path), allowed=listed)
     return next(iter(only.items()))
 
 

@@ -21,13 +21,14 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import MAX_LISTED, Hyperslab, Subset, select, unnamed_axes
+from clusterviz.data.axes import MAX_LISTED, Hyperslab, Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.bricks import Box, BrickLayout
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.remote import FilePath, find_range
@@ -41,6 +42,7 @@ from clusterviz.errors import DataError
 
 METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
 """Files, one of which each folder of Zarr holds."""
+MAX_IMAGES = 64  # of a store that are counted
 DISAGREE = "the levels disagree with their metadata"
 
 
@@ -252,7 +254,8 @@ def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, A
     if array is None and "bioformats2raw.layout" in group:
         if _attributes(path / "1") is None:
             return find_image(path, "0")
-        raise DataError("several images: name one", where=str(path), allowed="array: 0, 1, …")
+        images = list(takewhile(lambda name: _attributes(path / name) is not None, map(str, range(MAX_IMAGES))))
+        raise UnnamedPartError("array", images, where=str(path), allowed="array: 0, 1, …", noun="image")
     if array is None and "plate" in group:
         wells = ", ".join(f"{each['path']}/0" for each in group["plate"].get("wells", [])[:MAX_LISTED])
         raise DataError("a plate: name a field of a well", where=str(path), allowed=f"array: {wells}, …")

@@ -43,7 +43,7 @@ from clusterviz.data.store.wavelet import (
     encode_brick,
     referred_step,
 )
-from clusterviz.errors import DataError, InputError
+from clusterviz.errors import DataError, InputError, installation
 from clusterviz.image.replace import replacing
 
 SHARD_BYTES = 32 << 20
@@ -483,7 +483,7 @@ def require_packages(where: str, *names: str, extra: str = "store") -> None:
     """
     for name in names:
         if find_spec(name) is None:
-            raise DataError(f"needs the {name} package", where=where, allowed=f"pip install 'clusterviz[{extra}]'")
+            raise DataError(f"needs the {name} package", where=where, allowed=installation(extra))
 
 
 def read_json(path: FilePath) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from clusterviz.errors import ClustervizError
+from clusterviz.errors import ClustervizError, installation
 from clusterviz.report.output import page_html
 from clusterviz.report.tradeoff.ground_truth import GroundTruth
 from clusterviz.report.tradeoff.knobs import KNOBS
@@ -76,7 +76,7 @@ def check_libraries() -> None:
         import jinja2  # noqa: F401
         import matplotlib  # noqa: F401
     except ImportError as error:
-        raise ClustervizError(f"reports need {error.name}: pip install 'clusterviz[report]'") from None
+        raise ClustervizError(f"reports need {error.name}: {installation('report')}") from None
 
 
 def write_report(folder: Path, report: Report) -> None:
