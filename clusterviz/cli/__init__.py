@@ -197,7 +197,9 @@ def run(arguments: Sequence[str]) -> int:
             gc.freeze()
             gc.enable()
         status = application(list(arguments), prog_name="clusterviz", standalone_mode=False, obj={"debug": debug})
-    except (Exception, KeyboardInterrupt) as error:
+    except BaseException as error:
+        if isinstance(error, SystemExit) and not has_channel():  # of shell completion
+            raise
         return _usage_status(error) or fail(error, debug)
     if status == INTERRUPTED:  # typer's answer to ctrl-C
         return fail(KeyboardInterrupt(), debug)

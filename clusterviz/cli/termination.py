@@ -93,7 +93,7 @@ def _abort_other_ranks(error: BaseException, debug: bool) -> None:
         if channel:
             with abort_on_failure(channel, debug=debug):
                 raise error
-    except (Exception, KeyboardInterrupt) as passed:
+    except BaseException as passed:
         if passed is not error:
             raise
 
