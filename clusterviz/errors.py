@@ -80,6 +80,8 @@ def guard(kind: type[InputError], where: object) -> Iterator[None]:
     except RecursionError as error:
         raise kind("nested too deeply", where=str(where)) from error
     except Exception as error:
+        if "allow_pickle" in str(error):  # NumPy's advice to run what a file says
+            raise kind("damaged, or holds objects of Python, which are not read", where=str(where)) from error
         cause = " ".join(f"{type(error).__name__}: {error}".split())
         raise kind(f"damaged, or not a file of its kind: {cause}", where=str(where)) from error
 

@@ -18,6 +18,7 @@ import hashlib
 import json
 import math
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -33,13 +34,22 @@ from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.remote import FilePath, find_range
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import coarser, is_within
-from clusterviz.data.store.shards import PACKAGES, ShardedArray, open_array, read_json, require_packages
+from clusterviz.data.store.shards import (
+    PACKAGES,
+    ShardedArray,
+    description_checksum,
+    open_array,
+    read_json,
+    require_packages,
+)
 from clusterviz.data.store.statistics import read_statistics
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import DataError
 
 METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
 """Files, one of which each folder of Zarr holds."""
+VERSIONS = (1, 2)
+"""Of stores of clusterviz that are read."""
 DISAGREE = "the levels disagree with their metadata"
 METRES = {
     "angstrom": 1e-10,
@@ -114,7 +124,7 @@ class LevelSource:
             return self
         if number not in self.opened:
             path, grid = self.paths[self.number + number], self.grid.coarser(number)
-            array = _own_array(path, self.array.check).at(*self.array.index)
+            array = _own_array(path, self.array.check, self.array.has_checksums).at(*self.array.index)
             if (array.shape_zyx, array.dtype) != (grid.shape_zyx, self.dtype):
                 raise DataError(DISAGREE, where=str(path), found=array.shape_zyx, allowed=grid.shape_zyx)
             name, at = f"{self.name}:/{path.name}", self.number + number
@@ -157,7 +167,9 @@ class LevelSource:
 
     def summary(self, layout: BrickLayout) -> VolumeSummary | None:
         """Return the summary that the store keeps of its finest level; None of another level."""
-        return read_statistics(self.array.summary_path, layout) if self.array.path == self.paths[0] else None
+        if self.array.path != self.paths[0]:
+            return None
+        return read_statistics(self.array.summary_path, layout, self.array.has_checksums)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -208,8 +220,9 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
     place = path / wanted
     if own:
         require_packages(where, *PACKAGES)
+        has_checksums = _check_description(attributes, where)
         array, shape = (
-            _own_array(place, partial(_check_same, path / "zarr.json", attributes)),
+            _own_array(place, partial(_check_same, path / "zarr.json", attributes), has_checksums),
             tuple(own.get("shape", ())),
         )
         for _ in range(datasets.index(described) if described else 0):
@@ -343,8 +356,29 @@ def _check_same(path: FilePath, attributes: Mapping[str, Any]) -> None:
         raise DataError("the store was changed while it was in use", where=str(path.parent), allowed="start again")
 
 
-def _own_array(path: FilePath, check: Callable[[], None] = lambda: None) -> ShardedArray:
-    array = open_array(path, check)
+def _check_description(attributes: Mapping[str, Any], where: str) -> bool:
+    """Check the description of a store of clusterviz; return whether its statistics have checksums.
+
+    Raises
+    ------
+    DataError
+        It was changed since it was written, or is of a version to come.
+    """
+    own = attributes["clusterviz"]
+    version, found = own.get("version"), own.get("checksum")
+    if version not in VERSIONS:
+        raise DataError("a store of another version", where=where, found=version, allowed=", ".join(map(str, VERSIONS)))
+    if found is None:
+        what = "its statistics and error bounds have" if version == 1 else "its description has"
+        warnings.warn(f"{where}: {what} no checksum; `clusterviz store` writes it with one", FutureWarning, stacklevel=2)
+    elif found != description_checksum(attributes):
+        what = "the description of the store was changed since it was written: damaged, or edited"
+        raise DataError(what, where=where, allowed="if it was edited, remove clusterviz.checksum in its zarr.json")
+    return bool(version > 1)
+
+
+def _own_array(path: FilePath, check: Callable[[], None], has_checksums: bool) -> ShardedArray:
+    array = open_array(path, check, has_checksums)
     if array is None:
         raise DataError(DISAGREE, where=str(path))
     array.codec.require(str(path))
