@@ -24,6 +24,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,6 +217,8 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
     scales = _multiscales(attributes) or {}
     datasets = scales.get("datasets") or [{"path": ""}]
     wanted = level or datasets[0]["path"]
+    for each in datasets:
+        check_below(each["path"], where)
     described: Mapping[str, Any] = next((each for each in datasets if each["path"] == wanted), {})
     place = path / wanted
     if own:
@@ -259,8 +262,9 @@ def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, A
     Raises
     ------
     DataError
-        Not a store of Zarr, or it holds several images and none is named.
+        Not a store of Zarr, or it holds several images and none is named, or the name leads out of it.
     """
+    check_below(array or "", str(path))
     attributes, parts = _attributes(path), (array or "").split("/")
     if attributes is None:
         is_folder = isinstance(path, Path) and path.is_dir()
@@ -283,6 +287,19 @@ def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, A
         wells = ", ".join(f"{each['path']}/0" for each in group["plate"].get("wells", [])[:MAX_LISTED])
         raise DataError("a plate: name a field of a well", where=str(path), allowed=f"array: {wells}, …")
     return path, attributes, array
+
+
+def check_below(name: object, where: str) -> None:
+    """Check that the path of an array is one below the store, so that nothing else is read in its name.
+
+    Raises
+    ------
+    DataError
+        It is absolute, or has a part "..".
+    """
+    plain = unquote(name).replace("\\", "/") if isinstance(name, str) else "/"
+    if plain.startswith("/") or ".." in plain.split("/"):
+        raise DataError("an array outside of the store", where=where, found=name, allowed="a path below it")
 
 
 def _attributes(path: FilePath) -> dict[str, Any] | None:
