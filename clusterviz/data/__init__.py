@@ -35,6 +35,7 @@ from clusterviz.data.remote import RemotePath, is_url, remote_path
 from clusterviz.data.series import check_same, files_of_pattern, open_step
 from clusterviz.data.source import Grid, Index, MultilevelSource, Source, levels_of
 from clusterviz.errors import DataError, guard
+from clusterviz.input_files import require_regular_file
 from clusterviz.scene.files import SUFFIXES, load_scene, scene_of_data
 from clusterviz.scene.values import Scene, Volume
 
@@ -340,7 +341,7 @@ def mesh_format_of(path: Path) -> Format | None:
         if found is None:
             is_surface = path.is_file() and format_of(path) is None and start_of(path).startswith(b"\xff\xff\xfe")
             return MESH_EXTENSIONS[".pial"] if is_surface else None
-        return found if not found.recognises or _function(found.recognises)(path) else None
+        return found if not found.recognises or (path.is_file() and _function(found.recognises)(path)) else None
     except Exception:  # libraries raise many kinds
         return None
 
@@ -354,7 +355,8 @@ def grid_format_of(path: Path) -> Format | None:
         path = grid_files(path)[0].path
     found = _by_extension(path, GRID_EXTENSIONS)
     try:
-        return found if found and (not found.recognises or _function(found.recognises)(path)) else None
+        is_one = found and (not found.recognises or (path.is_file() and _function(found.recognises)(path)))
+        return found if is_one else None
     except Exception:  # as above
         return None
 
@@ -413,6 +415,7 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
                 )
             kind = f"{path.suffix or 'none'}, {kind_of(start_of(path))}"
             raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(GRID_EXTENSIONS))
+        require_regular_file(path, DataError)
         if found.magic:
             require_file(path, found.magic)
         if time is not None and found.name not in ("exodus", "openfoam"):

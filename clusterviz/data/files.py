@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from clusterviz.errors import DataError
+from clusterviz.input_files import require_regular_file
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 KINDS = (
@@ -94,8 +95,6 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
             status = os.fstat(descriptor)
             if stat.S_ISDIR(status.st_mode):
                 raise DataError("a directory, not a data file", where=str(path))
-            if not stat.S_ISREG(status.st_mode):
-                raise DataError("not a regular file", where=str(path))
             if status.st_size == 0:
                 raise DataError("the file is empty", where=str(path))
             start = os.read(descriptor, START_BYTES)
@@ -109,7 +108,9 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
 
 @contextmanager
 def readable(path: _Named) -> Iterator[None]:
-    """Context that turns errors of the operating system about `path` into `DataError`."""
+    """Context that turns errors of the operating system about `path` into `DataError`; refuses FIFOs and devices."""
+    if isinstance(path, Path):
+        require_regular_file(path, DataError)
     try:
         yield
     except FileNotFoundError as error:

@@ -6,6 +6,8 @@ ranks make the summary. What the summaries say completes the scene. Later frames
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -273,6 +275,8 @@ Opened = OpenedVolume | OpenedContent
 
 MOST_BRICKS = 1 << 17
 """Bricks a rank, at most: each takes some time in Python, even a small one."""
+LARGEST_BRICK = 512
+"""Side of the largest brick that is advised; each is held as a whole."""
 Given = Source | Sequence[Source | Geometry | UnstructuredGrid | VectorSource | None] | None
 """Data that replaces the files of a scene: one source, or one for each volume, mesh, entry of lines and of points,
 unstructured grid and flow, in this order; None: the file is read."""
@@ -472,10 +476,15 @@ def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
     """Refuse so small bricks that preparing all of them would take minutes."""
 
     def bricks(side: int) -> int:
-        return sum(int(np.prod(BrickLayout(shape, side).counts_zyx)) for shape in shapes)
+        return sum(math.prod(BrickLayout(shape, side).counts_zyx) for shape in shapes)
 
     if (found := bricks(brick)) > MOST_BRICKS * ranks:
-        fitting = next(side for side in range(brick, max(map(max, shapes)) + 1) if bricks(side) <= MOST_BRICKS * ranks)
+        sides = range(brick, max(map(max, shapes)) + 1)
+        fitting = sides[bisect_left(sides, -MOST_BRICKS * ranks, key=lambda side: -bricks(side))]
+        if fitting > LARGEST_BRICK:
+            size = " × ".join(map(str, max(shapes, key=math.prod)[::-1]))
+            most = f"{MOST_BRICKS * ranks} bricks of {LARGEST_BRICK}³; more ranks, or a coarser level"
+            raise InputError("too large a volume", where="volumes", found=f"{size} samples", allowed=most)
         text, allowed = "too many bricks", f"{fitting} or more, which makes {bricks(fitting)} bricks"
         raise InputError(
             text,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from clusterviz.errors import InputError, OutputError
 from clusterviz.image.finish import Colour, finish
 from clusterviz.image.replace import check_replaceable, replacing
+from clusterviz.input_files import require_regular_file
 
 JPEG_QUALITY = 95
 Pixels = NDArray[np.float32]
@@ -104,6 +105,7 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
     extension = Path(path).suffix.lower()
     if extension not in _READERS:
         raise InputError("unknown extension", where=str(path), found=extension or "none", allowed=", ".join(_READERS))
+    require_regular_file(path)
     try:
         rgba = _READERS[extension](Path(path))
     except (OSError, ValueError, RuntimeError, KeyError, EOFError, BadZipFile) as error:
@@ -123,6 +125,7 @@ def read_text(path: str | os.PathLike[str], key: str = TEXT_KEY) -> str:
     """
     from PIL import Image
 
+    require_regular_file(path)
     try:
         with Image.open(path) as file:
             text = file.info.get(key)

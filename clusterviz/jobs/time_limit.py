@@ -78,11 +78,12 @@ class BlockWatch:
     def _watch(self) -> None:
         while not self._ended.wait(LOOKS_SECONDS):
             for thread, block in list(self._running.items()):
-                seconds, where = monotonic() - block.began, f"rank {self._channel.rank}, {block.name}"
+                seconds, who = monotonic() - block.began, f"rank {self._channel.rank}, {block.name}"
                 if block.limit is not None and seconds > block.limit:
-                    self._end(f"{where}: not done within its {block.limit:g} s{_line(thread)}")
+                    self._end(f"{who}: not done within its {block.limit:g} s{_line(thread)}")
                 if seconds > block.notice:
-                    print(f"clusterviz: {where} has run for {seconds:.0f} s{_line(thread)}", file=sys.stderr, flush=True)
+                    text = f"{who} has run for {seconds:.0f} s{_line(thread)}"
+                    print(f"clusterviz: {text}", file=sys.stderr, flush=True)
                     block.notice *= 2
 
     def _end(self, message: str) -> None:

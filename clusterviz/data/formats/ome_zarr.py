@@ -387,7 +387,9 @@ def _check_description(attributes: Mapping[str, Any], where: str) -> bool:
         raise DataError("a store of another version", where=where, found=version, allowed=", ".join(map(str, VERSIONS)))
     if found is None:
         what = "its statistics and error bounds have" if version == 1 else "its description has"
-        warnings.warn(f"{where}: {what} no checksum; `clusterviz store` writes it with one", FutureWarning, stacklevel=2)
+        warnings.warn(
+            f"{where}: {what} no checksum; `clusterviz store` writes it with one", FutureWarning, stacklevel=2
+        )
     elif found != description_checksum(attributes):
         what = "the description of the store was changed since it was written: damaged, or edited"
         raise DataError(what, where=where, allowed="if it was edited, remove clusterviz.checksum in its zarr.json")

@@ -4,7 +4,7 @@ A shard holds a cube of bricks, one after another, each with its CRC-32C, then f
 the CRC-32C of these. A brick that does not fit into the array is padded. zarr-python takes about a millisecond for each
 brick, so the arrays that clusterviz writes are read here.
 
-The minima, maxima and errors of the bricks of a shard are a file with a CRC-32C, too; in stores of version 1 it has none.
+The minima, maxima and errors of the bricks of a shard are a file with a CRC-32C, but not in stores of version 1.
 
 An array may have axes of time and channels before z, with shards and bricks of 1 along them. The bytes of a brick may
 say that its samples are those of another time step.

@@ -5,6 +5,7 @@ OUT.ome.zarr/bricks/statistics.npz   the arrays of a `VolumeSummary`, and their 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.remote import FilePath, read_range
+from clusterviz.data.remote import WHOLE_FILE_BYTES, FilePath, read_range
 from clusterviz.data.store.shards import checksum
 from clusterviz.data.summary import Categories, VolumeSummary, block_counts
 from clusterviz.errors import DataError, guard
@@ -46,7 +47,8 @@ def read_statistics(path: FilePath, layout: BrickLayout, has_checksum: bool = Tr
     DataError
         Missing, damaged, or of another volume.
     """
-    data, _ = read_range(path)
+    most = WHOLE_FILE_BYTES + 64 * (math.prod(layout.counts_zyx) + math.prod(block_counts(layout.shape_zyx)))
+    data, _ = read_range(path, most=most)
     with guard(DataError, path), np.load(BytesIO(data), allow_pickle=False) as archive:
         found = {key: archive[key] for key in archive.files}
         if has_checksum and _checksum(found) != found.get("checksum", -1):

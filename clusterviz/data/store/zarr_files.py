@@ -63,6 +63,8 @@ def open_zarr(path: FilePath, zarr_format: Literal[2, 3]) -> Array[Any]:
         )
         raise DataError("impossible size", where=where, found=found, allowed=allowed)
     files.chunks = _packing(opened.metadata.to_dict(), chunk)
+    bytes_of_file = math.prod(opened.shards or opened.chunks) * opened.dtype.itemsize
+    files.most_bytes = min(_most_bytes(bytes_of_file) + files.chunks.shard, 1 << 62)
     return opened
 
 
@@ -193,6 +195,7 @@ class ZarrFiles(Store):
         super().__init__(read_only=True)
         self._path, self._lock = path, Lock()
         self.chunks: _Packing | None = None
+        self.most_bytes: int | None = None
         self._versions: dict[str, Version] = {}
         self._checked = 0.0
 
@@ -214,7 +217,7 @@ class ZarrFiles(Store):
         elif isinstance(wanted, SuffixByteRequest):
             begin = -wanted.suffix
         known = self._versions.get(key)
-        found = find_range(self._path / key, begin, count, known)
+        found = find_range(self._path / key, begin, count, known, most=None if key in METADATA else self.most_bytes)
         if found is None:
             if key in self._versions:
                 raise DataError("the file was removed while it was in use", where=str(self._path / key))
