@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import shutil
 from pathlib import Path
@@ -220,6 +221,16 @@ def test_chunks_that_change_under_a_running_job(tmp_path: Path) -> None:
     source = open_source(other)
     shutil.rmtree(other)
     refused(lambda: source.read((0, 0, 0), (3, 4, 2)), "b.zarr/0", "removed while it was in use")
+
+
+def test_a_refused_chunk_leaves_no_reading_of_others_behind(tmp_path: Path) -> None:
+    path = write_image(tmp_path / "a.zarr", chunks=(1, 1, 1), compressors=ZstdCodec())
+    for chunk in path.glob("0/c/1/*/*"):
+        chunk.write_bytes(b"not zstd")
+    source = open_source(path)
+    refused(lambda: source.read((0, 0, 0), FIELD.shape), "a.zarr")
+    (zarr_loop,) = zarr.core.sync.loop
+    assert not asyncio.all_tasks(zarr_loop)
 
 
 @pytest.mark.parametrize("is_part", [False, True])

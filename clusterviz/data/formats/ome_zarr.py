@@ -199,7 +199,9 @@ class ZarrSource:
         kept = self.slab.index.count(None)
         spans = iter([slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True)][3 - kept :])
         box = tuple(next(spans) if i is None else slice(i, i + 1) for i in self.slab.index)
-        return np.array(self.array[box], self.dtype, order="C").reshape(shape)
+        from clusterviz.data.store.zarr_files import read_array
+
+        return np.array(read_array(self.array, box), self.dtype, order="C").reshape(shape)
 
 
 def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:

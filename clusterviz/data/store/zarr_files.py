@@ -20,6 +20,7 @@ import numpy as np
 from zarr import Array, open_array
 from zarr.abc.store import OffsetByteRequest, RangeByteRequest, Store, SuffixByteRequest
 from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
+from zarr.core.sync import sync
 
 from clusterviz.data.header import MAX_COMPRESSION_RATIO
 from clusterviz.data.remote import FilePath, Version, find_range
@@ -66,6 +67,23 @@ def open_zarr(path: FilePath, zarr_format: Literal[2, 3]) -> Array[Any]:
     bytes_of_file = math.prod(opened.shards or opened.chunks) * opened.dtype.itemsize
     files.most_bytes = min(_most_bytes(bytes_of_file) + files.chunks.shard, 1 << 62)
     return opened
+
+
+def read_array(array: Any, box: tuple[slice, ...]) -> Any:
+    """Return a box of an array; if a chunk fails, after all other reading of chunks has ended."""
+    try:
+        return array[box]
+    except BaseException:
+        # zarr-python leaves its other tasks behind, which would complain when the process ends.
+        sync(_end_tasks())
+        raise
+
+
+async def _end_tasks() -> None:
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in others:
+        task.cancel()
+    await asyncio.gather(*others, return_exceptions=True)
 
 
 @dataclass(frozen=True)
