@@ -18,7 +18,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from clusterviz.cli.console import Verbosity, set_verbosity
+from clusterviz.cli.console import Verbosity, prepare_streams, set_verbosity
 from clusterviz.cli.termination import INTERRUPTED, end_on_signals, end_process, fail, has_channel, launched_rank
 
 
@@ -159,6 +159,7 @@ def main() -> None:
     """Run the command line and exit: 0, 2 for bad input, 130 for ctrl-C, 1 for other errors."""
     # The search for pydantic's plugins reads the metadata of all installed packages; none is used here.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    prepare_streams()
     end_on_signals()
     if launched_rank() not in (None, 0):
         warnings.simplefilter("ignore", FutureWarning)  # about former scene keys: rank 0 shows it
@@ -183,20 +184,21 @@ def run(arguments: Sequence[str]) -> int:
     -------
     status : the exit status of the process
     """
-    if list(arguments) == ["--version"]:
-        from importlib.metadata import version
-
-        print(f"clusterviz {version('clusterviz')}")
-        return 0
     flags, arguments = _without_flags(arguments)
     debug = "--debug" in flags
     set_verbosity(Verbosity(("--verbose" in flags) - ("--quiet" in flags)))
     try:
+        if list(arguments) == ["--version"]:
+            from importlib.metadata import version
+
+            print(f"clusterviz {version('clusterviz')}", flush=True)
+            return 0
         application = command_line(arguments)
         if not gc.isenabled():
             gc.freeze()
             gc.enable()
         status = application(list(arguments), prog_name="clusterviz", standalone_mode=False, obj={"debug": debug})
+        sys.stdout.flush()
     except BaseException as error:
         if isinstance(error, SystemExit) and not has_channel():  # of shell completion
             raise
@@ -256,5 +258,6 @@ def _usage_status(error: BaseException) -> int:
     if show is None or not status:
         return 0
     if launched_rank() in (None, 0):
-        show()
+        with suppress(OSError):  # nobody reads it
+            show()
     return int(status)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from clusterviz.cli.console import print_document
 from clusterviz.cli.termination import launched_rank
 from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open_channel
 from clusterviz.comm.library import launcher, mpi_library
@@ -148,7 +149,7 @@ def _examine_device(local_rank: int) -> tuple[tuple[str, ...], int | None, OpenG
 
 
 def _print_json(report: MachineReport) -> None:
-    print(dumps(asdict(report), indent=2, ensure_ascii=False))
+    print_document(dumps(asdict(report), indent=2, ensure_ascii=False) + "\n")
 
 
 def _print_tables(report: MachineReport) -> None:

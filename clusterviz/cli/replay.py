@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from clusterviz.cli.arguments import Define, DeviceOption, parse_device
-from clusterviz.cli.console import Verbosity, show_progress, verbosity
+from clusterviz.cli.console import Verbosity, print_document, show_progress, verbosity
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
 from clusterviz.data.remote import is_url
@@ -69,7 +69,7 @@ def command(
         changes = changes_of(record, now)
         if json:
             report = {"equal": not difference.count, "pixels": asdict(difference), "then": record, "now": now}
-            print(json_text.dumps(report | {"changes": changes}, indent=2, ensure_ascii=False))
+            print_document(json_text.dumps(report | {"changes": changes}, indent=2, ensure_ascii=False) + "\n")
         elif verbosity() is not Verbosity.QUIET:
             _print(changes, record, difference)
         if difference.count:

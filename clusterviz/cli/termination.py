@@ -16,9 +16,10 @@ import threading
 import time
 import traceback
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import NoReturn
 
-from clusterviz.errors import ClustervizError
+from clusterviz.errors import ClustervizError, known
 
 INTERRUPTED = 130
 REPORT_GRACE_SECONDS = 1.0
@@ -43,21 +44,31 @@ def fail(error: BaseException, debug: bool) -> int:
     -------
     status : the exit status of the process
     """
+    if isinstance(error, OSError):
+        _leave_stdout()
     if isinstance(error, BrokenPipeError):
-        # The reader of stdout has closed it; the interpreter must not flush it again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    error = known(error) if isinstance(error, Exception) else error
     if "mpi4py.MPI" in sys.modules:
         _abort_other_ranks(error, debug)
     if _should_print(error):
-        if debug:
-            traceback.print_exception(error)
-        print(error_message(error, debug), file=sys.stderr, flush=True)
+        with suppress(OSError):  # nobody reads it
+            if debug:
+                traceback.print_exception(error)
+            print(error_message(error, debug), file=sys.stderr, flush=True)
     elif isinstance(error, ClustervizError) and not has_channel():
         time.sleep(REPORT_GRACE_SECONDS)  # the launcher ends all ranks, also rank 0, when one fails
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
     return error.exit_status if isinstance(error, ClustervizError) else 1
+
+
+def _leave_stdout() -> None:
+    """Drop what stdout could not write, or the interpreter would fail to write it at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def error_message(error: BaseException, debug: bool) -> str:

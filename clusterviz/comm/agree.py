@@ -11,10 +11,10 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from clusterviz.comm.channel import Channel
-from clusterviz.errors import ClustervizError, RankError, is_agreed, mark_agreed
+from clusterviz.errors import ClustervizError, RankError, is_agreed, known, mark_agreed
 
 __all__ = ["abort_on_failure", "agree", "describe", "is_agreed", "mark_agreed"]
 
@@ -22,7 +22,8 @@ INTERRUPTED_STATUS = 130
 
 
 def describe(error: BaseException) -> str:
-    """Return the message of an error in one line, with its type unless it is a ClustervizError."""
+    """Return the message of an error in one line, with its type unless it is a ClustervizError or well known."""
+    error = known(error) if isinstance(error, Exception) else error
     if isinstance(error, ClustervizError):
         return str(error)
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
@@ -30,6 +31,7 @@ def describe(error: BaseException) -> str:
 
 def exit_status_of(error: BaseException) -> int:
     """Return the exit status of a job that an error ends, which is never 0."""
+    error = known(error) if isinstance(error, Exception) else error
     found = error.code if isinstance(error, SystemExit) else getattr(error, "exit_status", 1)
     return found if isinstance(found, int) and 0 < found < 256 else 1
 
@@ -52,7 +54,7 @@ def agree(channel: Channel, frame: int | None, stage: str) -> Iterator[None]:
     except Exception as raised:
         if is_agreed(raised):  # within this step, so that no rank is at its end
             raise
-        error = raised
+        error = known(raised)
     except BaseException as raised:
         _end_all(channel, _place(channel, frame, stage), raised)
         raise
@@ -122,5 +124,6 @@ def _end_all(channel: Channel, place: str, error: BaseException, debug: bool = F
 def abort(channel: Channel, message: str, status: int) -> None:
     """Print a message, unless it is empty, and end all ranks."""
     if message:
-        print(f"clusterviz: {message}", file=sys.stderr, flush=True)
+        with suppress(OSError):  # nobody reads it
+            print(f"clusterviz: {message}", file=sys.stderr, flush=True)
     channel.abort(status)
