@@ -275,6 +275,8 @@ Opened = OpenedVolume | OpenedContent
 
 MOST_BRICKS = 1 << 17
 """Bricks a rank, at most: each takes some time in Python, even a small one."""
+PIXEL_BYTES = 32
+"""Of a pixel on rank 0: its part, and the picture that it becomes."""
 LARGEST_BRICK = 512
 """Side of the largest brick that is advised; each is held as a whole."""
 Given = Source | Sequence[Source | Geometry | UnstructuredGrid | VectorSource | None] | None
@@ -300,6 +302,8 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     opened : its content; None if the scene has none
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
+    with run.local("open", "load"):
+        _check_picture(scene)
     scene = without_flows(scene)
     if not scene.has_content:
         with run.local("plan", "plan"):
@@ -470,6 +474,15 @@ def _with_joined_bricks(summary: VolumeSummary, edges: Edges) -> VolumeSummary:
 
     found = joined(np.minimum, summary.minimum), joined(np.maximum, summary.maximum)
     return replace(summary, minimum=found[0], maximum=found[1])
+
+
+def _check_picture(scene: Scene) -> None:
+    """Refuse a picture that no rank could hold."""
+    width, height = scene.image.size
+    needed, there = PIXEL_BYTES * width * height, memory().total_bytes
+    if 0 < there < needed:
+        found, allowed = f"{width} × {height}, which takes {needed >> 20} MiB", f"{there >> 20} MiB"
+        raise InputError("too large a picture", where="image.size", found=found, allowed=allowed)
 
 
 def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
