@@ -99,7 +99,7 @@ def known(error: Exception) -> Exception:
 
 def _failure_of_machine(error: Exception) -> tuple[str, str | None]:
     """Return what failed in a clause, and what is allowed; "" of other errors."""
-    text = str(error).lower()
+    text = f"{error} {error.__cause__ or error.__context__}".lower()  # llvmlite hides why its library is not loaded
     if isinstance(error, MemoryError) or "cannot allocate memory" in text or "failed to map segment" in text:
         return "it takes more memory than there is", "less data at a time, more ranks, or a larger ulimit -v"
     if isinstance(error, RecursionError):

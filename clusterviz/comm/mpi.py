@@ -14,6 +14,7 @@ import functools
 import os
 import pickle
 import re
+import resource
 import signal
 import sys
 import threading
@@ -43,6 +44,7 @@ from clusterviz.comm.placement import (
 )
 from clusterviz.comm.remote_memory import RemoteMemory
 from clusterviz.comm.window import Numbers
+from clusterviz.errors import InputError
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -50,6 +52,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 CHUNK_BYTES = 1 << 30
 _LAST_WORDS_SECONDS = 0.2
+LEAST_FILES = 64
+"""Open files that a rank needs."""
 
 
 @dataclass(slots=True)
@@ -81,11 +85,28 @@ def _load_mpi(several_threads: bool = False) -> Any:
 
         if not MPI.Is_initialized():
             check_launcher(MPI.Get_library_version(), None)
+            _check_files()
             MPI.Init_thread(MPI.THREAD_MULTIPLE if several_threads else MPI.THREAD_SERIALIZED)
             handler = signal.getsignal(signal.SIGHUP)
             if handler is not None and threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGHUP, handler)  # UCX's handler would wait for a debugger
     return MPI
+
+
+def _check_files() -> None:
+    """Raise the limit of open files as far as may be; refuse one with which MPI_Init would end the process.
+
+    Raises
+    ------
+    InputError
+        The limit is lower than `LEAST_FILES`.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if not 0 <= soft < LEAST_FILES:  # below 0: no limit
+        return
+    if 0 <= hard < LEAST_FILES:
+        raise InputError("too few open files for MPI", where="ulimit -n", found=hard, allowed=f"{LEAST_FILES} or more")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (LEAST_FILES, hard))
 
 
 def _unlink_segments() -> None:
