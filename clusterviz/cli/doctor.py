@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import time
-from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from json import dumps
@@ -37,6 +35,8 @@ def command(
 ) -> None:
     """Show MPI, EGL devices, OpenGL, threads and memory of every rank, and what is wrong with them."""
     if clean:
+        from clusterviz.comm.mpi import remove_segments
+
         for path in [*remove_leftovers(Path.cwd()), *remove_segments()]:
             print(f"removed {path}")
         return
@@ -52,25 +52,6 @@ def command(
     with agree(channel, 0, "doctor"):
         if found:
             raise DeviceError("; ".join(found))
-
-
-def remove_segments(folder: Path = Path("/dev/shm")) -> list[Path]:
-    """Remove and return MPICH's shared memory files of this user that are unmapped and older than a minute.
-
-    Ranks of clusterviz unlink theirs at start-up, so leftovers are of jobs killed before that, or of other programs.
-    """
-    maps = ""
-    for path in Path("/proc").glob("[0-9]*/maps"):
-        with suppress(OSError):
-            maps += path.read_text()
-    removed = []
-    for path in folder.glob("mpich_shm_*"):
-        with suppress(OSError):
-            state = path.stat()
-            if state.st_uid == os.getuid() and time.time() - state.st_mtime > 60 and str(path) not in maps:
-                path.unlink()
-                removed.append(path)
-    return removed
 
 
 def examine(channel: Channel, warning: str = "") -> MachineReport:

@@ -9,6 +9,7 @@ job is aborted. So it is, in any stage, by what ends a program: ctrl-C and `sys.
 from __future__ import annotations
 
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -19,6 +20,8 @@ from clusterviz.errors import ClustervizError, RankError, is_agreed, known, mark
 __all__ = ["abort_on_failure", "agree", "describe", "is_agreed", "mark_agreed"]
 
 INTERRUPTED_STATUS = 130
+RANK_0_SECONDS = 0.9
+"""After which another rank says that it was interrupted: ctrl-C reaches all ranks, and rank 0 says it and ends them."""
 
 
 def describe(error: BaseException) -> str:
@@ -114,7 +117,9 @@ def _end_all(channel: Channel, place: str, error: BaseException, debug: bool = F
     if channel.size == 1:
         return
     if isinstance(error, KeyboardInterrupt):
-        abort(channel, "interrupted" if channel.rank == 0 else "", INTERRUPTED_STATUS)
+        if channel.rank > 0:
+            time.sleep(RANK_0_SECONDS)
+        abort(channel, "interrupted", INTERRUPTED_STATUS)
         return
     if debug:
         traceback.print_exception(error)

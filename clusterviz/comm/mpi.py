@@ -86,7 +86,13 @@ def _load_mpi(several_threads: bool = False) -> Any:
         if not MPI.Is_initialized():
             check_launcher(MPI.Get_library_version(), None)
             _check_files()
-            MPI.Init_thread(MPI.THREAD_MULTIPLE if several_threads else MPI.THREAD_SERIALIZED)
+            remove_segments()
+            # A signal interrupts what MPI_Init reads from the launcher, which MPICH takes for the launcher's end.
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
+            try:
+                MPI.Init_thread(MPI.THREAD_MULTIPLE if several_threads else MPI.THREAD_SERIALIZED)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             handler = signal.getsignal(signal.SIGHUP)
             if handler is not None and threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGHUP, handler)  # UCX's handler would wait for a debugger
@@ -109,12 +115,35 @@ def _check_files() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (LEAST_FILES, hard))
 
 
-def _unlink_segments() -> None:
-    """Unlink MPICH's shared-memory files, which all ranks have mapped: killed ranks then leave no files."""
+def unlink_segments() -> None:
+    """Unlink MPICH's shared-memory files that this rank has mapped: killed ranks then leave no files."""
     with suppress(OSError):  # no /proc
         mapped = re.findall(r"(/dev/shm/mpich_shm_\w+)$", Path("/proc/self/maps").read_text(), re.MULTILINE)
         for name in set(mapped):
             Path(name).unlink(missing_ok=True)
+
+
+def remove_segments(folder: Path = Path("/dev/shm")) -> list[Path]:
+    """Remove and return MPICH's shared-memory files of this user that are unmapped and older than a minute.
+
+    Ranks of clusterviz unlink theirs at start-up, so leftovers are of jobs killed before that, or of other programs.
+    """
+    removed = []
+    for path in folder.glob("mpich_shm_*"):
+        with suppress(OSError):
+            state = path.stat()
+            if state.st_uid == os.getuid() and time.time() - state.st_mtime > 60 and not _is_mapped(path):
+                path.unlink()
+                removed.append(path)
+    return removed
+
+
+def _is_mapped(file: Path) -> bool:
+    for path in Path("/proc").glob("[0-9]*/maps"):
+        with suppress(OSError):
+            if str(file) in path.read_text():
+                return True
+    return False
 
 
 @functools.cache
@@ -140,7 +169,7 @@ class MpiChannel:
         self._mpi = _load_mpi(several_threads)
         self._comm = (comm or self._mpi.COMM_WORLD).Dup()
         if comm is None:  # all ranks are here now
-            _unlink_segments()
+            unlink_segments()
         self._byte = self._mpi.BYTE
         self._chunk_bytes = chunk_bytes
         # Reused in every call: creating a status object costs more than testing a request.
