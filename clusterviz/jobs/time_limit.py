@@ -19,7 +19,6 @@ from time import monotonic
 from traceback import walk_stack
 from types import TracebackType
 
-import clusterviz
 from clusterviz.comm import Channel
 from clusterviz.comm.agree import abort
 
@@ -28,7 +27,7 @@ NOTICE_SECONDS = 60.0
 LOOKS_SECONDS = 0.2
 BLOCK_FUNCTION = "_run_block"
 """Function of this package that calls that of a job."""
-_PACKAGE = str(Path(clusterviz.__file__).parent)
+_PACKAGE = str(Path(__file__).parents[1])
 
 
 @dataclass
