@@ -64,8 +64,8 @@ def read_record(path: str | os.PathLike[str]) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError("damaged record of the picture", where=str(path), found=known(error)) from None
     is_whole = isinstance(found, dict) and all(isinstance(found.get(key) or {}, dict) for key in PARTS)
-    error = (found.get("error") or {}) if is_whole else {}
-    bound = [error.get("estimated"), error.get("asked_for")]
+    stated = (found.get("error") or {}) if is_whole else {}
+    bound = [stated.get("estimated"), stated.get("asked_for")]
     if not is_whole or not (bound == [None, None] or all(isinstance(each, int | float) for each in bound)):
         raise InputError("damaged record of the picture", where=str(path), found=text[:40])
     return dict(found)
