@@ -6,7 +6,9 @@ without a traceback, and leaves no incomplete output.
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import warnings
 from collections.abc import Iterator
@@ -116,14 +118,40 @@ def guard(kind: type[InputError], where: object) -> Iterator[None]:
         yield
     except ClustervizError:
         raise
-    except MemoryError as error:
-        raise kind("it takes more memory than there is", where=str(where)) from error
-    except RecursionError as error:
-        raise kind("nested too deeply", where=str(where)) from error
     except Exception as error:
+        what, allowed = _failure_of_machine(error)
+        if "allow_pickle" in str(error):  # NumPy's advice to run what a file says
+            what = "damaged, or holds objects of Python, which are not read"
         cause = " ".join(f"{type(error).__name__}: {error}".split())
         reason = next((text for types, text in REASONS if isinstance(error, types)), DAMAGED)
-        raise kind(f"{reason}: {cause}", where=str(where)) from error
+        what = what or f"{reason}: {cause}"
+        raise kind(what, where=str(where), allowed=allowed) from error
+
+
+def known(error: Exception) -> Exception:
+    """Return a failure of the machine (memory, disk, open files) as an error in one clear line; others as they are."""
+    what, allowed = ("", None) if isinstance(error, ClustervizError) else _failure_of_machine(error)
+    if not what:
+        return error
+    file = getattr(error, "filename", None)
+    found = InputError(what, where="" if file is None else os.fsdecode(file), allowed=allowed)
+    found.__cause__ = error
+    return found
+
+
+def _failure_of_machine(error: Exception) -> tuple[str, str | None]:
+    """Return what failed in a clause, and what is allowed; "" of other errors."""
+    text = f"{error} {error.__cause__ or error.__context__}".lower()  # llvmlite hides why its library is not loaded
+    if isinstance(error, MemoryError) or "cannot allocate memory" in text or "failed to map segment" in text:
+        return "it takes more memory than there is", "less data at a time, more ranks, or a larger ulimit -v"
+    if isinstance(error, RecursionError):
+        return "nested too deeply", None
+    if isinstance(error, RuntimeError) and "can't start new thread" in text:
+        return "no thread can be started", "fewer threads, or a larger ulimit -u or -v"
+    if isinstance(error, OSError) and error.strerror and isinstance(error.errno, int):
+        files = "more files: ulimit -n" if error.errno in (errno.EMFILE, errno.ENFILE) else None
+        return error.strerror.lower(), files
+    return "", None
 
 
 class SceneError(InputError):

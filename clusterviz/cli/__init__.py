@@ -18,7 +18,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from clusterviz.cli.console import Verbosity, escaped_output, set_verbosity
+from clusterviz.cli.console import Verbosity, escaped_output, prepare_streams, set_verbosity
 from clusterviz.cli.termination import INTERRUPTED, end_on_signals, end_process, fail, has_channel, launched_rank
 from clusterviz.errors import DataWarning, without_secrets
 
@@ -160,6 +160,7 @@ def main() -> None:
     """Run the command line and exit: 0, 2 for bad input, 130 for ctrl-C, 1 for other errors."""
     # The search for pydantic's plugins reads the metadata of all installed packages; none is used here.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    prepare_streams()
     end_on_signals()
     if launched_rank() not in (None, 0):
         for kind in (FutureWarning, DataWarning):  # about former scene keys, and files: rank 0 shows it
@@ -187,22 +188,25 @@ def run(arguments: Sequence[str]) -> int:
     -------
     status : the exit status of the process
     """
-    if list(arguments) == ["--version"]:
-        from importlib.metadata import version
-
-        print(f"clusterviz {version('clusterviz')}")
-        return 0
     flags, arguments = _without_flags(arguments)
     debug = "--debug" in flags
     set_verbosity(Verbosity(("--verbose" in flags) - ("--quiet" in flags)))
     with escaped_output():
         try:
+            if list(arguments) == ["--version"]:
+                from importlib.metadata import version
+
+                print(f"clusterviz {version('clusterviz')}", flush=True)
+                return 0
             application = command_line(arguments)
             if not gc.isenabled():
                 gc.freeze()
                 gc.enable()
             status = application(list(arguments), prog_name="clusterviz", standalone_mode=False, obj={"debug": debug})
-        except (Exception, KeyboardInterrupt) as error:
+            sys.stdout.flush()
+        except BaseException as error:
+            if isinstance(error, SystemExit) and not has_channel():  # of shell completion
+                raise
             return _usage_status(error) or fail(error, debug)
         if status == INTERRUPTED:  # typer's answer to ctrl-C
             return fail(KeyboardInterrupt(), debug)
@@ -259,5 +263,6 @@ def _usage_status(error: BaseException) -> int:
     if show is None or not status:
         return 0
     if launched_rank() in (None, 0):
-        show()
+        with suppress(OSError):  # nobody reads it
+            show()
     return int(status)

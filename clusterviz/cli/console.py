@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from enum import IntEnum
+from io import TextIOWrapper
 from itertools import accumulate
 from pathlib import Path
 from threading import Lock, Timer
@@ -79,6 +80,27 @@ def print_info(text: str) -> None:
     """Print a line on stdout that is not the command's result; with `--quiet`, nothing."""
     if _current > Verbosity.QUIET:
         print(text, flush=True)
+
+
+def print_document(text: str) -> None:
+    """Print a document for programs: UTF-8 whatever the encoding of the terminal is, control characters escaped."""
+    sys.stdout.flush()
+    sys.stdout.buffer.write(escaped(text).encode("utf-8", "surrogateescape"))
+    sys.stdout.flush()
+
+
+def prepare_streams() -> None:
+    """Let closed standard streams lead nowhere, and escape characters that the encoding of others lacks."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:  # else the next file that is opened would get the messages
+            os.open(os.devnull, os.O_RDWR)
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def print_report(summary: str, numbers: dict[str, Any] | None, page: Path, file: Path) -> None:

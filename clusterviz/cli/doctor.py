@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import time
-from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from json import dumps
@@ -14,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from clusterviz.cli.console import print_document
 from clusterviz.cli.termination import launched_rank
 from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open_channel
 from clusterviz.comm.library import launcher, mpi_library
@@ -36,6 +35,8 @@ def command(
 ) -> None:
     """Show MPI, EGL devices, OpenGL, threads and memory of every rank, and what is wrong with them."""
     if clean:
+        from clusterviz.comm.mpi import remove_segments
+
         for path in [*remove_leftovers(Path.cwd()), *remove_segments()]:
             print(f"removed {path}")
         return
@@ -51,25 +52,6 @@ def command(
     with agree(channel, 0, "doctor"):
         if found:
             raise DeviceError("; ".join(found))
-
-
-def remove_segments(folder: Path = Path("/dev/shm")) -> list[Path]:
-    """Remove and return MPICH's shared memory files of this user that are unmapped and older than a minute.
-
-    Ranks of clusterviz unlink theirs at start-up, so leftovers are of jobs killed before that, or of other programs.
-    """
-    maps = ""
-    for path in Path("/proc").glob("[0-9]*/maps"):
-        with suppress(OSError):
-            maps += path.read_text()
-    removed = []
-    for path in folder.glob("mpich_shm_*"):
-        with suppress(OSError):
-            state = path.stat()
-            if state.st_uid == os.getuid() and time.time() - state.st_mtime > 60 and str(path) not in maps:
-                path.unlink()
-                removed.append(path)
-    return removed
 
 
 def examine(channel: Channel, warning: str = "") -> MachineReport:
@@ -148,7 +130,7 @@ def _examine_device(local_rank: int) -> tuple[tuple[str, ...], int | None, OpenG
 
 
 def _print_json(report: MachineReport) -> None:
-    print(dumps(asdict(report), indent=2, ensure_ascii=False))
+    print_document(dumps(asdict(report), indent=2, ensure_ascii=False) + "\n")
 
 
 def _print_tables(report: MachineReport) -> None:

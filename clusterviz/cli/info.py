@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from clusterviz.cli.console import print_document
 from clusterviz.errors import DataError, escaped, public_address
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def command(
             histograms = [Histogram(f"value ({found['dtype']})", *whole)]
         write_plot(plot, Path(public_address(file)).name, histograms)
     if json:
-        print(json_text.dumps(found, indent=2, ensure_ascii=False))
+        print_document(json_text.dumps(found, indent=2, ensure_ascii=False) + "\n")
         return
     rows = _rows if "samples" in found else _grid_rows if "grid" in found else _geometry_rows
     for name, text in rows(found):

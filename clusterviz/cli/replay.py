@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from clusterviz.cli.arguments import Define, DeviceOption, parse_device
-from clusterviz.cli.console import Verbosity, show_progress, verbosity
+from clusterviz.cli.console import Verbosity, print_document, show_progress, verbosity
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
 from clusterviz.data.remote import is_url
@@ -20,7 +20,7 @@ from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.frame.picture_file import read_record, record_of, write_picture
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
-from clusterviz.image.files import check_writable, read_text
+from clusterviz.image.files import check_writable, image_size, read_text
 from clusterviz.image.finish import as_shown
 from clusterviz.report.provenance import Provenance
 from clusterviz.scene import Scene, background_rgb
@@ -50,6 +50,8 @@ def command(
         record = read_record(picture)
         scene = load_picture_scene(picture, read_text(picture), define or ())
         _check_data(picture, scene, record)
+        if (found := image_size(picture)) != scene.image.size:
+            raise InputError("not of its scene's size", where=str(picture), found=found, allowed=scene.image.size)
         before, device_choice = read_image(picture), parse_device(device)
         if output and channel.rank == 0:
             check_writable(output)
@@ -69,7 +71,7 @@ def command(
         changes = changes_of(record, now)
         if json:
             report = {"equal": not difference.count, "pixels": asdict(difference), "then": record, "now": now}
-            print(json_text.dumps(report | {"changes": changes}, indent=2, ensure_ascii=False))
+            print_document(json_text.dumps(report | {"changes": changes}, indent=2, ensure_ascii=False) + "\n")
         elif verbosity() is not Verbosity.QUIET:
             _print(changes, record, difference)
         if difference.count:
@@ -132,6 +134,6 @@ def _print(changes: Mapping[str, tuple[str, str]], record: Mapping[str, Any], di
     if not changes:
         print("software, ranks, driver and data are the same")
     error = record.get("error") or {}
-    if "estimated" in error:
+    if error.get("estimated") is not None:
         print(f"error      about {error['estimated']:.2g} at most (asked for {error['asked_for']:.3g})")
     print(f"pixels     {difference}")

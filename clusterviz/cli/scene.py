@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from clusterviz.cli.arguments import Define, PresetOption, Size, overrides_of
+from clusterviz.cli.console import print_document
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
 from clusterviz.data import open_scene
@@ -28,7 +29,7 @@ def command(
 ) -> None:
     """Print the completed scene as YAML: clusterviz scene head.nii.gz > head.yaml renders to the same picture."""
     if scene.lower().endswith(".png"):
-        print(dump_scene(load_picture_scene(scene, read_text(scene))), end="")
+        print_document(dump_scene(load_picture_scene(scene, read_text(scene))))
         return
     channel, _ = start()
     with agree(channel, 0, "scene"):
@@ -38,7 +39,7 @@ def command(
         infos = divided_infos(opened.infos)[0] if opened and opened_scene.automatic else []
         each = zip(infos, opened_scene.volumes, strict=False)
         kinds = [volume.preset or classify_values(info) for info, volume in each]
-        print(commented_scene(completed, _notes(scene, kinds)), end="", flush=True)
+        print_document(commented_scene(completed, _notes(scene, kinds)))
 
 
 def _notes(name: str, kinds: Sequence[str]) -> list[str]:

@@ -5,6 +5,7 @@ An error that all ranks raise is printed by one of them. An error of a single ra
 
 Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread between two bytecodes. A kernel or library may
 delay that for minutes, or drop the exception, so a thread woken by every signal ends the process after a grace period.
+Where one rank alone is interrupted, that one says so: ranks other than 0 wait, so that rank 0 can end them.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ import threading
 import time
 import traceback
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import NoReturn
 
-from clusterviz.errors import ClustervizError, without_secrets
+from clusterviz.errors import ClustervizError, known, without_secrets
 
 INTERRUPTED = 130
 REPORT_GRACE_SECONDS = 1.0
@@ -43,21 +45,33 @@ def fail(error: BaseException, debug: bool) -> int:
     -------
     status : the exit status of the process
     """
+    if _signalled and not isinstance(error, KeyboardInterrupt):  # which Python or a library has wrapped
+        error = KeyboardInterrupt()
+    if isinstance(error, OSError):
+        _leave_stdout()
     if isinstance(error, BrokenPipeError):
-        # The reader of stdout has closed it; the interpreter must not flush it again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    error = known(error) if isinstance(error, Exception) else error
     if "mpi4py.MPI" in sys.modules:
         _abort_other_ranks(error, debug)
-    if _should_print(error):
-        if debug:
-            traceback.print_exception(error)
-        print(error_message(error, debug), file=sys.stderr, flush=True)
-    elif isinstance(error, ClustervizError) and not has_channel():
+    if not _should_print(error) and not has_channel():
         time.sleep(REPORT_GRACE_SECONDS)  # the launcher ends all ranks, also rank 0, when one fails
+    if _should_print(error) or isinstance(error, KeyboardInterrupt):  # rank 0 was not interrupted
+        with suppress(OSError):  # nobody reads it
+            if debug:
+                traceback.print_exception(error)
+            print(error_message(error, debug), file=sys.stderr, flush=True)
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
     return error.exit_status if isinstance(error, ClustervizError) else 1
+
+
+def _leave_stdout() -> None:
+    """Drop what stdout could not write, or the interpreter would fail to write it at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def error_message(error: BaseException, debug: bool) -> str:
@@ -93,13 +107,14 @@ def _abort_other_ranks(error: BaseException, debug: bool) -> None:
         if channel:
             with abort_on_failure(channel, debug=debug):
                 raise error
-    except (Exception, KeyboardInterrupt) as passed:
+    except BaseException as passed:
         if passed is not error:
             raise
 
 
 GRACE_SECONDS = 0.7
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_signalled: list[int] = []
 
 
 def end_on_signals() -> None:
@@ -114,15 +129,16 @@ def end_on_signals() -> None:
 
 
 def end_process(status: int) -> NoReturn:
-    """End this process at once, without waiting for threads; temporary files are removed.
+    """End this process at once, without waiting for threads; temporary files and MPI's shared memory are removed.
 
     Under a launcher the process kills itself: Hydra ends a job when a process is killed, but not when one exits before
     MPI_Init.
     """
-    replace = sys.modules.get("clusterviz.image.replace")  # not imported here: the main thread may hold the lock
-    remove = getattr(replace, "remove_temporaries", None)
-    if remove:
-        remove()
+    # Not imported here: the main thread may hold the lock.
+    for name, function in (("image.replace", "remove_temporaries"), ("comm.mpi", "unlink_segments")):
+        remove = getattr(sys.modules.get(f"clusterviz.{name}"), function, None)
+        if remove:
+            remove()
     # SLURM_PROCID is also set in batch scripts, and srun ends a step when one of its processes fails.
     if launched_rank({name: value for name, value in os.environ.items() if name != "SLURM_PROCID"}) is not None:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -133,13 +149,14 @@ def _interrupt(number: int, _: object) -> None:
     # The terminal and the launcher may both send a signal for one ctrl-C; only the first is handled.
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
+    _signalled.append(number)
     raise KeyboardInterrupt
 
 
 def _watch(reader: int) -> None:
     while os.read(reader, 1)[0] not in SIGNALS:
         pass
-    time.sleep(GRACE_SECONDS)
-    if (launched_rank() or 0) == 0:
+    time.sleep(GRACE_SECONDS if (launched_rank() or 0) == 0 else GRACE_SECONDS + REPORT_GRACE_SECONDS)
+    with suppress(OSError):
         os.write(2, (error_message(KeyboardInterrupt(), debug=False) + "\n").encode())  # no lock of another thread's
     end_process(INTERRUPTED)

@@ -14,6 +14,7 @@ import functools
 import os
 import pickle
 import re
+import resource
 import signal
 import sys
 import threading
@@ -43,6 +44,7 @@ from clusterviz.comm.placement import (
 )
 from clusterviz.comm.remote_memory import RemoteMemory
 from clusterviz.comm.window import Numbers
+from clusterviz.errors import InputError
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -50,6 +52,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 CHUNK_BYTES = 1 << 30
 _LAST_WORDS_SECONDS = 0.2
+LEAST_FILES = 64
+"""Open files that a rank needs."""
 
 
 @dataclass(slots=True)
@@ -81,19 +85,65 @@ def _load_mpi(several_threads: bool = False) -> Any:
 
         if not MPI.Is_initialized():
             check_launcher(MPI.Get_library_version(), None)
-            MPI.Init_thread(MPI.THREAD_MULTIPLE if several_threads else MPI.THREAD_SERIALIZED)
+            _check_files()
+            remove_segments()
+            # A signal interrupts what MPI_Init reads from the launcher, which MPICH takes for the launcher's end.
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
+            try:
+                MPI.Init_thread(MPI.THREAD_MULTIPLE if several_threads else MPI.THREAD_SERIALIZED)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
             handler = signal.getsignal(signal.SIGHUP)
             if handler is not None and threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGHUP, handler)  # UCX's handler would wait for a debugger
     return MPI
 
 
-def _unlink_segments() -> None:
-    """Unlink MPICH's shared-memory files, which all ranks have mapped: killed ranks then leave no files."""
+def _check_files() -> None:
+    """Raise the limit of open files as far as may be; refuse one with which MPI_Init would end the process.
+
+    Raises
+    ------
+    InputError
+        The limit is lower than `LEAST_FILES`.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if not 0 <= soft < LEAST_FILES:  # below 0: no limit
+        return
+    if 0 <= hard < LEAST_FILES:
+        raise InputError("too few open files for MPI", where="ulimit -n", found=hard, allowed=f"{LEAST_FILES} or more")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (LEAST_FILES, hard))
+
+
+def unlink_segments() -> None:
+    """Unlink MPICH's shared-memory files that this rank has mapped: killed ranks then leave no files."""
     with suppress(OSError):  # no /proc
         mapped = re.findall(r"(/dev/shm/mpich_shm_\w+)$", Path("/proc/self/maps").read_text(), re.MULTILINE)
         for name in set(mapped):
             Path(name).unlink(missing_ok=True)
+
+
+def remove_segments(folder: Path = Path("/dev/shm")) -> list[Path]:
+    """Remove and return MPICH's shared-memory files of this user that are unmapped and older than a minute.
+
+    Ranks of clusterviz unlink theirs at start-up, so leftovers are of jobs killed before that, or of other programs.
+    """
+    removed = []
+    for path in folder.glob("mpich_shm_*"):
+        with suppress(OSError):
+            state = path.stat()
+            if state.st_uid == os.getuid() and time.time() - state.st_mtime > 60 and not _is_mapped(path):
+                path.unlink()
+                removed.append(path)
+    return removed
+
+
+def _is_mapped(file: Path) -> bool:
+    for path in Path("/proc").glob("[0-9]*/maps"):
+        with suppress(OSError):
+            if str(file) in path.read_text():
+                return True
+    return False
 
 
 @functools.cache
@@ -119,7 +169,7 @@ class MpiChannel:
         self._mpi = _load_mpi(several_threads)
         self._comm = (comm or self._mpi.COMM_WORLD).Dup()
         if comm is None:  # all ranks are here now
-            _unlink_segments()
+            unlink_segments()
         self._byte = self._mpi.BYTE
         self._chunk_bytes = chunk_bytes
         # Reused in every call: creating a status object costs more than testing a request.

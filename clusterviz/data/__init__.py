@@ -37,6 +37,7 @@ from clusterviz.data.series import check_same, files_of_pattern, open_step
 from clusterviz.data.source import Grid, Index, MultilevelSource, Source, levels_of
 from clusterviz.data.unread import unknown_file
 from clusterviz.errors import DataError, guard
+from clusterviz.input_files import require_regular_file
 from clusterviz.scene.files import SUFFIXES, load_scene, scene_of_data
 from clusterviz.scene.values import Scene, Volume
 
@@ -339,7 +340,7 @@ def mesh_format_of(path: Path) -> Format | None:
         if found is None:
             is_surface = path.is_file() and format_of(path) is None and start_of(path).startswith(b"\xff\xff\xfe")
             return MESH_EXTENSIONS[".pial"] if is_surface else None
-        return found if not found.recognises or _function(found.recognises)(path) else None
+        return found if not found.recognises or (path.is_file() and _function(found.recognises)(path)) else None
     except Exception:  # libraries raise many kinds
         return None
 
@@ -353,7 +354,8 @@ def grid_format_of(path: Path) -> Format | None:
         path = grid_files(path)[0].path
     found = _by_extension(path, GRID_EXTENSIONS)
     try:
-        return found if found and (not found.recognises or _function(found.recognises)(path)) else None
+        is_one = found and (not found.recognises or (path.is_file() and _function(found.recognises)(path)))
+        return found if is_one else None
     except Exception:  # as above
         return None
 
@@ -404,6 +406,7 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
     with guard(DataError, path):
         if found is None or found.name == "list":
             raise unknown_file(path, GRID_EXTENSIONS)
+        require_regular_file(path, DataError)
         if found.magic:
             require_file(path, found.magic)
         if time is not None and not found.has_steps:

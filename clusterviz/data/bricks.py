@@ -50,7 +50,10 @@ class BrickLayout:
     @property
     def counts_zyx(self) -> Index:
         """Bricks along each axis."""
-        z, y, x = (len(borders) - 1 for borders in self.borders_zyx)
+        if self.edges_zyx is None:  # without a list of the borders, of which there may be too many
+            z, y, x = (-(-cells // self.brick) for cells in self.cells_zyx)
+        else:
+            z, y, x = (len(edges) + 1 for edges in self.edges_zyx)
         return z, y, x
 
     @cached_property

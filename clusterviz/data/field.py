@@ -24,7 +24,7 @@ from clusterviz.data.source import Grid, Index
 from clusterviz.errors import DataError
 
 Values = NDArray[np.float64]
-DEFAULT_SIZE = 64
+DEFAULT_SIZE, MOST_SIZE = 64, 1 << 20
 SHEPP_LOGAN = (
     (1.0, (0.69, 0.92, 0.81), (0.0, 0.0, 0.0), 0.0),
     (-0.8, (0.6624, 0.874, 0.78), (0.0, -0.0184, 0.0), 0.0),
@@ -152,8 +152,9 @@ def parse_field(spec: str, known: Iterable[str]) -> tuple[str, int]:
     if name not in known:
         raise DataError("no such field", where=spec, found=repr(name), allowed=", ".join(known))
     size = rest[0] if rest else str(DEFAULT_SIZE)
-    if len(rest) > 1 or not size.isdecimal() or int(size) < 1:
-        raise DataError("impossible size", where=spec, found=":".join(rest), allowed="one whole number, 1 or more")
+    if len(rest) > 1 or not size.isdecimal() or len(size) > 9 or not 1 <= int(size) <= MOST_SIZE:
+        allowed = f"one whole number, 1 to {MOST_SIZE}"
+        raise DataError("impossible size", where=spec, found=":".join(rest), allowed=allowed)
     return name, int(size)
 
 

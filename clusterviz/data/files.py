@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from clusterviz.errors import DataError
+from clusterviz.input_files import require_regular_file
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 KINDS = (
@@ -74,22 +75,6 @@ def start_of(path: Path) -> bytes:
         return file.read(START_BYTES)
 
 
-def require_regular_file(path: Path) -> None:
-    """Check that `path` is a regular file, links resolved, before anything opens it: others may block for ever.
-
-    Raises
-    ------
-    DataError
-        Missing, a directory, or another kind of file.
-    """
-    with readable(path):
-        mode = path.stat().st_mode
-    if stat.S_ISDIR(mode):
-        raise DataError("a directory, not a data file", where=str(path))
-    if not stat.S_ISREG(mode):
-        raise DataError("not a regular file", where=str(path))
-
-
 def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
     """Check that `path` is a readable, non-empty regular file that begins with one of `magic`.
 
@@ -102,11 +87,12 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
     DataError
         Missing, a directory, unreadable, empty, or a wrong magic.
     """
-    require_regular_file(path)
     with readable(path):
         descriptor = os.open(path, os.O_RDONLY)
         try:
             status = os.fstat(descriptor)
+            if stat.S_ISDIR(status.st_mode):
+                raise DataError("a directory, not a data file", where=str(path))
             if status.st_size == 0:
                 raise DataError("the file is empty", where=str(path))
             start = os.read(descriptor, START_BYTES)
@@ -120,7 +106,9 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
 
 @contextmanager
 def readable(path: _Named) -> Iterator[None]:
-    """Context that turns errors of the operating system about `path` into `DataError`."""
+    """Context that turns errors of the operating system about `path` into `DataError`; refuses FIFOs and devices."""
+    if isinstance(path, Path):
+        require_regular_file(path, DataError)
     try:
         yield
     except FileNotFoundError as error:

@@ -1,22 +1,27 @@
 """Ranges of bytes of files: on disk, at http and https URLs, and at what fsspec knows, such as s3://.
 
-A request that fails by the network or the server is repeated, after waits that double. What was read from a URL is kept
-in memory, up to a limit; ranks share nothing. A `Version` tells whether a file is still the one that was read before.
+A request that fails by the network or the server is repeated, after waits that double. An answer has limits of its
+bytes and of its time, and a least rate, so that no server makes a rank wait or grow without end. What was read from a
+URL is kept in memory, up to a limit; ranks share nothing. A `Version` tells whether a file is still the one that was
+read before.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import socket
 import time
 from collections import OrderedDict
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Lock
+from threading import Lock, Timer
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote, urljoin, urlsplit
 
 from clusterviz.data.files import readable
 from clusterviz.errors import DataError, installation, public_address
@@ -25,10 +30,17 @@ ATTEMPTS = 5
 FIRST_WAIT_SECONDS = 0.25
 LONGEST_WAIT_SECONDS = 10.0
 TIMEOUT_SECONDS = 20.0
-"""Without an answer, or between two parts of one."""
+"""Without an answer, between two parts of one, and until its headers are complete."""
+TRANSFER_SECONDS = 3600.0
+"""Of an answer, at most."""
+LEAST_RATE = 4096
+"""Bytes a second of an answer that takes longer than `TIMEOUT_SECONDS`."""
+PIECE_BYTES, DRAINED_BYTES = 1 << 20, 1 << 16
+"""Of an answer: read at a time, and read to keep the connection though the answer is not needed."""
+REDIRECTIONS = 5
 CACHE_BYTES = 128 << 20
 WHOLE_FILE_BYTES = 64 << 20
-"""Largest file that is read as a whole from a server that does not send ranges."""
+"""Largest file that is read as a whole, unless its reader says otherwise."""
 CONNECTIONS = 16
 _URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
 _CONTENT_RANGE = re.compile(r"bytes (?:(\d+)-\d+|\*)/(\d+|\*)")
@@ -100,7 +112,7 @@ def remote_path(text: str) -> RemotePath:
 
 
 def read_range(
-    path: FilePath, begin: int = 0, count: int | None = None, version: Version | None = None
+    path: FilePath, begin: int = 0, count: int | None = None, version: Version | None = None, most: int | None = None
 ) -> tuple[bytes, Version]:
     """Read bytes of a file.
 
@@ -109,13 +121,14 @@ def read_range(
     begin : of the first byte; below 0: from the end of the file
     count : bytes; None: to the end of the file. Fewer are returned at its end.
     version : that the file must have
+    most : bytes that may be read; by default `count`, and of a whole file `WHOLE_FILE_BYTES`
 
     Raises
     ------
     DataError
-        Missing, unreadable, not of the version, or the server does not send it.
+        Missing, unreadable, too large, not of the version, or the server does not send it.
     """
-    found = find_range(path, begin, count, version)
+    found = find_range(path, begin, count, version, most=most)
     if found is None:
         with readable(path):
             raise FileNotFoundError
@@ -123,7 +136,12 @@ def read_range(
 
 
 def find_range(
-    path: FilePath, begin: int = 0, count: int | None = None, version: Version | None = None, fresh: bool = False
+    path: FilePath,
+    begin: int = 0,
+    count: int | None = None,
+    version: Version | None = None,
+    fresh: bool = False,
+    most: int | None = None,
 ) -> tuple[bytes, Version] | None:
     """Read bytes of a file; None if it is missing.
 
@@ -136,18 +154,40 @@ def find_range(
     DataError
         As of `read_range`.
     """
-    found = _cache.read(path, begin, count, fresh) if isinstance(path, RemotePath) else _read_local(path, begin, count)
+    wanted = -begin if begin < 0 else count
+    limits = [limit for limit in (wanted, most) if limit is not None] or [WHOLE_FILE_BYTES]
+    part = _Part(begin, count, wanted, min(limits))
+    found = _cache.read(path, part, fresh) if isinstance(path, RemotePath) else _read_local(path, part)
     if found and version is not None and found[1] != version:
         raise DataError("the file was changed while it was in use", where=str(path), allowed="start again")
     return found
 
 
-def _read_local(path: Path, begin: int, count: int | None) -> tuple[bytes, Version] | None:
+@dataclass(frozen=True)
+class _Part:
+    """Part of a file: begin and count as of `find_range`, bytes that are asked for, None: to its end, and at most."""
+
+    begin: int
+    count: int | None
+    wanted: int | None
+    most: int
+
+    def check(self, size: int, where: str) -> None:
+        """Refuse more bytes than may be read."""
+        if size > self.most:
+            raise DataError("too large a file, or part of one", where=where, allowed=f"up to {self.most} bytes")
+
+
+def _read_local(path: Path, part: _Part) -> tuple[bytes, Version] | None:
+    begin, count = part.begin, part.count
     with readable(path):
         try:
             with path.open("rb") as file:
                 status = os.fstat(file.fileno())
-                file.seek(begin if begin >= 0 else max(0, status.st_size + begin))
+                begin = begin if begin >= 0 else max(0, status.st_size + begin)
+                left = max(0, status.st_size - begin)
+                part.check(left if count is None else min(left, count), str(path))
+                file.seek(begin)
                 return file.read(count), Version(status.st_size, f"{status.st_ino} {status.st_mtime_ns}")
         except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
             return None
@@ -160,7 +200,8 @@ class _Cache:
         self._kept: OrderedDict[Any, tuple[bytes, Version]] = OrderedDict()
         self._bytes, self._lock = 0, Lock()
 
-    def read(self, path: RemotePath, begin: int, count: int | None, fresh: bool) -> tuple[bytes, Version] | None:
+    def read(self, path: RemotePath, wanted: _Part, fresh: bool) -> tuple[bytes, Version] | None:
+        begin, count = wanted.begin, wanted.count
         part, whole = (path, begin, count), (path, 0, None)
         with self._lock:
             key = part if part in self._kept else whole
@@ -168,7 +209,7 @@ class _Cache:
             if found:
                 self._kept.move_to_end(key)
         if not found:
-            found = _repeated(path, begin, count)
+            found = _repeated(path, wanted)
             if found is None:
                 return None
             key = whole if 0 <= found[1].size == len(found[0]) else part
@@ -200,12 +241,12 @@ class _UnavailableError(Exception):
         self.seconds = seconds
 
 
-def _repeated(path: RemotePath, begin: int, count: int | None) -> tuple[bytes, Version] | None:
+def _repeated(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
     """Read a range, or the whole file if the server sends it, again after failures that may pass."""
     fetch = _fetch_http if urlsplit(path.url).scheme.lower() in ("http", "https") else _fetch_by_fsspec
     for attempt in range(ATTEMPTS):
         try:
-            return fetch(path, begin, count)
+            return fetch(path, part)
         except _UnavailableError as error:
             if attempt == ATTEMPTS - 1:
                 raise DataError(f"{error}, {ATTEMPTS} times", where=str(path)) from error
@@ -213,23 +254,20 @@ def _repeated(path: RemotePath, begin: int, count: int | None) -> tuple[bytes, V
     raise AssertionError("the loop returns or raises")
 
 
-def _fetch_http(path: RemotePath, begin: int, count: int | None) -> tuple[bytes, Version] | None:
+def _fetch_http(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
     """Read a range by one request."""
     urllib3, where, headers = _require("urllib3", path), str(path), {"Accept-Encoding": "identity"}
     parts = urlsplit(path.url)
     if parts.username:
         names = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
         headers |= urllib3.make_headers(basic_auth=names)
-    if begin or count is not None:
-        last = "" if count is None else str(begin + count - 1)
-        headers["Range"] = f"bytes={begin}" if begin < 0 else f"bytes={begin}-{last}"
+    if part.begin or part.count is not None:
+        last = "" if part.count is None else str(part.begin + part.count - 1)
+        headers["Range"] = f"bytes={part.begin}" if part.begin < 0 else f"bytes={part.begin}-{last}"
     try:
-        address = path.url + path.query
-        answer = _pool(_proxy(address)).request(
-            "GET", address, headers=headers, preload_content=False, decode_content=False, timeout=TIMEOUT_SECONDS
-        )
+        answer, began = _answer(path.url + path.query, headers), time.monotonic()
         try:
-            return _content(answer, where, begin, count)
+            return _content(answer, where, part, began)
         finally:
             answer.close()
     except urllib3.exceptions.LocationValueError as error:
@@ -238,12 +276,37 @@ def _fetch_http(path: RemotePath, begin: int, count: int | None) -> tuple[bytes,
         raise _UnavailableError(_described(error)) from error
 
 
-def _content(answer: Any, where: str, begin: int, count: int | None) -> tuple[bytes, Version] | None:
+def _answer(address: str, headers: Mapping[str, str]) -> Any:
+    """Return the answer to a request, after redirections; only its headers are read."""
+    for _ in range(REDIRECTIONS + 1):
+        answer = _pool(_proxy(address)).request(
+            "GET",
+            address,
+            headers=headers,
+            preload_content=False,
+            decode_content=False,
+            redirect=False,
+            timeout=TIMEOUT_SECONDS,
+        )
+        # urllib3 would read all of an answer that redirects, however long it is.
+        location = answer.get_redirect_location()
+        if not location:
+            return answer
+        answer.close()
+        there = urljoin(address, location)
+        if urlsplit(there)[:2] != urlsplit(address)[:2]:  # another host does not get the password
+            headers = {key: value for key, value in headers.items() if key.lower() != "authorization"}
+        address = there
+    raise _UnavailableError(f"more than {REDIRECTIONS} redirections")
+
+
+def _content(answer: Any, where: str, part: _Part, began: float) -> tuple[bytes, Version] | None:
     """Return what a server answers to the request of a range: that, or the whole file."""
-    status, sent = answer.status, answer.headers
+    status, sent, wanted = answer.status, answer.headers, part.wanted
     tag, length = sent.get("ETag") or sent.get("Last-Modified", ""), sent.get("Content-Length", "")
     if status in (404, 410):
-        answer.drain_conn()
+        if length.isdecimal() and int(length) <= DRAINED_BYTES:
+            _read_body(answer, DRAINED_BYTES, began)
         return None
     if status in _REPEATED:
         waited = sent.get("Retry-After", "")
@@ -255,17 +318,41 @@ def _content(answer: Any, where: str, begin: int, count: int | None) -> tuple[by
         return b"", Version(total, tag)
     if status not in (200, 206):
         raise DataError(f"HTTP {status} {answer.reason}", where=where)
-    wanted = abs(begin) if begin < 0 else count
     if status == 206:
-        expected = begin if begin >= 0 else max(0, total + begin)
+        expected = part.begin if part.begin >= 0 else max(0, total + part.begin)
         if not first or int(first[1] or -1) != expected or (wanted and length.isdecimal() and int(length) > wanted):
             raise DataError("the server sends another range", where=where, found=sent.get("Content-Range"))
-        return answer.read(), Version(total, tag)
-    if wanted is not None and not (length.isdecimal() and int(length) <= WHOLE_FILE_BYTES):
+    is_whole = status == 200 and wanted is not None
+    most = WHOLE_FILE_BYTES if is_whole else part.most
+    data = None if length.isdecimal() and int(length) > most else _read_body(answer, most, began)
+    if data is None and is_whole:
         allowed = f"ranges, or files of up to {WHOLE_FILE_BYTES >> 20} MiB"
         raise DataError("the server sends no ranges of files", where=where, allowed=allowed)
-    data = answer.read()
-    return data, Version(len(data), tag)
+    if data is None:
+        raise DataError("the server sends more than there may be", where=where, allowed=f"up to {most} bytes")
+    return data, Version(total if status == 206 else len(data), tag)
+
+
+def _read_body(answer: Any, most: int, began: float) -> bytes | None:
+    """Return the bytes of an answer; None if there are more than `most`.
+
+    Raises
+    ------
+    _UnavailableError
+        It is slower than `LEAST_RATE`, or takes longer than `TRANSFER_SECONDS`.
+    """
+    parts, count = list[bytes](), 0
+    while piece := answer.read1(PIECE_BYTES):
+        parts.append(piece)
+        count += len(piece)
+        if count > most:
+            return None
+        seconds = time.monotonic() - began
+        if seconds > TIMEOUT_SECONDS and count < LEAST_RATE * seconds:
+            raise _UnavailableError(f"slower than {LEAST_RATE} bytes a second")
+        if seconds > TRANSFER_SECONDS:
+            raise _UnavailableError(f"an answer of more than {TRANSFER_SECONDS:g} s")
+    return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
 def _described(error: Exception) -> str:
@@ -273,6 +360,7 @@ def _described(error: Exception) -> str:
     names = {
         "ConnectTimeoutError": f"no connection within {TIMEOUT_SECONDS:g} s",
         "ReadTimeoutError": f"no answer within {TIMEOUT_SECONDS:g} s",
+        "TimeoutError": f"no answer within {TIMEOUT_SECONDS:g} s",
         "IncompleteRead": "the answer ends early",
         "ProtocolError": "the answer ends early",
         "NameResolutionError": "the host is not known",
@@ -296,12 +384,47 @@ def _pool(proxy: str | None) -> Any:
     """Return connections that are kept open."""
     import urllib3
 
-    repeats = urllib3.Retry(total=5, connect=0, read=0, status=0, other=0, redirect=5)
-    options: dict[str, Any] = {"retries": repeats, "maxsize": CONNECTIONS}
-    return urllib3.ProxyManager(proxy, **options) if proxy else urllib3.PoolManager(**options)
+    options: dict[str, Any] = {"retries": False, "maxsize": CONNECTIONS}
+    pool: Any = urllib3.ProxyManager(proxy, **options) if proxy else urllib3.PoolManager(**options)
+    pool.pool_classes_by_scheme = {
+        scheme: type(kind.__name__, (kind,), {"ConnectionCls": _with_deadline(kind.ConnectionCls)})
+        for scheme, kind in pool.pool_classes_by_scheme.items()
+    }
+    return pool
 
 
-def _fetch_by_fsspec(path: RemotePath, begin: int, count: int | None) -> tuple[bytes, Version] | None:
+def _with_deadline(kind: Any) -> Any:
+    """Return a class of connections on which the headers of an answer must arrive within `TIMEOUT_SECONDS`."""
+
+    def getresponse(self: Any) -> Any:
+        ended: list[bool] = []
+        here = self.sock
+
+        def end() -> None:
+            ended.append(True)
+            with suppress(OSError):
+                socket.socket.shutdown(here, socket.SHUT_RDWR)
+
+        timer = Timer(TIMEOUT_SECONDS, end)
+        timer.daemon = True
+        timer.start()
+        try:
+            answer = kind.getresponse(self)
+        except Exception as error:
+            if ended:
+                raise TimeoutError from error
+            raise
+        finally:
+            timer.cancel()
+        if ended:  # headers that were cut off pass for whole ones
+            raise TimeoutError
+        return answer
+
+    return type(kind.__name__, (kind,), {"getresponse": getresponse})
+
+
+def _fetch_by_fsspec(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
+    begin, count = part.begin, part.count
     fsspec, scheme = _require("fsspec", path), urlsplit(path.url).scheme.lower()
     try:
         files = fsspec.filesystem(scheme)
@@ -316,6 +439,7 @@ def _fetch_by_fsspec(path: RemotePath, begin: int, count: int | None) -> tuple[b
         size = int(status["size"])
         first = begin if begin >= 0 else max(0, size + begin)
         last = size if count is None else min(size, first + count)
+        part.check(last - first, str(path))
         data = files.cat_file(path.url, first, last) if last > first else b""
         tag = next(
             (str(status[key]) for key in ("ETag", "etag", "mtime", "LastModified", "created") if key in status), ""

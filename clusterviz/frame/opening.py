@@ -6,6 +6,8 @@ ranks make the summary. What the summaries say completes the scene. Later frames
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -274,6 +276,10 @@ Opened = OpenedVolume | OpenedContent
 
 MOST_BRICKS = 1 << 17
 """Bricks a rank, at most: each takes some time in Python, even a small one."""
+PIXEL_BYTES = 32
+"""Of a pixel on rank 0: its part, and the picture that it becomes."""
+LARGEST_BRICK = 512
+"""Side of the largest brick that is advised; each is held as a whole."""
 Given = Source | Sequence[Source | Geometry | UnstructuredGrid | VectorSource | None] | None
 """Data that replaces the files of a scene: one source, or one for each volume, mesh, entry of lines and of points,
 unstructured grid and flow, in this order; None: the file is read."""
@@ -297,6 +303,8 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     opened : its content; None if the scene has none
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
+    with run.local("open", "load"):
+        _check_picture(scene)
     asked, scene = scene, without_flows(scene)
     if not scene.has_content:
         with run.local("plan", "plan"):
@@ -490,14 +498,28 @@ def _with_joined_bricks(summary: VolumeSummary, edges: Edges) -> VolumeSummary:
     return replace(summary, minimum=found[0], maximum=found[1])
 
 
+def _check_picture(scene: Scene) -> None:
+    """Refuse a picture that no rank could hold."""
+    width, height = scene.image.size
+    needed, there = PIXEL_BYTES * width * height, memory().total_bytes
+    if 0 < there < needed:
+        found, allowed = f"{width} × {height}, which takes {needed >> 20} MiB", f"{there >> 20} MiB"
+        raise InputError("too large a picture", where="image.size", found=found, allowed=allowed)
+
+
 def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
     """Refuse so small bricks that preparing all of them would take minutes."""
 
     def bricks(side: int) -> int:
-        return sum(int(np.prod(BrickLayout(shape, side).counts_zyx)) for shape in shapes)
+        return sum(math.prod(BrickLayout(shape, side).counts_zyx) for shape in shapes)
 
     if (found := bricks(brick)) > MOST_BRICKS * ranks:
-        fitting = next(side for side in range(brick, max(map(max, shapes)) + 1) if bricks(side) <= MOST_BRICKS * ranks)
+        sides = range(brick, max(map(max, shapes)) + 1)
+        fitting = sides[bisect_left(sides, -MOST_BRICKS * ranks, key=lambda side: -bricks(side))]
+        if fitting > LARGEST_BRICK:
+            size = " × ".join(map(str, max(shapes, key=math.prod)[::-1]))
+            most = f"{MOST_BRICKS * ranks} bricks of {LARGEST_BRICK}³; more ranks, or a coarser level"
+            raise InputError("too large a volume", where="volumes", found=f"{size} samples", allowed=most)
         text, allowed = "too many bricks", f"{fitting} or more, which makes {bricks(fitting)} bricks"
         raise InputError(
             text,

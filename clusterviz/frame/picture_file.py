@@ -17,7 +17,7 @@ from typing import Any
 
 from clusterviz.comm.library import mpi_library
 from clusterviz.data.identity import data_identity
-from clusterviz.errors import InputError
+from clusterviz.errors import InputError, known
 from clusterviz.image.files import RECORD_KEY, TEXT_KEY, Pixels, read_text, write_image
 from clusterviz.image.picture import layers_of
 from clusterviz.report.provenance import Provenance, software_versions, stated_error
@@ -25,6 +25,9 @@ from clusterviz.scene import background_rgb
 from clusterviz.scene.files import data_paths
 from clusterviz.scene.text import picture_metadata
 from clusterviz.scene.values import Scene
+
+PARTS = ("versions", "data", "error")
+"""Keys of a record whose values are objects."""
 
 
 def write_picture(path: str | os.PathLike[str], image: Pixels, scene: Scene, made: Provenance) -> None:
@@ -58,11 +61,14 @@ def read_record(path: str | os.PathLike[str]) -> dict[str, Any]:
     text = read_text(path, RECORD_KEY)
     try:
         found = json.loads(text)
-    except ValueError as error:
-        raise InputError("damaged record of the picture", where=str(path), found=error) from None
-    if not isinstance(found, dict):
+    except (ValueError, RecursionError) as error:
+        raise InputError("damaged record of the picture", where=str(path), found=known(error)) from None
+    is_whole = isinstance(found, dict) and all(isinstance(found.get(key) or {}, dict) for key in PARTS)
+    stated = (found.get("error") or {}) if is_whole else {}
+    bound = [stated.get("estimated"), stated.get("asked_for")]
+    if not is_whole or not (bound == [None, None] or all(isinstance(each, int | float) for each in bound)):
         raise InputError("damaged record of the picture", where=str(path), found=text[:40])
-    return found
+    return dict(found)
 
 
 def record_of(scene: Scene, made: Provenance) -> dict[str, Any]:

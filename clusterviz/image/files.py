@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from clusterviz.errors import InputError, OutputError
 from clusterviz.image.finish import Colour, finish
 from clusterviz.image.replace import check_replaceable, replacing
+from clusterviz.input_files import require_regular_file
 
 JPEG_QUALITY = 95
 Pixels = NDArray[np.float32]
@@ -104,10 +107,8 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
     extension = Path(path).suffix.lower()
     if extension not in _READERS:
         raise InputError("unknown extension", where=str(path), found=extension or "none", allowed=", ".join(_READERS))
-    try:
+    with _readable(path):
         rgba = _READERS[extension](Path(path))
-    except (OSError, ValueError, RuntimeError, KeyError, EOFError, BadZipFile) as error:
-        raise InputError("cannot be read as a picture", where=str(path), found=error) from error
     if rgba.ndim != 3 or rgba.shape[2] != 4:
         raise InputError("not a picture", where=str(path), found=f"shape {rgba.shape}", allowed="(h, w, 4)")
     return np.ascontiguousarray(rgba, np.float32)
@@ -123,15 +124,43 @@ def read_text(path: str | os.PathLike[str], key: str = TEXT_KEY) -> str:
     """
     from PIL import Image
 
-    try:
-        with Image.open(path) as file:
-            text = file.info.get(key)
-    except (OSError, ValueError, SyntaxError) as error:
-        raise InputError("cannot be read as a picture", where=str(path), found=error) from error
+    with _readable(path), Image.open(path) as file:
+        text = file.info.get(key)
     if not text:
         what = key.rpartition(" ")[2]
         raise InputError(f"no {what} in the picture", where=str(path), allowed="a .png that `clusterviz render` wrote")
     return str(text)
+
+
+def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
+    """Return width and height of a PNG, JPEG or GIF, by its header alone.
+
+    Raises
+    ------
+    InputError
+        Missing or damaged file.
+    """
+    from PIL import Image
+
+    with _readable(path), Image.open(path) as file:
+        return file.size
+
+
+@contextmanager
+def _readable(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Context that turns errors of reading a picture into errors of the input."""
+    require_regular_file(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Image size")  # Pillow warns long before it refuses
+            yield
+    except (OSError, ValueError, RuntimeError, KeyError, EOFError, SyntaxError, BadZipFile, MemoryError) as error:
+        found = "no picture, or damaged" if "allow_pickle" in str(error) else getattr(error, "strerror", None) or error
+        raise InputError("cannot be read as a picture", where=str(path), found=found) from error
+    except Exception as error:
+        if type(error).__name__ != "DecompressionBombError":  # Pillow is not imported without need
+            raise
+        raise InputError("too large a picture", where=str(path), found=error) from error
 
 
 def _extension(path: str | os.PathLike[str], has_layers: bool) -> str:

@@ -6,6 +6,7 @@ task.py       Python function of a block, on the devices of a node
 job.py        Python function of a block, on all ranks
 scheduler.py  which rank runs which block; pure
 cluster.py    runs jobs
+time_limit.py watch over blocks that run for long
 array.py      distributed arrays
 blocks.py     their division into blocks, and the owners of these
 """

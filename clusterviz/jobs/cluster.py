@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, Counters, abort_on_failure, agree, as_channel, limit_threads, open_channel
-from clusterviz.comm.agree import describe, is_agreed, mark_agreed
+from clusterviz.comm.agree import describe, exit_status_of, is_agreed, mark_agreed
 from clusterviz.comm.back_off import poll_until
 from clusterviz.data.source import Index as IndexZyx
 from clusterviz.data.source import Source
@@ -36,6 +36,7 @@ from clusterviz.jobs.scheduler import (
     make_schedule,
 )
 from clusterviz.jobs.task import Grid, Index, indices
+from clusterviz.jobs.time_limit import BlockWatch
 
 Block = tuple[int, Index]
 """Number of a job in a run, and the index of its block."""
@@ -210,21 +211,26 @@ class _Runner:
         self._lock = threading.Lock()
         self._values: list[dict[Index, Any]] = [{} for _ in parts]
         self._stolen = [0] * len(parts)
-        self._failure: tuple[str, Exception] | None = None
+        self._failure: tuple[str, BaseException] | None = None
+        self._watch = BlockWatch(cluster.channel)
 
     def run(self) -> list[Run]:
-        pool, jobs = self._cluster._pool, [job for job, _ in self._parts]
         fetched = self._bytes_fetched()
-        if any(job.devices == "all" for job in jobs):
+        with self._watch:
+            self._run_blocks()
+        return self._finish(self._bytes_fetched() - fetched)
+
+    def _run_blocks(self) -> None:
+        pool = self._cluster._pool
+        if any(job.devices == "all" for job, _ in self._parts):
             with with_pool(pool):
                 self._work()
-        else:
-            try:
-                pool.run(self._work)
-            except BaseException:  # interrupted: the devices' threads take no more
-                self._reader().close()
-                raise
-        return self._finish(self._bytes_fetched() - fetched)
+            return
+        try:
+            pool.run(self._work)
+        except BaseException:  # interrupted: the devices' threads take no more
+            self._reader().close()
+            raise
 
     def _work(self) -> None:
         """Take blocks and run them; one device's part."""
@@ -245,13 +251,17 @@ class _Runner:
         """Run a block; return False if it has failed."""
         part, block = self._blocks[number]
         job = self._parts[part][0]
+        name = f"job {job.name}, block {block}"
         try:
             if not self._wait_for(self._after.get(number, ())):
                 return True  # another rank has failed
-            value = job.function(block)
-        except Exception as error:
+            with self._watch.block(name, job.time_limit):
+                value = job.function(block)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # sys.exit() too, since other ranks wait for this one
             with self._lock:
-                self._failure = self._failure or (f"job {job.name}, block {block}", error)
+                self._failure = self._failure or (name, error)
             if self._after:
                 self._add(self._failed, 1)
             return False
@@ -280,7 +290,7 @@ class _Runner:
             status = None
             if failure is not None:
                 cause = failure[1]
-                status = failure[0], describe(cause), getattr(cause, "exit_status", 1)
+                status = failure[0], describe(cause), exit_status_of(cause)
             reports = channel.allgather(status)
             rank = int(numbers[:, 0].argmax())
             where, text, exit_status = reports[rank] or ("", "", 1)

@@ -31,12 +31,14 @@ class Job:
     after : the blocks that a block waits for: indices of this job's blocks, or (job, index), in a list
     devices : "one": each device of a rank takes blocks of its own; "all": a rank has one block at a time, and its tasks
         are spread over the devices
+    time_limit : seconds that a block may take; one that takes longer ends all ranks; None: any
     """
 
     function: Function
     reads: Function | None = None
     after: Function | None = None
     devices: Literal["one", "all"] = "one"
+    time_limit: float | None = None
 
     @property
     def name(self) -> str:
@@ -52,7 +54,11 @@ class Job:
 def job(function: Function) -> Job: ...
 @overload
 def job(
-    *, reads: Function | None = None, after: Function | None = None, devices: Literal["one", "all"] = "one"
+    *,
+    reads: Function | None = None,
+    after: Function | None = None,
+    devices: Literal["one", "all"] = "one",
+    time_limit: float | None = None,
 ) -> Callable[[Function], Job]: ...
 def job(function: Function | None = None, **options: Any) -> Job | Callable[[Function], Job]:
     """Make a job of a function of a block's index; see `Job` for the options.
@@ -60,8 +66,11 @@ def job(function: Function | None = None, **options: Any) -> Job | Callable[[Fun
     Raises
     ------
     InputError
-        `devices` is neither "one" nor "all".
+        `devices` is neither "one" nor "all", or `time_limit` is not above 0.
     """
     if options.get("devices", "one") not in ("one", "all"):
         raise InputError("no such choice of devices", where="job", found=options["devices"], allowed="one, all")
+    limit = options.get("time_limit")
+    if limit is not None and not limit > 0:
+        raise InputError("impossible time limit", where="job", found=limit, allowed="seconds above 0, or None")
     return Job(function) if function is not None else lambda given: Job(given, **options)

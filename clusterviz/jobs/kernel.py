@@ -42,6 +42,7 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.gl.shader import ShaderSource, assemble, shader_file
+from clusterviz.input_files import require_regular_file
 from clusterviz.jobs.device import MOST_WORDS, Arguments, GridXyz, Program, launch
 
 ELEMENTS = {
@@ -241,6 +242,8 @@ def _program(kernel: Kernel, parameters: tuple[Parameter, ...], group: tuple[int
     KernelError
         A file cannot be read, or there is no function `kernel`.
     """
+    for path in kernel.files:
+        require_regular_file(path)
     try:
         texts = [path.read_text(encoding="utf-8").rstrip() + "\n\n" for path in kernel.files]
     except (OSError, UnicodeDecodeError) as error:

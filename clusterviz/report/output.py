@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from clusterviz.errors import OutputError
-from clusterviz.image.replace import folder_error, lock_temporary, remove_temporary, temporary_name
+from clusterviz.image.replace import behind_links, folder_error, lock_temporary, remove_temporary, temporary_name
 
 FILTERS = {
     "count": "{:,}".format,
@@ -37,7 +37,7 @@ def replacing_folder(path: str | os.PathLike[str], known_by: str) -> Iterator[Pa
     OutputError
         `path` is something else, or the folder cannot be made, written (any OSError of the block) or renamed.
     """
-    target = Path(path).absolute()
+    target = behind_links(Path(path).absolute())
     temporary = _create(target, known_by)
     try:
         yield temporary
@@ -56,7 +56,7 @@ def check_folder(path: str | os.PathLike[str], known_by: str) -> None:
     OutputError
         See `replacing_folder`.
     """
-    remove_temporary(_create(Path(path).absolute(), known_by))
+    remove_temporary(_create(behind_links(Path(path).absolute()), known_by))
 
 
 def _create(target: Path, known_by: str) -> Path:

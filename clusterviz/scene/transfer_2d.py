@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from clusterviz.errors import SceneError, guard
+from clusterviz.input_files import require_regular_file
 from clusterviz.scene.checks import check_path
 from clusterviz.scene.field_types import Clim, Section
 
@@ -104,6 +105,7 @@ def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats
         The file cannot be read, or is not a table.
     """
     with guard(SceneError, f"{where}: {path}"):
+        require_regular_file(path, SceneError, f"{where}: {path}")
         try:
             status = os.stat(path)
             table = _loaded(path, status.st_mtime_ns, status.st_size)

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from clusterviz.errors import InputError
+from clusterviz.input_files import require_regular_file
 
 FLOAT = re.compile(
     r"""^(?:[-+]?(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9][0-9_]*)(?:[eE][-+]?[0-9]+)?
@@ -107,6 +108,7 @@ def read_text(path: str | Path, kind: type[InputError], where: str = "") -> str:
         The file cannot be read, is too long, or is not UTF-8.
     """
     where = where or str(path)
+    require_regular_file(path, kind, where)
     try:
         with open(path, "rb") as file:
             content = file.read(MAX_BYTES + 1)

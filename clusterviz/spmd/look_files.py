@@ -10,6 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from clusterviz.errors import InputError, guard
+from clusterviz.input_files import require_regular_file
 from clusterviz.kernels.objects import kept
 from clusterviz.spmd.look import Look
 from clusterviz.spmd.machine_code import compiler_files
@@ -26,6 +27,7 @@ def read_look(path: str) -> Look:
         The file cannot be read, or the first mistake in it, with line and column.
     """
     with guard(InputError, path):
+        require_regular_file(path)
         try:
             status = os.stat(path)
             return _read(path, status.st_mtime_ns, status.st_size)

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from clusterviz.data import FILE_AND_DATASET
-from clusterviz.data.files import readable, require_regular_file
+from clusterviz.data.files import readable
 from clusterviz.data.remote import is_url
 from clusterviz.data.series import files_of_pattern
-from clusterviz.errors import InputError, SceneError, public_address
+from clusterviz.errors import DataError, InputError, SceneError, public_address
+from clusterviz.input_files import require_regular_file
 from clusterviz.scene.files import change_paths
 from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.values import Scene
@@ -89,7 +90,7 @@ class Limits:
                 if not any(resolved.is_relative_to(folder) for folder in self._folders):
                     raise self._refused(text)
                 if resolved.exists() and not resolved.is_dir():
-                    require_regular_file(file)
+                    require_regular_file(file, DataError)
         if path.exists():
             self._files[found] = found  # views and edits of other keys have it, too
         return found

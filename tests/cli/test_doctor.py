@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from clusterviz.cli.doctor import command, examine, problems_of, remove_segments
+from clusterviz.cli.doctor import command, examine, problems_of
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.library import check_launcher
+from clusterviz.comm.mpi import remove_segments
 from clusterviz.comm.placement import SIZE_VARIABLES
 from clusterviz.errors import DeviceError
 

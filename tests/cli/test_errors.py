@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
+from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any
 
@@ -14,9 +15,11 @@ import pytest
 import typer
 
 from clusterviz import cli as commands
+from clusterviz.cli.jobs import find_mpirun
 from clusterviz.cli.termination import launched_rank
 from clusterviz.errors import ClustervizError, DataError, RankError
 
+NO_MEMORY = "it takes more memory than there is; allowed less data at a time, more ranks, or a larger ulimit -v"
 RAISED: list[BaseException] = []
 
 
@@ -48,6 +51,20 @@ def raising(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[BaseException
             "clusterviz: error: ZeroDivisionError: by zero; run with --debug for the traceback",
         ),
         (KeyboardInterrupt(), 130, "clusterviz: interrupted"),
+        (MemoryError(), 2, f"clusterviz: error: {NO_MEMORY}"),
+        (OSError(28, "No space left on device"), 2, "clusterviz: error: no space left on device"),
+        (OSError(36, "File name too long", "nn.png"), 2, "clusterviz: error: nn.png: file name too long"),
+        (
+            OSError(24, "Too many open files"),
+            2,
+            "clusterviz: error: too many open files; allowed more files: ulimit -n",
+        ),
+        (
+            RuntimeError("can't start new thread"),
+            2,
+            "clusterviz: error: no thread can be started; allowed fewer threads, or a larger ulimit -u or -v",
+        ),
+        (ImportError("a.so: failed to map segment from shared object"), 2, f"clusterviz: error: {NO_MEMORY}"),
     ],
 )
 def test_an_error_is_one_line_and_a_status(
@@ -126,7 +143,8 @@ def test_a_shell_is_told_the_options_of_the_command_that_it_completes() -> None:
 
 @pytest.mark.parametrize(
     ("error", "told"),
-    [(DataError("gone", where="a"), False), (KeyboardInterrupt(), False), (ZeroDivisionError(), True)],
+    # Rank 0 would have ended a rank that waits before it says that it was interrupted.
+    [(DataError("gone", where="a"), False), (KeyboardInterrupt(), True), (ZeroDivisionError(), True)],
 )
 def test_what_all_ranks_know_is_told_by_one_of_them(
     cli: Callable[..., Any],
@@ -160,6 +178,45 @@ sys.exit(f"imported {heavy}" if heavy else status)
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.fresh
+@pytest.mark.parametrize(
+    ("command", "streams", "status", "said"),
+    [
+        ("info field:ramp:4", ">/dev/full", 2, "clusterviz: error: no space left on device\n"),
+        ("--version", ">/dev/full", 2, "clusterviz: error: no space left on device\n"),
+        ("info none.npy", "2>/dev/full", 2, ""),
+        ("info none.npy", "2>&-", 2, ""),
+        ("info field:ramp:4", ">&- 2>&-", 0, ""),
+    ],
+)
+def test_streams_that_are_full_or_closed(command: str, streams: str, status: int, said: str) -> None:
+    line = f'exec "$0" -m clusterviz {command} {streams}'
+    done = subprocess.run(["sh", "-c", line, sys.executable], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (status, said)
+
+
+@pytest.mark.fresh
+def test_a_terminal_without_unicode_gets_escapes_and_documents_stay_utf_8() -> None:
+    for command, text in (
+        ("info field:ramp:4", b"4 \\xd7 4"),
+        ("info field:ramp:4 --json", b"name"),
+        ("--help", b"Usage"),
+    ):
+        whole = [sys.executable, "-m", "clusterviz", *command.split()]
+        done = subprocess.run(whole, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii"}, check=False)
+        assert (done.returncode, done.stderr) == (0, b"")
+        assert text in done.stdout
+
+
+@pytest.mark.fresh
+def test_few_open_files_are_refused_before_mpi_starts(tmp_path: Path) -> None:
+    render = f"{sys.executable} -m clusterviz render field:ramp:4 -o {tmp_path}/a.png"
+    line = f"ulimit -n 40; exec {find_mpirun()} -n 2 {render}"
+    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=False)
+    said = "clusterviz: error: ulimit -n: too few open files for MPI; found 40; allowed 64 or more\n"
+    assert (done.returncode, done.stderr) == (2, said)
 
 
 @pytest.mark.fresh

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -33,6 +35,30 @@ FILES: dict[str, bytes | None] = {
     "nothing.yaml": b"volumes: []",
 }
 COMMANDS = [
+    *(
+        (command, "not a regular file; found a FIFO; allowed a file on a disk")
+        for command in (
+            *(
+                f"render fifo.{extension} -o new.png"
+                for extension in ("npy", "vtk", "h5", "nii.gz", "tif", "csv", "yaml")
+            ),
+            *(f"render fifo.{extension} -o new.png" for extension in ("ply", "vtu", "gltf", "pvd", "dcm", "json")),
+            *(f"render {FIELD} -o new.png -D volumes.0.{key}" for key in ("path=fifo.npy", "shader=fifo.glsl")),
+            f"render {FIELD} -o new.png -D volumes.0.cmap=fifo.json",
+            f"render {FIELD} -o new.png -D volumes.0.transfer_2d.path=fifo.npy",
+            f"animate {FIELD} -o frame_%d.png --path fifo.yaml",
+            "info fifo.npy",
+            "scene fifo.png",
+            "replay fifo.png",
+            "illuminate fifo.npz -o new.png",
+            f"{SIMULATE} --algorithm tree --network fifo.json",
+        )
+    ),
+    (f"info field:ramp:{10**12}", "impossible size; found 1000000000000; allowed one whole number, 1 to 1048576"),
+    (f"render field:ramp:{10**6} -o new.png", "too large a volume; found 1000000 × 1000000 × 1000000 samples; allowed"),
+    (f"render {FIELD} -o new.png --size 65000x65000", "image.size: too large a picture; found 65000 × 65000"),
+    (f"render {FIELD} -o {'n' * 300}.png", "cannot be written; found a name of 304 bytes; allowed at most 255"),
+    (f"info {'n' * 300}.npy", ".npy: file name too long"),
     ("info none.npy", "none.npy: no such file"),
     ("store none.npy new.zarr", "none.npy: no such file"),
     (f"store {FIELD} new.tif", "not a name of a store; found new.tif; allowed OUT.ome.zarr"),
@@ -206,6 +232,8 @@ def test_bad_input(
     for name, content in (FILES | files).items():
         Path(name).write_bytes(content) if content is not None else Path(name).mkdir()
     np.save("flat/a.npy", np.zeros((4, 4)))
+    for name in re.findall(r"fifo\.[a-z0-9.]+", arguments):
+        os.mkfifo(name)
     before = {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")}
     outcome = cli(*arguments.split())
     assert (outcome.status, outcome.out, outcome.err.count("\n")) == (2, "", 1), outcome.err

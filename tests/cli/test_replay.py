@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import struct
 import sys
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -167,6 +169,42 @@ def test_pictures_that_cannot_be_rendered_again(cli: Callable[..., Any], tmp_pat
         outcome = cli("replay", str(path))
         assert (outcome.status, message in outcome.err) == (2, True), (name, outcome.err)
         assert scene is None or "-D volumes.0.path=FILE" in outcome.err
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"data": [1]},
+        {"versions": 3},
+        {"error": "x"},
+        {"error": {"estimated": "x", "asked_for": "y"}},
+        {"error": {"estimated": 1.0}},
+        None,
+    ],
+)
+def test_strange_records_are_refused(wrong: Any, cli: Callable[..., Any], tmp_path: Path) -> None:
+    path, info = tmp_path / "a.png", PngInfo()
+    info.add_itxt("clusterviz scene", "volumes: [{path: 'field:ramp:4'}]")
+    info.add_itxt("clusterviz record", json.dumps(wrong) if wrong else '{"data":' + "[" * 10**5 + "]" * 10**5 + "}")
+    Pillow.new("RGB", (1024, 768)).save(path, pnginfo=info)
+    outcome = cli("replay", str(path))
+    assert (outcome.status, "a.png: damaged record of the picture" in outcome.err) == (2, True), outcome.err
+
+
+@pytest.mark.parametrize(
+    ("size", "text"), [((60000, 60000), "too large a picture"), ((12000, 9000), "not of its scene's size")]
+)
+def test_pictures_of_another_size_are_not_decoded(
+    size: tuple[int, int], text: str, cli: Callable[..., Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "a.png"
+    write_picture(path, np.zeros((2, 2, 4), np.float32), Scene(volumes=(Volume(path="field:ramp:4"),)), Provenance())
+    content = bytearray(path.read_bytes())
+    content[16:24] = struct.pack(">II", *size)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    path.write_bytes(content)
+    outcome = cli("replay", str(path))
+    assert (outcome.status, text in outcome.err, len(outcome.err.splitlines())) == (2, True, 1), outcome.err
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 
 from clusterviz.comm import LoopbackChannel, abort_on_failure, agree, run_loopback
 from clusterviz.comm.agree import is_agreed
-from clusterviz.errors import ClustervizError, DataError, DeviceError, RankError
+from clusterviz.errors import ClustervizError, DataError, DeviceError, RankError, known
 
 BUG, MISSING = ZeroDivisionError("division by zero"), DataError("no such file", where="a.npy")
 
@@ -35,7 +35,7 @@ def errors_of(ranks: int, fail: dict[int, Exception]) -> list[ClustervizError]:
     [
         (4, {2: BUG}, "rank 2, frame 7, read: ZeroDivisionError: division by zero", 1),
         (3, {1: MISSING}, "rank 1, frame 7, read: a.npy: no such file", 2),
-        (3, {1: MemoryError(), 2: DeviceError("no EGL")}, "rank 1, frame 7, read: MemoryError", 1),
+        (3, {1: MemoryError(), 2: DeviceError("no EGL")}, f"rank 1, frame 7, read: {known(MemoryError())}", 2),
         (1, {0: MISSING}, "a.npy: no such file", 2),
         (3, dict.fromkeys(range(3), MISSING), "a.npy: no such file", 2),
     ],

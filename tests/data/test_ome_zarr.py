@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import shutil
 from pathlib import Path
@@ -194,6 +195,19 @@ def test_damaged_metadata(version: str, name: str, keys: Any, value: Any, text: 
     refused(lambda: open_source(path), "a.zarr", text)
 
 
+@pytest.mark.parametrize("name", ["/{}/other.zarr/0", "../other.zarr/0", "0/../../other.zarr/0", "%2e%2e/other.zarr/0"])
+@pytest.mark.parametrize("version", ["0.4", "0.5"])
+def test_paths_that_lead_out_of_a_store_are_refused(name: str, version: str, tmp_path: Path) -> None:
+    path, name = write_image(tmp_path / "a.zarr", version=version), name.format(str(tmp_path)[1:])
+    write_image(tmp_path / "other.zarr", version=version)
+    refused(lambda: open_source(path, name), "outside of the store", name)
+    file, keys = ("zarr.json", LEVEL[:5]) if version == "0.5" else (".zattrs", (*V2, "datasets"))
+    transform = {"coordinateTransformations": [scale(1, 1, 1)]}
+    for before in ([], [{"path": "0", **transform}]):
+        edited(path, file, *keys, value=[*before, {"path": name, **transform}])
+        refused(lambda: open_source(path), "a.zarr: an array outside of the store", name)
+
+
 def test_chunks_that_change_under_a_running_job(tmp_path: Path) -> None:
     path = write_image(tmp_path / "a.zarr", chunks=(3, 4, 2))
     source = open_source(path)
@@ -210,6 +224,16 @@ def test_chunks_that_change_under_a_running_job(tmp_path: Path) -> None:
     source = open_source(other)
     shutil.rmtree(other)
     refused(lambda: source.read((0, 0, 0), (3, 4, 2)), "b.zarr/0", "removed while it was in use")
+
+
+def test_a_refused_chunk_leaves_no_reading_of_others_behind(tmp_path: Path) -> None:
+    path = write_image(tmp_path / "a.zarr", chunks=(1, 1, 1), compressors=ZstdCodec())
+    for chunk in path.glob("0/c/1/*/*"):
+        chunk.write_bytes(b"not zstd")
+    source = open_source(path)
+    refused(lambda: source.read((0, 0, 0), FIELD.shape), "a.zarr")
+    (zarr_loop,) = zarr.core.sync.loop
+    assert not asyncio.all_tasks(zarr_loop)
 
 
 @pytest.mark.parametrize("is_part", [False, True])

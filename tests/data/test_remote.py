@@ -36,6 +36,18 @@ OWN, OTHER = "own.ome.zarr", "other.ome.zarr"
 SHARD, CHUNK = f"{OWN}/0/c/0/0/0", f"{OTHER}/0/c/0/0/0"
 
 
+ENDLESS = {
+    "endless": (b"HTTP/1.1 200 OK\r\n\r\n", bytes(1 << 16), 0.0),
+    "chunks": (b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n", b"2000\r\n" + bytes(0x2000) + b"\r\n", 0.0),
+    "part": (b"HTTP/1.1 206 Partial\r\nContent-Range: bytes 0-99/*\r\n\r\n", bytes(1 << 16), 0.0),
+    "bytewise": (b"HTTP/1.1 200 OK\r\nContent-Length: 900\r\n\r\n", b" ", 0.02),
+    "headers": (b"HTTP/1.1 200 OK\r\n", b"a: b\r\n", 0.02),
+    "around": (b"HTTP/1.1 302 Found\r\nLocation: /\r\n\r\n", bytes(1 << 16), 0.0),
+    "lost": (b"HTTP/1.1 404 None\r\n\r\n", bytes(1 << 16), 0.0),
+}
+"""Answers without end: how they begin, what goes on, and the seconds between."""
+
+
 @dataclass
 class Site:
     """Files of a folder, with faults by the path that they concern; a fault that is a list happens once each."""
@@ -66,6 +78,8 @@ class Handler(BaseHTTPRequestHandler):
         site.requests.append((name + (f"?{query}" if query else ""), wanted))
         if fault.isdecimal() or not (site.folder / name).is_file():
             return self.answer(int(fault) if fault else 404, b"no", {})
+        if fault in ENDLESS:
+            return self.trickle(*ENDLESS[fault])
         data, total = (site.folder / name).read_bytes(), (site.folder / name).stat().st_size
         if fault == "slow":
             time.sleep(0.4)
@@ -88,6 +102,15 @@ class Handler(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(data[: len(data) - missing])
         self.close_connection = missing > 0
+
+    def trickle(self, start: bytes, again: bytes, seconds: float) -> None:
+        """Send the start of an answer, then the same bytes again and again, until the client leaves."""
+        self.close_connection = True
+        self.wfile.write(start)
+        for _ in range(4000):
+            self.wfile.write(again)
+            self.wfile.flush()
+            time.sleep(seconds)
 
     def log_message(self, *_: object) -> None:
         pass
@@ -170,6 +193,28 @@ def test_failures_that_pass(fault: Any, site: Site, monkeypatch: pytest.MonkeyPa
 )
 def test_failures_that_stay(path: str, fault: str, text: str, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(remote, "TIMEOUT_SECONDS", 0.05 if fault == "slow" else 5.0)
+    site.faults[path] = fault
+    refused(lambda: read_all(f"{site.url}/{path.partition('/')[0]}"), site.url, text)
+
+
+@pytest.mark.parametrize(
+    ("path", "fault", "text"),
+    [
+        (f"{OTHER}/zarr.json", "endless", "more than there may be; allowed up to 100000 bytes"),
+        (f"{OTHER}/zarr.json", "chunks", "more than there may be; allowed up to 100000 bytes"),
+        (f"{OTHER}/zarr.json", "bytewise", "slower than 4096 bytes a second, 2 times"),
+        (f"{OTHER}/zarr.json", "headers", "no answer within 0.2 s, 2 times"),
+        (f"{OTHER}/zarr.json", "around", "not a store of Zarr"),
+        (f"{OTHER}/0/zarr.json", "lost", "no such array"),
+        (CHUNK, "endless", "more than there may be; allowed up to 79850 bytes"),
+        (SHARD, "endless", "the server sends no ranges"),
+        (SHARD, "part", "more than there may be; allowed up to 132 bytes"),
+    ],
+)
+def test_answers_without_end(path: str, fault: str, text: str, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote, "TIMEOUT_SECONDS", 0.2)
+    monkeypatch.setattr(remote, "WHOLE_FILE_BYTES", 100_000)
+    monkeypatch.setattr(remote, "ATTEMPTS", 2)
     site.faults[path] = fault
     refused(lambda: read_all(f"{site.url}/{path.partition('/')[0]}"), site.url, text)
 

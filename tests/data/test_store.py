@@ -35,7 +35,7 @@ from clusterviz.data.source import Grid, levels_of
 from clusterviz.data.store import zfp
 from clusterviz.data.store.cache import CACHE, BrickCache, Owner
 from clusterviz.data.store.levels import coarser, difference, low_pass
-from clusterviz.data.store.shards import BrickCodec
+from clusterviz.data.store.shards import BrickCodec, description_checksum
 from clusterviz.data.store.wavelet import decode_brick, encode_brick
 from clusterviz.data.store.writer import StoreWriter, write_store
 from clusterviz.data.summary import kept_summary, summarise
@@ -375,7 +375,7 @@ def test_store_that_cannot_be_written(tmp_path: Path) -> None:
             BrickCodec(**wrong)
 
 
-def edit(name: str, change: Callable[[dict[str, Any]], object]) -> Callable[[Path], None]:
+def edit(name: str | Path, change: Callable[[dict[str, Any]], object]) -> Callable[[Path], None]:
     """Change a JSON file."""
 
     def apply(path: Path) -> None:
@@ -409,12 +409,23 @@ def without_first_brick(path: Path) -> None:
     (path / "0/c/0/0/0").write_bytes(data[: -len(index) - 4] + index + google_crc32c.value(index).to_bytes(4, "little"))
 
 
+def sealed(change: Callable[[dict[str, Any]], object]) -> Callable[[Path], None]:
+    """Change the description of a store, and write the checksum of that."""
+
+    def apply(found: dict[str, Any]) -> None:
+        attributes = found["attributes"]
+        change(attributes["clusterviz"])
+        attributes["clusterviz"]["checksum"] = description_checksum(attributes)
+
+    return edit("zarr.json", apply)
+
+
 def absurd(**changes: list[int]) -> Callable[[Path], None]:
     """Make the descriptions of a store and its first level agree on something absurd."""
 
     def apply(path: Path) -> None:
         shape = changes.get("shape", [20, 21, 22])
-        edit("zarr.json", lambda found: found["attributes"]["clusterviz"].update(shape=shape))(path)
+        sealed(lambda own: own.update(shape=shape))(path)
         sharding = {"chunk_shape": changes["shard"]} if "shard" in changes else {}
         edit("0/zarr.json", lambda found: found.update(shape=shape))(path)
         edit("0/zarr.json", lambda found: found["chunk_grid"]["configuration"].update(sharding))(path)
@@ -443,7 +454,12 @@ def absurd(**changes: list[int]) -> Callable[[Path], None]:
         (edit("0/zarr.json", lambda found: found.update(shape=[1, 2, 3])), "disagree"),
         (edit("0/zarr.json", lambda found: found.update(codecs=[])), "disagree"),
         (cut("bricks/statistics.npz", 100), "statistics.npz.*damaged"),
+        (patch("bricks/statistics.npz", 0, b"junk"), "holds objects of Python, which are not read"),
         (lambda path: (path / "bricks/statistics.npz").unlink(), "no such file"),
+        (patch("bricks/0/c/0/0/0/0", 8 * 8 * 2 + 7, b"\x01"), "statistics of bricks have a wrong checksum"),
+        (cut("bricks/1/c/0/0/0/0", 4), "damaged statistics of bricks"),
+        (sealed(lambda own: own.update(version=3)), "another version; found 3; allowed 1, 2"),
+        (edit("zarr.json", lambda found: found["attributes"]["ome"]["multiscales"][0].update(name="b")), "or edited"),
         (patch("zarr.json", 0, b"["), "damaged"),
         (lambda path: (path / "zarr.json").write_text("[]"), "an object of JSON"),
         (lambda path: (path / "zarr.json").unlink(), "without a store of Zarr"),
@@ -457,9 +473,44 @@ def test_damaged_stores_are_refused(damage: Callable[[Path], object], text: str,
     def read_all() -> None:
         source = open_source(path)
         kept_summary(source, BrickLayout(source.grid.shape_zyx, 16))
+        levels = levels_of(source)
+        for level in range(levels.levels if levels else 0):
+            levels.bounds(level)
         source.read((0, 0, 0), source.grid.shape_zyx)
 
     refused(read_all, "a.ome.zarr", text)
+
+
+def as_of_version_1(path: Path) -> None:
+    """Remove what stores of version 1 do not hold: checksums but those of samples."""
+    for file in path.glob("bricks/*/c/*/*/*/*"):
+        file.write_bytes(file.read_bytes()[:-4])
+    for file in path.glob("bricks/*/zarr.json"):
+        edit(file.relative_to(path), lambda found: found["codecs"].pop())(path)
+    with np.load(path / "bricks/statistics.npz") as found:
+        kept = {key: found[key] for key in found.files if key != "checksum"}
+    np.savez_compressed(path / "bricks/statistics.npz", **kept)
+    edit("zarr.json", lambda found: found["attributes"]["clusterviz"].pop("checksum"))(path)
+    edit("zarr.json", lambda found: found["attributes"]["clusterviz"].update(version=1))(path)
+
+
+def test_stores_of_version_1_are_read_with_a_warning(tmp_path: Path) -> None:
+    path, layout = tmp_path / "a.ome.zarr", BrickLayout((20, 21, 22), 16)
+    write_store(make_source(shape=layout.shape_zyx), path, BrickCodec(), 16)
+    now = open_source(path)
+    expected, levels = kept_summary(now, layout), levels_of(now)
+    bounds = [levels.bounds(level) for level in range(levels.levels)] if levels else []
+    as_of_version_1(path)
+    with pytest.warns(FutureWarning, match="its statistics and error bounds have no checksum"):
+        then = open_source(path)
+    kept, levels = kept_summary(then, layout), levels_of(then)
+    assert kept
+    assert expected
+    assert levels
+    check_summary(kept, expected)
+    assert len(bounds) == 2
+    np.testing.assert_array_equal(bounds[0], levels.bounds(0))
+    np.testing.assert_array_equal(bounds[1], levels.bounds(1))
 
 
 @pytest.mark.parametrize("known", [True, False])

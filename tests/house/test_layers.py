@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[2]
 # Packages on one line do not import each other. `report` holds values; its pages are in folders of their own.
 LEVELS = (
     ("errors",),
+    ("input_files",),
     ("image",),
     ("kernels",),
     ("scene", "codec", "report"),

@@ -25,6 +25,7 @@ from clusterviz.cli.bench.composite import read_rgba
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.codec import CODECS, Rows, open_message, pack, prepare_codecs, unpack
 from clusterviz.errors import DataError
+from clusterviz.input_files import require_regular_file
 
 PIXELS = (np.uint8, np.float16, np.float32)
 
@@ -71,6 +72,7 @@ def images_in(folder: Path, size: tuple[int, int]) -> Iterator[tuple[str, NDArra
 
 def _read_npy(path: Path) -> NDArray[Any]:
     """Read a picture of `clusterviz render`: float32 (h, w, 4), premultiplied."""
+    require_regular_file(path, DataError)
     try:
         picture: NDArray[Any] = np.load(path, allow_pickle=False)
     except (OSError, ValueError) as error:

@@ -26,6 +26,7 @@ from clusterviz.composite.model.network import default_network
 from clusterviz.errors import DataError
 from clusterviz.image import PartialImage, Rect
 from clusterviz.image.replace import check_replaceable, replacing
+from clusterviz.input_files import require_regular_file
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ def read_rgba(path: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
     DataError
         The file is missing or has the wrong size.
     """
+    require_regular_file(path, DataError)
     try:
         pixels = np.fromfile(path, np.uint8)
     except OSError as error:

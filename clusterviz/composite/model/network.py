@@ -16,6 +16,7 @@ from typing import Any
 from clusterviz.composite.schedules.schedule import Load
 from clusterviz.errors import InputError, OutputError
 from clusterviz.image.replace import replacing
+from clusterviz.input_files import require_regular_file
 
 FOLDER = Path(__file__).parent / "networks"
 FILE_VARIABLE = "CLUSTERVIZ_NETWORK"
@@ -107,6 +108,7 @@ def open_network(name: str) -> Network:
         There is no such file, it is not JSON, or a key is missing, unknown or impossible.
     """
     path = FOLDER / f"{name}.json" if name in shipped_networks() else Path(name)
+    require_regular_file(path)
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

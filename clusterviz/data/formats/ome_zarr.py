@@ -18,12 +18,14 @@ import hashlib
 import json
 import math
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +36,14 @@ from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.remote import FilePath, find_range
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import coarser, is_within
-from clusterviz.data.store.shards import PACKAGES, ShardedArray, open_array, read_json, require_packages
+from clusterviz.data.store.shards import (
+    PACKAGES,
+    ShardedArray,
+    description_checksum,
+    open_array,
+    read_json,
+    require_packages,
+)
 from clusterviz.data.store.statistics import read_statistics
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.data.units import METRES, unit_factors
@@ -43,6 +52,8 @@ from clusterviz.errors import DataError
 METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
 """Files, one of which each folder of Zarr holds."""
 MAX_IMAGES = 64  # of a store that are counted
+VERSIONS = (1, 2)
+"""Of stores of clusterviz that are read."""
 DISAGREE = "the levels disagree with their metadata"
 
 
@@ -103,7 +114,7 @@ class LevelSource:
             return self
         if number not in self.opened:
             path, grid = self.paths[self.number + number], self.grid.coarser(number)
-            array = _own_array(path, self.array.check).at(*self.array.index)
+            array = _own_array(path, self.array.check, self.array.has_checksums).at(*self.array.index)
             if (array.shape_zyx, array.dtype) != (grid.shape_zyx, self.dtype):
                 raise DataError(DISAGREE, where=str(path), found=array.shape_zyx, allowed=grid.shape_zyx)
             name, at = f"{self.name}:/{path.name}", self.number + number
@@ -146,7 +157,9 @@ class LevelSource:
 
     def summary(self, layout: BrickLayout) -> VolumeSummary | None:
         """Return the summary that the store keeps of its finest level; None of another level."""
-        return read_statistics(self.array.summary_path, layout) if self.array.path == self.paths[0] else None
+        if self.array.path != self.paths[0]:
+            return None
+        return read_statistics(self.array.summary_path, layout, self.array.has_checksums)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -175,7 +188,9 @@ class ZarrSource:
         kept = self.slab.index.count(None)
         spans = iter([slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True)][3 - kept :])
         box = tuple(next(spans) if i is None else slice(i, i + 1) for i in self.slab.index)
-        return np.array(self.array[box], self.dtype, order="C").reshape(shape)
+        from clusterviz.data.store.zarr_files import read_array
+
+        return np.array(read_array(self.array, box), self.dtype, order="C").reshape(shape)
 
 
 def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
@@ -193,12 +208,15 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
     scales = _multiscales(attributes) or {}
     datasets = scales.get("datasets") or [{"path": ""}]
     wanted = level or datasets[0]["path"]
+    for each in datasets:
+        check_below(each["path"], where)
     described: Mapping[str, Any] = next((each for each in datasets if each["path"] == wanted), {})
     place = path / wanted
     if own:
         require_packages(where, *PACKAGES)
+        has_checksums = _check_description(attributes, where)
         array, shape = (
-            _own_array(place, partial(_check_same, path / "zarr.json", attributes)),
+            _own_array(place, partial(_check_same, path / "zarr.json", attributes), has_checksums),
             tuple(own.get("shape", ())),
         )
         for _ in range(datasets.index(described) if described else 0):
@@ -235,8 +253,9 @@ def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, A
     Raises
     ------
     DataError
-        Not a store of Zarr, or it holds several images and none is named.
+        Not a store of Zarr, or it holds several images and none is named, or the name leads out of it.
     """
+    check_below(array or "", str(path))
     attributes, parts = _attributes(path), (array or "").split("/")
     if attributes is None:
         is_folder = isinstance(path, Path) and path.is_dir()
@@ -260,6 +279,19 @@ def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, A
         wells = ", ".join(f"{each['path']}/0" for each in group["plate"].get("wells", [])[:MAX_LISTED])
         raise DataError("a plate: name a field of a well", where=str(path), allowed=f"array: {wells}, …")
     return path, attributes, array
+
+
+def check_below(name: object, where: str) -> None:
+    """Check that the path of an array is one below the store, so that nothing else is read in its name.
+
+    Raises
+    ------
+    DataError
+        It is absolute, or has a part "..".
+    """
+    plain = unquote(name).replace("\\", "/") if isinstance(name, str) else "/"
+    if plain.startswith("/") or ".." in plain.split("/"):
+        raise DataError("an array outside of the store", where=where, found=name, allowed="a path below it")
 
 
 def _attributes(path: FilePath) -> dict[str, Any] | None:
@@ -333,8 +365,31 @@ def _check_same(path: FilePath, attributes: Mapping[str, Any]) -> None:
         raise DataError("the store was changed while it was in use", where=str(path.parent), allowed="start again")
 
 
-def _own_array(path: FilePath, check: Callable[[], None] = lambda: None) -> ShardedArray:
-    array = open_array(path, check)
+def _check_description(attributes: Mapping[str, Any], where: str) -> bool:
+    """Check the description of a store of clusterviz; return whether its statistics have checksums.
+
+    Raises
+    ------
+    DataError
+        It was changed since it was written, or is of a version to come.
+    """
+    own = attributes["clusterviz"]
+    version, found = own.get("version"), own.get("checksum")
+    if version not in VERSIONS:
+        raise DataError("a store of another version", where=where, found=version, allowed=", ".join(map(str, VERSIONS)))
+    if found is None:
+        what = "its statistics and error bounds have" if version == 1 else "its description has"
+        warnings.warn(
+            f"{where}: {what} no checksum; `clusterviz store` writes it with one", FutureWarning, stacklevel=2
+        )
+    elif found != description_checksum(attributes):
+        what = "the description of the store was changed since it was written: damaged, or edited"
+        raise DataError(what, where=where, allowed="if it was edited, remove clusterviz.checksum in its zarr.json")
+    return bool(version > 1)
+
+
+def _own_array(path: FilePath, check: Callable[[], None], has_checksums: bool) -> ShardedArray:
+    array = open_array(path, check, has_checksums)
     if array is None:
         raise DataError(DISAGREE, where=str(path))
     array.codec.require(str(path))

@@ -4,6 +4,8 @@ A shard holds a cube of bricks, one after another, each with its CRC-32C, then f
 the CRC-32C of these. A brick that does not fit into the array is padded. zarr-python takes about a millisecond for each
 brick, so the arrays that clusterviz writes are read here.
 
+The minima, maxima and errors of the bricks of a shard are a file with a CRC-32C, but not in stores of version 1.
+
 An array may have axes of time and channels before z, with shards and bricks of 1 along them. The bytes of a brick may
 say that its samples are those of another time step.
 
@@ -144,6 +146,7 @@ class ShardedArray:
     counts : time steps and channels, along these axes
     index : of the volume along these axes
     check : raises `DataError` if the store was changed since it was opened
+    has_checksums : whether the files of statistics have one; not in stores of version 1
     """
 
     path: Path
@@ -156,6 +159,7 @@ class ShardedArray:
     counts: tuple[int, ...] = ()
     index: tuple[int, ...] = ()
     check: Callable[[], None] = field(default=lambda: None, compare=False, repr=False)
+    has_checksums: bool = True
     _indices: dict[tuple[int, ...], tuple[NDArray[np.uint64], Version]] = field(
         default_factory=dict, compare=False, repr=False
     )
@@ -214,7 +218,7 @@ class ShardedArray:
         names = ["minimum", "maximum", "error", "step"][: self._rows]
         shape, chunk = (*self.counts, self._rows, *self.counts_zyx), (*self._ones, self._rows, *self.shard_zyx)
         axes = [*self.axes, ", ".join(names), *"zyx"]
-        return array_metadata(shape, chunk, np.dtype(np.float64), [_LITTLE], axes)
+        return array_metadata(shape, chunk, np.dtype(np.float64), [_LITTLE, _CRC], axes)
 
     @property
     def _rows(self) -> int:
@@ -234,7 +238,10 @@ class ShardedArray:
         for brick, each in found.items():
             z, y, x = (i % n for i, n in zip(brick, self.shard_zyx, strict=True))
             values[:, z, y, x] = each[: self._rows]
-        write_values(self.statistics_path(shard), values)
+        path, data = self.statistics_path(shard), values.astype("<f8").tobytes()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            temporary.write_bytes(data + checksum(data))
 
     @property
     def summary_path(self) -> Path:
@@ -247,7 +254,7 @@ class ShardedArray:
         Raises
         ------
         DataError
-            They are missing, or not of the array's size.
+            They are missing, damaged, or not of the array's size.
         """
         return self._statistics()[:3]
 
@@ -265,11 +272,13 @@ class ShardedArray:
         for z, y, x in self.shards:
             path = self.statistics_path((z, y, x))
             data, _ = read_range(path)
+            data, found = (data[:-_CRC_BYTES], data[-_CRC_BYTES:]) if self.has_checksums else (data, b"")
             if len(data) != 8 * rows * nz * ny * nx:
                 raise DataError("damaged statistics of bricks", where=str(path), found=f"{len(data)} bytes")
-            found = np.frombuffer(data, "<f8")
+            if self.has_checksums and checksum(data) != found:
+                raise DataError("statistics of bricks have a wrong checksum: damaged", where=str(path))
             here = values[:, z * nz : (z + 1) * nz, y * ny : (y + 1) * ny, x * nx : (x + 1) * nx]
-            here[...] = found.reshape(here.shape)
+            here[...] = np.frombuffer(data, "<f8").reshape(here.shape)
         nz, ny, nx = self.counts_zyx
         return values[:, :nz, :ny, :nx]
 
@@ -307,9 +316,9 @@ class ShardedArray:
         with replacing(path) as temporary, temporary.open("wb") as file:
             for brick, data in bricks:
                 index[self._slot(brick)] = at, len(data) + _CRC_BYTES
-                file.write(data + _checksum(data))
+                file.write(data + checksum(data))
                 at += len(data) + _CRC_BYTES
-            file.write(index.tobytes() + _checksum(index.tobytes()))
+            file.write(index.tobytes() + checksum(index.tobytes()))
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -371,7 +380,7 @@ class ShardedArray:
         if len(data) < max(count, _CRC_BYTES):
             raise DataError("a brick ends early", where=where, found=f"{len(data)} bytes", allowed=count)
         data, check = data[:-_CRC_BYTES], data[-_CRC_BYTES:]
-        if _checksum(data) != check:
+        if checksum(data) != check:
             raise DataError("a brick has a wrong checksum: damaged, or written meanwhile", where=where)
         return data
 
@@ -379,7 +388,7 @@ class ShardedArray:
         wanted = 16 * math.prod(self.shard_zyx) + _CRC_BYTES
         data, version = read_range(path, -wanted)
         size = version.size
-        if len(data) < wanted or _checksum(data[:-_CRC_BYTES]) != data[-_CRC_BYTES:]:
+        if len(data) < wanted or checksum(data[:-_CRC_BYTES]) != data[-_CRC_BYTES:]:
             raise DataError("the shard is damaged or truncated", where=where, found=f"{size} bytes")
         index = np.frombuffer(data[:-_CRC_BYTES], "<u8").reshape(-1, 2)
         present = index[index[:, 0] != _ABSENT].astype(np.float64)
@@ -413,12 +422,14 @@ def make_array(
     return ShardedArray(path, shape_zyx, (z, y, x), (nz, ny, nx), dtype, codec, axes, counts, index)
 
 
-def open_array(path: FilePath, check: Callable[[], None] = lambda: None) -> ShardedArray | None:
+def open_array(
+    path: FilePath, check: Callable[[], None] = lambda: None, has_checksums: bool = True
+) -> ShardedArray | None:
     """Return the array in a folder, at its first time step and channel; None if its layout is not one read here.
 
     Parameters
     ----------
-    check : see `ShardedArray`
+    check, has_checksums : see `ShardedArray`
 
     Raises
     ------
@@ -440,7 +451,7 @@ def open_array(path: FilePath, check: Callable[[], None] = lambda: None) -> Shar
         else:
             codec = BrickCodec("zstd", 0.0, codecs[1]["configuration"]["level"])
         sizes, dtype, folder = ((z, y, x), (bz, by, bx), (nz, ny, nx)), np.dtype(found["data_type"]), cast(Path, path)
-        array = ShardedArray(folder, *sizes, dtype, codec, axes, tuple(counts), first_volume, check)
+        array = ShardedArray(folder, *sizes, dtype, codec, axes, tuple(counts), first_volume, check, has_checksums)
         is_possible = min(z, y, x, *counts, bz, by, bx) >= 1 and max(bz, by, bx) <= MOST_SIDE
         is_known = is_possible and array.metadata == found and axes in ("", "t", "c", "tc")
         return array if is_known and math.prod(array.counts_zyx) <= MOST_BRICKS else None
@@ -466,13 +477,6 @@ def array_metadata(
     }
 
 
-def write_values(path: Path, values: NDArray[Any]) -> None:
-    """Write an array of numbers as one chunk without compression."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        temporary.write_bytes(values.astype(values.dtype.newbyteorder("<")).tobytes())
-
-
 def require_packages(where: str, *names: str, extra: str = "store") -> None:
     """Check that packages are installed.
 
@@ -484,6 +488,12 @@ def require_packages(where: str, *names: str, extra: str = "store") -> None:
     for name in names:
         if find_spec(name) is None:
             raise DataError(f"needs the {name} package", where=where, allowed=installation(extra))
+
+
+def description_checksum(attributes: Mapping[str, Any]) -> str:
+    """Return the checksum of what describes a store: OME's metadata, and those of clusterviz but for the checksum."""
+    own = {key: value for key, value in attributes["clusterviz"].items() if key != "checksum"}
+    return checksum(json.dumps([attributes.get("ome"), own], sort_keys=True).encode()).hex()
 
 
 def read_json(path: FilePath) -> dict[str, Any]:
@@ -510,7 +520,8 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
         temporary.write_text(json.dumps(content, indent=2))
 
 
-def _checksum(data: bytes) -> bytes:
+def checksum(data: bytes) -> bytes:
+    """Return the CRC-32C of bytes, little-endian."""
     import google_crc32c
 
     return int(google_crc32c.value(data)).to_bytes(_CRC_BYTES, "little")

@@ -1,10 +1,12 @@
 """Statistics that a store keeps: the summary of its finest level, with which a volume is opened without reading it.
 
-OUT.ome.zarr/bricks/statistics.npz   the arrays of a `VolumeSummary`, as of numpy.savez_compressed
+OUT.ome.zarr/bricks/statistics.npz   the arrays of a `VolumeSummary`, and their checksum, as of numpy.savez_compressed
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.remote import FilePath, read_range
+from clusterviz.data.remote import WHOLE_FILE_BYTES, FilePath, read_range
+from clusterviz.data.store.shards import checksum
 from clusterviz.data.summary import Categories, VolumeSummary, block_counts
 from clusterviz.errors import DataError, guard
 from clusterviz.image.replace import replacing
@@ -27,20 +30,29 @@ def write_statistics(path: Path, summary: VolumeSummary, layout: BrickLayout) ->
     known, arrays = summary.categories, {"layout": [layout.brick, layout.margin]} | _arrays(summary)
     if known:
         arrays |= {f"category_{key}": value for key, value in _arrays(known).items()}
+    arrays["checksum"] = _checksum(arrays)
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-def read_statistics(path: FilePath, layout: BrickLayout) -> VolumeSummary:
+def read_statistics(path: FilePath, layout: BrickLayout, has_checksum: bool = True) -> VolumeSummary:
     """Return the summary of a volume; extremes of other bricks than those written are bounds.
+
+    Parameters
+    ----------
+    has_checksum : not in stores of version 1
 
     Raises
     ------
     DataError
         Missing, damaged, or of another volume.
     """
-    data, _ = read_range(path)
-    with guard(DataError, path), np.load(BytesIO(data)) as found:
+    most = WHOLE_FILE_BYTES + 64 * (math.prod(layout.counts_zyx) + math.prod(block_counts(layout.shape_zyx)))
+    data, _ = read_range(path, most=most)
+    with guard(DataError, path), np.load(BytesIO(data), allow_pickle=False) as archive:
+        found = {key: archive[key] for key in archive.files}
+        if has_checksum and _checksum(found) != found.get("checksum", -1):
+            raise DataError("statistics have a wrong checksum: damaged", where=str(path))
         side, margin = found["layout"].tolist()
         written = BrickLayout(layout.shape_zyx, side, margin)
         shapes = found["minimum"].shape, found["maximum"].shape, found["blocks"].shape
@@ -61,6 +73,14 @@ def read_statistics(path: FilePath, layout: BrickLayout) -> VolumeSummary:
 
 def _arrays(values: Any) -> dict[str, Any]:
     return {key: value for key, value in vars(values).items() if key != "categories"}
+
+
+def _checksum(arrays: Mapping[str, Any]) -> int:
+    """Return the checksum of arrays and their names."""
+    parts = []
+    for name, values in sorted((name, np.asarray(each)) for name, each in arrays.items() if name != "checksum"):
+        parts += [f"{name} {values.dtype.str} {values.shape} ".encode(), values.tobytes()]
+    return int.from_bytes(checksum(b"".join(parts)), "little")
 
 
 def _combined(pick: np.ufunc, values: NDArray[Any], written: BrickLayout, layout: BrickLayout) -> NDArray[Any]:

@@ -1,6 +1,7 @@
 """Writing of a store: OME-Zarr 0.5 with levels, from any volume, in bounded memory, by any number of processes.
 
-    OUT.ome.zarr/zarr.json        OME's metadata, and `clusterviz`: what the store was made of, and whether it is whole
+    OUT.ome.zarr/zarr.json        OME's metadata, and `clusterviz`: what the store was made of, whether it is whole, and
+                                  the checksum of all these
     OUT.ome.zarr/0, 1, …          levels, the finest first; bricks in shards
     OUT.ome.zarr/bricks/0, 1, …   float64 (3, z, y, x bricks): minimum, maximum, and largest error of each brick
     OUT.ome.zarr/bricks/statistics.npz   summary of the finest level: see `statistics.py`; statistics-T-C.npz of
@@ -41,6 +42,7 @@ from clusterviz.data.store.shards import (
     PACKAGES,
     BrickCodec,
     ShardedArray,
+    description_checksum,
     make_array,
     read_json,
     require_packages,
@@ -52,7 +54,8 @@ from clusterviz.data.summary import AllGather, summarise, summary_over_time
 from clusterviz.errors import DataError, OutputError
 from clusterviz.image.replace import folder_error
 
-VERSION = 1
+VERSION = 2
+"""Of what stores hold; those of version 1 have no checksums but those of samples."""
 COLOURS = ("00FF00", "FF00FF", "00FFFF", "FFFF00", "FF0000", "0000FF", "FFFFFF")
 """Colours of channels in turn, red, green and blue in hexadecimal digits."""
 Report = Callable[[float], None]
@@ -178,6 +181,7 @@ class StoreWriter:
         content, attributes = read_json(self.path / "zarr.json"), self._attributes(True)
         if self.series and self.series.channels:
             attributes["ome"]["omero"] = {"channels": [self._channel(n) for n in range(len(self.series.channels))]}
+        attributes["clusterviz"]["checksum"] = description_checksum(attributes)
         write_json(self.path / "zarr.json", content | {"attributes": attributes})
 
     def _channel(self, number: int) -> dict[str, Any]:

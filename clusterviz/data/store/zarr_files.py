@@ -20,6 +20,7 @@ import numpy as np
 from zarr import Array, open_array
 from zarr.abc.store import OffsetByteRequest, RangeByteRequest, Store, SuffixByteRequest
 from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
+from zarr.core.sync import sync
 
 from clusterviz.data.header import MAX_COMPRESSION_RATIO
 from clusterviz.data.remote import FilePath, Version, find_range
@@ -63,7 +64,26 @@ def open_zarr(path: FilePath, zarr_format: Literal[2, 3]) -> Array[Any]:
         )
         raise DataError("impossible size", where=where, found=found, allowed=allowed)
     files.chunks = _packing(opened.metadata.to_dict(), chunk)
+    bytes_of_file = math.prod(opened.shards or opened.chunks) * opened.dtype.itemsize
+    files.most_bytes = min(_most_bytes(bytes_of_file) + files.chunks.shard, 1 << 62)
     return opened
+
+
+def read_array(array: Any, box: tuple[slice, ...]) -> Any:
+    """Return a box of an array; if a chunk fails, after all other reading of chunks has ended."""
+    try:
+        return array[box]
+    except BaseException:
+        # zarr-python leaves its other tasks behind, which would complain when the process ends.
+        sync(_end_tasks())
+        raise
+
+
+async def _end_tasks() -> None:
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in others:
+        task.cancel()
+    await asyncio.gather(*others, return_exceptions=True)
 
 
 @dataclass(frozen=True)
@@ -193,6 +213,7 @@ class ZarrFiles(Store):
         super().__init__(read_only=True)
         self._path, self._lock = path, Lock()
         self.chunks: _Packing | None = None
+        self.most_bytes: int | None = None
         self._versions: dict[str, Version] = {}
         self._checked = 0.0
 
@@ -214,7 +235,7 @@ class ZarrFiles(Store):
         elif isinstance(wanted, SuffixByteRequest):
             begin = -wanted.suffix
         known = self._versions.get(key)
-        found = find_range(self._path / key, begin, count, known)
+        found = find_range(self._path / key, begin, count, known, most=None if key in METADATA else self.most_bytes)
         if found is None:
             if key in self._versions:
                 raise DataError("the file was removed while it was in use", where=str(self._path / key))

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from clusterviz.errors import InputError
+from clusterviz.input_files import require_regular_file
 
 Floats = NDArray[np.float64]
 VISIBLE = (380.0, 780.0)
@@ -126,6 +127,7 @@ def read_light(path: str | os.PathLike[str]) -> Light:
     InputError
         The file is missing, or not a table of two columns, or not a spectrum, as of `spectrum`.
     """
+    require_regular_file(path)
     try:
         lines = Path(path).read_text().splitlines()
         table = np.array([line.replace(",", " ").split() for line in lines if line.strip("# \t") and line[0] != "#"])

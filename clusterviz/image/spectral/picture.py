@@ -20,6 +20,7 @@ from clusterviz.errors import InputError
 from clusterviz.image.replace import replacing
 from clusterviz.image.spectral.lights import Floats, check_wavelengths
 from clusterviz.image.spectral.two_flux import Fluxes
+from clusterviz.input_files import require_regular_file
 
 KEYS = ("R_front", "R_back", "T")
 """Names in files of what `Fluxes` holds, in its order."""
@@ -105,6 +106,7 @@ def read_spectral(path: str | os.PathLike[str]) -> SpectralPicture:
     InputError
         The file is missing or damaged, or not a spectral picture.
     """
+    require_regular_file(path)
     try:
         with np.load(Path(path), allow_pickle=False) as file:
             missing = [key for key in (*KEYS, WAVELENGTHS) if key not in file]
