@@ -132,7 +132,7 @@ def content_ranges(portions: ContentBrick, content: Content, slot: Slot) -> Rang
 
     Returns
     -------
-    low, high : float64 (volumes, gz, gy, gx) of the groups that the brick meets (`GroupBox.of`); NaN where a volume has
+    low, high : float64 (volumes, gz, gy, gx) of the groups that the brick has (`GroupBox.of`); NaN where a volume has
         no samples
     """
     assert slot.group_box, "the brick is one of several volumes"
@@ -167,7 +167,8 @@ def _groups_met(
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Return half-open boxes (gz, gy, gx, 3), (z, y, x), of groups of voxels around the image of each group."""
     z, y, x = np.meshgrid(*map(np.arange, *box.of(index_zyx)), indexing="ij")
-    begin = np.ldexp(np.stack([x, y, z], axis=-1).astype(np.float64), box.shift)
+    first = np.array(index_zyx[::-1])
+    begin = first * cut.layout.brick + np.ldexp(np.stack([x, y, z], axis=-1) - 1.0 * box.in_brick * first, box.shift)
     low, high = cut.images(begin, np.minimum(begin + (1 << box.shift), cut.extent))
     first = np.array(cut.cell_box(index_zyx)[0][::-1])
     last_group = np.array([-(-cells // group) - 1 for cells in cut.most_cells_zyx[::-1]])

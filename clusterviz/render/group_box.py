@@ -57,7 +57,6 @@ def skips_in_box(
     for numbers in alike.values():
         low, high = (np.stack([ranges[number][side] for number in numbers]) for side in (0, 1))
         for number, visible in zip(numbers, visible_groups((low, high), plan), strict=True):
-            # Groups may belong to several bricks.
-            shown[tuple(slice(*ends) for ends in zip(*np.subtract(boxes[number], first), strict=True))] |= visible
+            shown[tuple(slice(*ends) for ends in zip(*np.subtract(boxes[number], first), strict=True))] = visible
     header[:6] = *first[::-1], *shown.shape[::-1]
     return np.concatenate([header, (distances(shown) if far else ~shown).ravel().astype(np.int32, copy=False)])

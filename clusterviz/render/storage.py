@@ -33,7 +33,8 @@ TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
 class GroupBox:
     """Groups of cells of a domain with several volumes or with geometry, in a box around all volumes.
 
-    What is known of groups takes memory where volumes are, however large the domain and its bricks.
+    What is known of groups takes memory where volumes are, however large the domain and its bricks. Groups are counted
+    brick by brick along each axis, and may be cut by the bricks' ends.
 
     Attributes
     ----------
@@ -47,12 +48,16 @@ class GroupBox:
     shift: int
     brick: int
 
+    @property
+    def in_brick(self) -> int:
+        """Groups along the side of a brick."""
+        return -(-self.brick >> self.shift)
+
     def of(self, index_zyx: Index) -> Box:
-        """Return the groups of the box that a brick meets, half-open."""
+        """Return the groups of the box that a brick has, half-open."""
         low, high = (np.array(side) for side in (self.begin_zyx, self.end_zyx))
-        cells = self.brick * np.array(index_zyx, np.int64)
-        z, y, x = np.clip(cells >> self.shift, low, high).tolist()
-        z_end, y_end, x_end = np.clip((cells + self.brick - 1 >> self.shift) + 1, low, high).tolist()
+        first = self.in_brick * np.array(index_zyx, np.int64)
+        (z, y, x), (z_end, y_end, x_end) = np.clip([first, first + self.in_brick], low, high).tolist()
         return (z, y, x), (z_end, y_end, x_end)
 
     def shape_of(self, index_zyx: Index) -> Index:
@@ -252,8 +257,11 @@ def group_box_of(content: Content, layout: BrickLayout) -> GroupBox:
     first, end = (np.clip(np.floor(side), 0, last).astype(np.int64) for side in (low, high))
     while np.prod((end >> shift) - (first >> shift) + 1.0) > MOST_GROUPS:
         shift += 1
-    (x, y, z), (x_end, y_end, z_end) = (first >> shift).tolist(), ((end >> shift) + 1).tolist()
-    return GroupBox((z, y, x), (z_end, y_end, x_end), shift, layout.brick)
+    in_brick, brick = -(-layout.brick >> shift), layout.brick
+    (x, y, z), (x_end, y_end, z_end) = (
+        (cell // brick * in_brick + (cell % brick >> shift) + more).tolist() for cell, more in ((first, 0), (end, 1))
+    )
+    return GroupBox((z, y, x), (z_end, y_end, x_end), shift, brick)
 
 
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:

@@ -1,6 +1,6 @@
 // Groups of cells of a brick (groups.glsl, skips.glsl): whether something may be visible in a cell, and the cells of the brick from `low` up to `high`
-// for which that holds, which on CPUs may lie beyond the brick.
-bool is_visible_at(int brick, ivec3 first, ivec3 cell, out ivec3 low, out ivec3 high) {
+// for which that holds, which on CPUs may lie beyond the brick, whose number along each axis is given, too.
+bool is_visible_at(int brick, ivec3 number, ivec3 cell, out ivec3 low, out ivec3 high) {
     ivec3 group = cell >> GROUP_SHIFT;
     int skip = skip_at(brick, group);
     bool visible = skip == 0;

@@ -51,7 +51,7 @@ Place place_at(dvec3 position, vec3 slab) {
     vec3 beyond = vec3(position - dvec3(cell));
     cell -= first;
     ivec3 low, high;
-    bool visible = is_visible_at(brick, first, cell, low, high);
+    bool visible = is_visible_at(brick, number, cell, low, high);
     // Smaller by the rounding of float32, so that no slab is taken that the next brick, which decides exactly, takes too.
     vec3 ahead = mix(vec3(cell - low) + beyond, vec3(high - cell) - beyond, greaterThanEqual(slab, vec3(0.0))) * (1.0 - 1e-6) - 1e-5;
     vec3 slabs = ahead * (1.0 / max(abs(slab), vec3(1e-30)));
