@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset
 from clusterviz.data.bricks import Box, read_boxes
 from clusterviz.data.field import open_field
-from clusterviz.data.files import PICTURES, kind_of, readable, require_file, start_of
+from clusterviz.data.files import PICTURES, check_free_memory, kind_of, readable, require_file, start_of
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.remote import RemotePath, is_url, remote_path
@@ -374,7 +374,7 @@ def read_geometry(path: str | Path) -> Geometry:
         kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
         raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(MESH_EXTENSIONS))
     with guard(DataError, path):
-        require_file(file, found.magic)
+        check_free_memory(file, require_file(file, found.magic))
         geometry: Geometry = _function(found.opener)(file)
         return geometry
 
@@ -414,7 +414,7 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
             kind = f"{path.suffix or 'none'}, {kind_of(start_of(path))}"
             raise DataError("unknown extension", where=str(path), found=kind, allowed=", ".join(GRID_EXTENSIONS))
         if found.magic:
-            require_file(path, found.magic)
+            check_free_memory(path, require_file(path, found.magic))
         if time is not None and found.name not in ("exodus", "openfoam"):
             allowed = f"a file of Exodus II, OpenFOAM, {' or '.join(SERIES)}"
             raise DataError("no time steps", where=str(path), found=time, allowed=allowed)
