@@ -162,9 +162,7 @@ def _add_ranges(
         found[1] = np.where(met, np.fmax(found[1], high[there]), found[1])
 
 
-def _groups_met(
-    cut: Cut, index_zyx: Index, box: GroupBox, group: int
-) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+def _groups_met(cut: Cut, index_zyx: Index, box: GroupBox, group: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Return half-open boxes (gz, gy, gx, 3), (z, y, x), of groups of voxels around the image of each group."""
     z, y, x = np.meshgrid(*map(np.arange, *box.of(index_zyx)), indexing="ij")
     first = np.array(index_zyx[::-1])

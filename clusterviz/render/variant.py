@@ -482,7 +482,9 @@ def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
 
 def _without_size(slot: Slot) -> Slot:
     parts = tuple(map(_without_size, slot.parts))
-    return replace(slot, cells_zyx=(1, 1, 1), textured=False, margin=0, spread=0, parts=parts, layout=None, group_box=None)
+    return replace(
+        slot, cells_zyx=(1, 1, 1), textured=False, margin=0, spread=0, parts=parts, layout=None, group_box=None
+    )
 
 
 def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:

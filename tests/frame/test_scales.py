@@ -103,7 +103,9 @@ def beside_volume(**settings: Any) -> tuple[Pixels, int]:
 
 def floor(half: float) -> dict[str, Any]:
     """A triangle below the volume, and behind all of it that is seen."""
-    return {"meshes": [(np.array([[-2 * half, -2 * half, -1], [2 * half, -2 * half, -1], [0, 2 * half, -1]]), FACES[:1])]}
+    return {
+        "meshes": [(np.array([[-2 * half, -2 * half, -1], [2 * half, -2 * half, -1], [0, 2 * half, -1]]), FACES[:1])]
+    }
 
 
 MUCH = 150 << 20
