@@ -5,8 +5,8 @@ word a voxel. Primitives and tetrahedra are counted as ranks hold them, in main 
 drawn. If ranks use different renderers, the larger size counts. All ranks decide before bricks are
 loaded.
 
-If bricks can be drawn in passes (`frame/residency.py`), a limit must only suffice for one brick. Others are refused beyond
-the limit, or beyond the memory that is free, before they are read.
+If bricks can be drawn in passes (`frame/residency.py`), a limit must only suffice for one brick. Others are refused
+beyond the limit, or beyond the memory that is free, before they are read.
 """
 
 from __future__ import annotations

@@ -242,7 +242,7 @@ def slot_of(plan: Plan) -> Slot:
 
 
 def group_box_of(content: Content, layout: BrickLayout) -> GroupBox:
-    """Return the groups of cells around all volumes; they are larger than `GROUP` cells where there would be too many."""
+    """Return the groups of cells around all volumes; larger than `GROUP` cells where there would be too many."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for cut in (part.cut for part in content.volume_layers if min(part.cut.shape_zyx) > 1):
         matrix, offset = cut.index_from_domain[:, :3], cut.index_from_domain[:, 3]

@@ -39,8 +39,8 @@ from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
 from clusterviz.render.cpu.tables import Blocks, brick_buffers, frame_of, textures, uniform_blocks
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
-from clusterviz.render.passes import Passes, is_reached
 from clusterviz.render.group_box import skips_in_box
+from clusterviz.render.passes import Passes, is_reached
 from clusterviz.render.refraction import CarriedRays, rays_block
 from clusterviz.render.render_result import (
     SQUARE,
