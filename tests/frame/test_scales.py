@@ -112,7 +112,7 @@ MUCH = 150 << 20
 """Bytes; shaders that are compiled and the tables of a small scene take a third of it."""
 
 
-@pytest.mark.parametrize("half", [1e4, 1e6, 1e7])
+@pytest.mark.parametrize("half", [1e4, 1e7])
 def test_memory_does_not_follow_the_box_around_content(half: float) -> None:
     """A ground plane under a volume, drawn as one that just fills the picture."""
     expected, _ = beside_volume(**floor(1e3))
