@@ -36,18 +36,15 @@ def vortex() -> Pixels:
 
 def content(kind: str, unit: float) -> dict[str, Any]:
     """Return a section of a scene whose content has a side of about nine units."""
-    placed = CORNERS * unit
-    return {
-        "mesh": lambda: {"meshes": [{"path": (placed, FACES), "opacity": 0.6, "edges": {"color": "black"}}]},
-        "lines": lambda: {"lines": [{"path": [np.vstack([placed, 2 * placed[::-1]])]}]},
-        "points": lambda: {"points": [{"path": placed}]},
-        "grid": lambda: {"grids": [(placed, FACES[None, 0, [0, 1, 2, 2]] + [[0, 0, 0, 1]], np.arange(4.0))]},
-        "flow": lambda: {
-            "flows": [
-                {"path": VectorArray(vortex(), Grid(SHAPE, (unit,) * 3)), "show": "streamlines", "seeds": {"count": 9}}
-            ]
-        },
-    }[kind]()
+    placed, grid = CORNERS * unit, Grid(SHAPE, (unit,) * 3)
+    found: dict[str, dict[str, Any]] = {
+        "mesh": {"meshes": [{"path": (placed, FACES), "opacity": 0.6, "edges": {"color": "black"}}]},
+        "lines": {"lines": [{"path": [np.vstack([placed, 2 * placed[::-1]])]}]},
+        "points": {"points": [{"path": placed}]},
+        "grid": {"grids": [(placed, np.array([[0, 1, 2, 3]]), np.arange(4.0))]},
+        "flow": {"flows": [{"path": VectorArray(vortex(), grid), "show": "streamlines", "seeds": {"count": 9}}]},
+    }
+    return found[kind]
 
 
 def picture(kinds: str, unit: float, **settings: Any) -> Pixels:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
+import resource
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from clusterviz.report import machine
 from clusterviz.report.frame_coherence import BLOCK, BLOCKS, rays_at_most
 from clusterviz.report.machine import Memory, memory
 
@@ -43,7 +43,7 @@ def test_a_limit_of_the_process_cuts_the_node_memory(tmp_path: Path, monkeypatch
     """As `ulimit -v` sets it; what the process has of it is not free."""
     folder, page = fake_root(tmp_path, None), os.sysconf("SC_PAGE_SIZE")
     (folder / "proc/self/statm").write_text(f"{(1 << 20) // page} 9 9 9 0 9 0\n")
-    monkeypatch.setattr(machine.resource, "getrlimit", lambda _: (3 << 20, 3 << 20))
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (3 << 20, 3 << 20))
     assert memory(folder) == Memory(3 << 20, 2 << 20)
 
 
