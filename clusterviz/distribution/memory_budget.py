@@ -111,7 +111,7 @@ def fitting_ranks(shares: Shares, above: int, brick_bytes: NDArray[np.int64], li
 
 @dataclass(frozen=True)
 class MemoryBudget:
-    """Memory budget, the same on every rank.
+    """Memory budget, the same on every rank; where nothing is limited the renderers do not matter.
 
     Attributes
     ----------
@@ -144,17 +144,22 @@ class MemoryBudget:
         return np.where(plan.cost > 0, sizes, 0)
 
 
-def memory_budget_of(run: Run, cluster: Cluster, shares_screen: bool) -> MemoryBudget:
+def memory_budget_of(run: Run, cluster: Cluster, shares_screen: bool, has_surfaces: bool = False) -> MemoryBudget:
     """Return the memory budget of a scene; collective.
 
     Parameters
     ----------
     shares_screen : True if ranks may share the screen; then a scene without a limit gets one: the smallest share of
         free memory of any rank
+    has_surfaces : there are meshes, lines, points or grids, whose bricks all have to be held
     """
-    mine = memory().available_bytes // run.channel.placement().local_size, prefers_cpu(run.options.device)
-    free, without = zip(*run.channel.allgather(mine), strict=True)
-    limit = cluster.memory_limit
-    if limit is None and shares_screen:
-        limit = int(HELD_SHARE_OF_MEMORY * min(free))
-    return MemoryBudget(limit, any(without), not all(without), int(LARGEST_SHARE_OF_MEMORY * min(free)) or None)
+    limit, free = cluster.memory_limit, None
+    if has_surfaces or (limit is None and shares_screen):
+        free = -run.channel.maximum(-(memory().available_bytes // run.channel.placement().local_size))
+    if limit is None and shares_screen and free is not None:
+        limit = int(HELD_SHARE_OF_MEMORY * free)
+    if limit is None and not free:
+        return MemoryBudget()
+    without = prefers_cpu(run.options.device)
+    held = int(LARGEST_SHARE_OF_MEMORY * free) if free and has_surfaces else None
+    return MemoryBudget(limit, bool(run.channel.maximum(without)), bool(run.channel.maximum(not without)), held)
