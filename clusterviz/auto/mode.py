@@ -76,7 +76,8 @@ class AutoMode:
             self._candidates = groups_of(scene, self._ranks, several)
         shares_screen = self._candidates != [1] or self._cluster.mode in ("sort-first", "hybrid")
         with run.collective("plan", "plan"):
-            self._budget = memory_budget_of(run, self._cluster, shares_screen)
+            has_surfaces = bool(scene.geometry or scene.grids)
+            self._budget = memory_budget_of(run, self._cluster, shares_screen, has_surfaces)
         self._is_open = opened is not None and len(self._candidates) > 1
         self._groups = self._candidates[0] if not self._is_open else None
         self._seconds_per_sample: float | None = None

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Choice, Hyperslab, Subset, first_parts
 from clusterviz.data.bricks import Box, read_boxes
 from clusterviz.data.field import open_field
-from clusterviz.data.files import PICTURES, require_file, start_of
+from clusterviz.data.files import PICTURES, check_free_memory, require_file, start_of
 from clusterviz.data.grid_files import SERIES, GridFile, grid_files
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.labels import as_labels
@@ -373,7 +373,7 @@ def read_geometry(path: str | Path) -> Geometry:
     if found is None:
         raise unknown_file(file, MESH_EXTENSIONS)
     with guard(DataError, path):
-        require_file(file, found.magic)
+        check_free_memory(file, require_file(file, found.magic))
         geometry: Geometry = _function(found.opener)(file)
         return geometry
 
@@ -408,7 +408,7 @@ def read_piece(file: GridFile) -> UnstructuredGrid:
             raise unknown_file(path, GRID_EXTENSIONS)
         require_regular_file(path, DataError)
         if found.magic:
-            require_file(path, found.magic)
+            check_free_memory(path, require_file(path, found.magic))
         if time is not None and not found.has_steps:
             allowed = (
                 f"a file of {', '.join(each.name for each in GRID_FORMATS if each.has_steps)}, {' or '.join(SERIES)}"

@@ -11,6 +11,7 @@ from typing import Protocol
 
 from clusterviz.errors import DataError
 from clusterviz.input_files import require_regular_file
+from clusterviz.report.machine import memory
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 KINDS = (
@@ -73,6 +74,25 @@ def start_of(path: Path) -> bytes:
     """Return the first bytes of an existing file."""
     with path.open("rb") as file:
         return file.read(START_BYTES)
+
+
+MAPPED = (".ply", ".trk", ".tck")
+"""Files of which no more than what is used need be in memory."""
+
+
+def check_free_memory(path: Path, size: int) -> None:
+    """Refuse a file of so many bytes, which is read as a whole, if less memory is free.
+
+    Raises
+    ------
+    DataError
+        Names both.
+    """
+    free = memory().available_bytes
+    if 0 < free < size and path.suffix.lower() not in MAPPED:
+        raise DataError(
+            "larger than the memory that is free", where=str(path), found=f"{size} bytes", allowed=f"up to {free} bytes"
+        )
 
 
 def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:

@@ -59,7 +59,8 @@ def arrows(
     if scale is None and not isinstance(length, float):
         placed = points.positions[points.finite].astype(np.float64)
         diagonal = float(np.linalg.norm(np.ptp(placed, axis=0))) if len(placed) else 0.0
-        scale = LONGEST * (diagonal or 1.0) / lengths[drawn].max(initial=0.0) if drawn.any() else 1.0
+        extent = diagonal or float(np.abs(placed).max(initial=0.0)) or 1.0
+        scale = LONGEST * extent / lengths[drawn].max(initial=0.0) if drawn.any() else 1.0
     lengths = lengths * (scale or 1.0)
     radii = SHAFT_RADIUS * lengths
     if radius is not None:

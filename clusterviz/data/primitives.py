@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from clusterviz.data.geometry import CHUNK, STEP, Attributes, Lines, Mesh, Points
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
+from clusterviz.report.machine import memory
 
 Floats = NDArray[np.float64]
 Kind = Literal["triangle", "tube", "sphere", "tetrahedron"]
@@ -25,6 +26,8 @@ ENDS: dict[Kind, slice] = {"triangle": slice(3), "tube": slice(1, 3), "sphere": 
 """Corners between which a primitive lies."""
 NEAR = 1e-3
 """Cells, more than the rounding of float32 positions in a brick."""
+KEYS_AT_ONCE = 3
+"""Times that keys are in memory."""
 FEW = 8
 """Bricks; a primitive whose box meets more is tested against each."""
 
@@ -310,8 +313,13 @@ def brick_keys(drawn: DrawnPrimitives, numbers: NDArray[np.int64], boxes: BrickB
     Parameters
     ----------
     numbers : ascending, of the primitives
+
+    Raises
+    ------
+    InputError
+        The keys take more memory than is free.
     """
-    keys = [np.empty(0, np.uint64)]
+    keys, held, free = [np.empty(0, np.uint64)], 0, memory().available_bytes
     for begin in range(0, len(numbers), STEP):
         some = numbers[begin : begin + STEP]
         corners = drawn.corners[some, ENDS[drawn.kind]]
@@ -319,7 +327,17 @@ def brick_keys(drawn: DrawnPrimitives, numbers: NDArray[np.int64], boxes: BrickB
         around = np.full(len(corners), boxes.reach + NEAR)
         if drawn.kind in ("tube", "sphere"):
             around += boxes.radius * (drawn.radii[corners[:, 0]] if len(drawn.radii) else 1.0)
-        keys += _keys(placed, around, some, boxes)
+        for found in _keys(placed, around, some, boxes):
+            keys.append(found)
+            # They are joined, sorted and sent.
+            held += KEYS_AT_ONCE * found.nbytes
+            if 0 < free < held:
+                raise InputError(
+                    "primitives lie in too many bricks for the memory that is free",
+                    where="cluster.brick",
+                    found=f"more than {held} bytes of {free}",
+                    allowed="larger bricks",
+                )
     joined = np.concatenate(keys)
     del keys
     joined.sort()

@@ -19,7 +19,7 @@ from clusterviz.data.source import Index
 from clusterviz.distribution.balancer import Balance, Policy, begin, complete, first_owners, learn, plan_moves, skip
 from clusterviz.distribution.brick_cost import expected_samples, predict, rank_costs, unmeasured
 from clusterviz.distribution.flights import Flight, dispatch, withdraw
-from clusterviz.distribution.memory_budget import MemoryBudget, check_memory
+from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.errors import InputError
 from clusterviz.frame.work import Mode
 from clusterviz.partition import UNASSIGNED, Owners, Piece, RayOrigin, owner_pieces, ray_origin
@@ -237,7 +237,7 @@ class Dynamic:
         def shares(ranks: int) -> NDArray[np.int64]:
             return first_owners(cost, ranks, _eye(plan)).sums(sizes)
 
-        check_memory(shares, self._ranks, sizes, self._budget.limit_bytes)
+        self._budget.check(shares, self._ranks, sizes)
         largest = int(shares(self._ranks).max())
         limit = self._budget.limit_bytes or max(largest, EVEN_SHARES * int(sizes.sum()) // self._ranks)
         if self._budget_bytes is not None and self._budget_bytes < wire.max():

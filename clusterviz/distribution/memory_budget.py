@@ -1,11 +1,12 @@
 """Memory that each rank may use for bricks, and the check that its bricks fit.
 
 The size of a brick is that of its storage in the renderer: OpenGL keeps packed words or texels, the CPU ray caster one
-word a voxel. Primitives and tetrahedra are counted as ranks hold them, in main memory, and tetrahedra
-also as they are drawn. If ranks use different renderers, the larger size counts. All ranks decide before bricks are
+word a voxel. Primitives and tetrahedra are counted as ranks hold them, in main memory, and as they are
+drawn. If ranks use different renderers, the larger size counts. All ranks decide before bricks are
 loaded.
 
-If bricks can be drawn in passes (`frame/residency.py`), a limit must only suffice for one brick.
+If bricks can be drawn in passes (`frame/residency.py`), a limit must only suffice for one brick. Others are refused
+beyond the limit, or beyond the memory that is free, before they are read.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from clusterviz.frame.residency import least_bytes
 from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import brick_bytes
-from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
+from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, LARGEST_SHARE_OF_MEMORY, memory
 from clusterviz.scene.values import Cluster
 
 if TYPE_CHECKING:
@@ -32,7 +33,9 @@ Shares = Callable[[int], NDArray[np.int64]]
 """Bytes of bricks that each of a number of ranks would hold, int64 (ranks,)."""
 
 
-def check_memory(shares: Shares, ranks: int, brick_bytes: NDArray[np.int64], limit_bytes: int | None) -> None:
+def check_memory(
+    shares: Shares, ranks: int, brick_bytes: NDArray[np.int64], limit_bytes: int | None, is_free: bool = False
+) -> None:
     """Refuse a limit below the largest share.
 
     Parameters
@@ -41,13 +44,14 @@ def check_memory(shares: Shares, ranks: int, brick_bytes: NDArray[np.int64], lim
     ranks : number of ranks
     brick_bytes : int64 (bz, by, bx), 0 for bricks that are not held
     limit_bytes : of bricks a rank; None: no limit
+    is_free : the limit is not one that was asked for, but the memory that is free
 
     Raises
     ------
     InputError
         Names the largest share, and a sufficient number of ranks, if any.
     """
-    if limit_bytes is None:
+    if limit_bytes is None or int(brick_bytes.sum()) <= limit_bytes:
         return
     most = int(shares(ranks).max())
     if most <= limit_bytes:
@@ -60,7 +64,7 @@ def check_memory(shares: Shares, ranks: int, brick_bytes: NDArray[np.int64], lim
         remedy = f"{most} bytes a rank"
     raise InputError(
         f"the largest share of {ranks} {'rank' if ranks == 1 else 'ranks'} takes {most} bytes",
-        where="cluster.memory_limit",
+        where="the memory that is free" if is_free else "cluster.memory_limit",
         found=f"{limit_bytes} bytes a rank",
         allowed=remedy,
     )
@@ -107,18 +111,28 @@ def fitting_ranks(shares: Shares, above: int, brick_bytes: NDArray[np.int64], li
 
 @dataclass(frozen=True)
 class MemoryBudget:
-    """Memory budget, the same on every rank; without a limit the renderers do not matter.
+    """Memory budget, the same on every rank; where nothing is limited the renderers do not matter.
 
     Attributes
     ----------
     limit_bytes : of bricks that a rank may hold; None: no limit
     on_cpu : some rank prefers the CPU ray caster
     by_opengl : some rank draws everything by OpenGL
+    free_bytes : the smallest memory of a rank that is free for bricks; None: unknown
     """
 
     limit_bytes: int | None = None
     on_cpu: bool = False
     by_opengl: bool = True
+    free_bytes: int | None = None
+
+    def check(self, shares: Shares, ranks: int, brick_bytes: NDArray[np.int64]) -> None:
+        """Refuse bricks, which all have to be held, beyond the limit, or without one beyond the memory that is free.
+
+        Parameters as of `check_memory`, which raises.
+        """
+        limit = self.free_bytes if self.limit_bytes is None else self.limit_bytes
+        check_memory(shares, ranks, brick_bytes, limit, is_free=self.limit_bytes is None)
 
     def brick_bytes(self, plan: Plan) -> NDArray[np.int64]:
         """Return the size of each brick in bytes, int64 (bz, by, bx); 0 for bricks that are not visible."""
@@ -126,25 +140,26 @@ class MemoryBudget:
         if self.on_cpu and self.by_opengl:
             sizes = np.maximum(sizes, brick_bytes(plan, on_cpu=False))
         for layer in plan.content.layers if plan.content else ():
-            sizes = sizes + layer.nbytes
-        for grid in plan.content.cells if plan.content else ():
-            sizes = sizes + grid.table_bytes
+            sizes = sizes + layer.nbytes + layer.table_bytes
         return np.where(plan.cost > 0, sizes, 0)
 
 
-def memory_budget_of(run: Run, cluster: Cluster, shares_screen: bool) -> MemoryBudget:
+def memory_budget_of(run: Run, cluster: Cluster, shares_screen: bool, has_surfaces: bool = False) -> MemoryBudget:
     """Return the memory budget of a scene; collective.
 
     Parameters
     ----------
     shares_screen : True if ranks may share the screen; then a scene without a limit gets one: the smallest share of
         free memory of any rank
+    has_surfaces : there are meshes, lines, points or grids, whose bricks all have to be held
     """
-    limit = cluster.memory_limit
-    if limit is None and shares_screen:
-        mine = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
-        limit = -run.channel.maximum(-int(mine))
-    if limit is None:
+    limit, free = cluster.memory_limit, None
+    if has_surfaces or (limit is None and shares_screen):
+        free = -run.channel.maximum(-(memory().available_bytes // run.channel.placement().local_size))
+    if limit is None and shares_screen and free is not None:
+        limit = int(HELD_SHARE_OF_MEMORY * free)
+    if limit is None and not free:
         return MemoryBudget()
     without = prefers_cpu(run.options.device)
-    return MemoryBudget(limit, bool(run.channel.maximum(without)), bool(run.channel.maximum(not without)))
+    held = int(LARGEST_SHARE_OF_MEMORY * free) if free and has_surfaces else None
+    return MemoryBudget(limit, bool(run.channel.maximum(without)), bool(run.channel.maximum(not without)), held)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
 from clusterviz.distribution.brick_cost import expected_samples, measure, predict, rank_costs, unmeasured
-from clusterviz.distribution.memory_budget import MemoryBudget, check_memory, check_passes
+from clusterviz.distribution.memory_budget import MemoryBudget, check_passes
 from clusterviz.frame.residency import has_passes
 from clusterviz.frame.work import Mode
 from clusterviz.partition import (
@@ -81,11 +81,11 @@ class StaticDistribution(Generic[Assigned]):
             The bricks of a rank do not fit into its memory; if they are drawn in passes, one does not.
         """
         if self._current is None or shows_more(plan, self._current[1]):
-            cost, sizes, limit = plan.cost, self._budget.brick_bytes(plan), self._budget.limit_bytes
+            cost, sizes = plan.cost, self._budget.brick_bytes(plan)
             if has_passes(plan):
-                check_passes(plan, sizes, limit)
+                check_passes(plan, sizes, self._budget.limit_bytes)
             else:
-                check_memory(lambda n: self._sums(self._assign(cost, n), sizes), self._ranks, sizes, limit)
+                self._budget.check(lambda n: self._sums(self._assign(cost, n), sizes), self._ranks, sizes)
             self._current = self._assign(cost, self._ranks), cost
         return self._current[0]
 

@@ -233,7 +233,7 @@ def _span(vectors: VectorSource | Cells, settings: Trace, kind: LineKind, first_
         return Span(begin, end, ((first, first, begin, end),))
     begin, last = float(times[first]), float(times[-1])
     end = last if settings.duration is None else begin + settings.duration
-    if first == len(times) - 1 or end > last * (1 + 1e-12) + 1e-12:
+    if first == len(times) - 1 or end > last + 1e-12 * max(abs(begin), abs(last)):
         found, allowed = f"a duration of {end - begin:g} from {begin:g} on", f"at most {last - begin:g}"
         raise InputError("the time steps end before", where=where, found=found, allowed=allowed)
     used = [n for n in range(first, len(times) - 1) if times[n] < end]

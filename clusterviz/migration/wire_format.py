@@ -46,7 +46,7 @@ class WireFormat:
     stamp : of the storage format, which depends on the plan
     part_bytes : length of a part of the stream, a multiple of 16
     layers : of geometry and of unstructured grids
-    index_zyx : of the brick, if it has any
+    index_zyx : of the brick, if it has any, or is one of several volumes
     """
 
     slot: Slot
@@ -58,7 +58,7 @@ class WireFormat:
 
     def of(self, brick: Index) -> WireFormat:
         """Return the wire format of one brick, as sizes may differ."""
-        if self.layers:
+        if self.layers or self.slot.mixed:
             return replace(self, index_zyx=brick)
         return self if self.slot.layout is None else replace(self, slot=self.slot.at(brick))
 
@@ -167,8 +167,9 @@ class WireFormat:
     @property
     def _range_shape(self) -> tuple[int, ...]:
         """Shape of the lows, and of the highs."""
-        volumes = (len(self.slot.parts),) if self.slot.mixed else ()
-        return (*volumes, *self.slot.groups_zyx)
+        if self.slot.group_box is None or self.index_zyx is None:
+            return self.slot.groups_zyx
+        return (len(self.slot.parts), *self.slot.group_box.shape_of(self.index_zyx))
 
     @property
     def _pixel_bytes(self) -> int:

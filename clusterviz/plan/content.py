@@ -242,7 +242,8 @@ def make_content(
     domain = domain_of(scene, volumes, geometry, grids)
     # Bricks of volumes are as large as is asked for, since voxels are what takes memory.
     side = 0.0 if volumes else min((known.info.side for known in grids), default=0.0)
-    layout = domain_layout(domain, scene.cluster.brick, bool(geometry or grids), side)
+    own = sum(math.prod(BrickLayout(known.grid.shape_zyx, scene.cluster.brick).counts_zyx) for known in volumes)
+    layout = domain_layout(domain, scene.cluster.brick, bool(geometry or grids), side, own)
     cost = np.zeros(layout.counts_zyx)
     volume_layers = []
     for number, (volume, known) in enumerate(zip(scene.volumes, volumes, strict=True)):

@@ -25,6 +25,8 @@ MOST_BRICKS = 1 << 20
 """Every rank holds arrays over all bricks."""
 MOST_WITH_GEOMETRY = 1 << 16
 """Bricks are larger than asked for if there would be more around geometry, which may lie far apart."""
+MOST_BESIDE_VOLUMES, TIMES_OWN = 1 << 12, 8
+"""The same beside volumes, unless they have more bricks of their own; then so many times these."""
 CELLS_OF_GEOMETRY = 512
 """Cells along the longest side of a domain without volumes, at least; at most twice as many."""
 GROWTH = 2.0**-10
@@ -95,7 +97,9 @@ def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()
     return Domain((float(low[0]), float(low[1]), float(low[2])), spacing, (x, y, z))
 
 
-def domain_layout(domain: Domain, brick: int, has_geometry: bool = False, side: float = 0.0) -> BrickLayout:
+def domain_layout(
+    domain: Domain, brick: int, has_geometry: bool = False, side: float = 0.0, own_bricks: int = 0
+) -> BrickLayout:
     """Return the brick layout of a domain.
 
     Parameters
@@ -104,6 +108,7 @@ def domain_layout(domain: Domain, brick: int, has_geometry: bool = False, side: 
     has_geometry : bricks may be larger, by a power of two
     side : mean side of the box around a tetrahedron, world units; bricks of `USUAL_BRICK` cells are made so much larger
         that they hold most tetrahedra alone, and others in proportion
+    own_bricks : of the volumes alone; 0 without any
 
     Raises
     ------
@@ -119,7 +124,9 @@ def domain_layout(domain: Domain, brick: int, has_geometry: bool = False, side: 
         wanted = min(SIDES_A_BRICK * side / domain.spacing, longest / ENOUGH_BRICKS)
         wanted = min(max(wanted, LEAST_SIDES * side / domain.spacing), longest / 2)
         brick = math.ceil(brick * max(1.0, wanted / USUAL_BRICK))
-    while has_geometry and count() > MOST_WITH_GEOMETRY and brick < LARGEST_BRICK:
+    beside = max(MOST_BESIDE_VOLUMES, TIMES_OWN * own_bricks) if own_bricks else MOST_WITH_GEOMETRY
+    most = min(beside, MOST_WITH_GEOMETRY)
+    while has_geometry and count() > most and brick < LARGEST_BRICK:
         brick *= 2
     if count() > MOST_BRICKS:
         size = " × ".join(f"{length:.3g}" for length in domain.extent)

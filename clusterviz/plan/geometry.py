@@ -108,6 +108,19 @@ class GeometryLayer:
         found: NDArray[np.int64] = primitives * each[0] + positions * each[1]
         return found
 
+    @property
+    def table_bytes(self) -> NDArray[np.int64]:
+        """Bytes that each brick adds to what is drawn, at most, int64 (bz, by, bx).
+
+        These are corners of primitives, positions as in the file and in two more forms, normals and colours.
+        """
+        primitives, positions = self.in_bricks
+        colours = 4 * self.channels
+        each = 16 + colours * (self.colour_of == "primitives"), 3 * self.position_type.itemsize + 4 + 2 * 16
+        more = 12 * self.has_normals + colours * (self.colour_of == "vertices")
+        found: NDArray[np.int64] = primitives * each[0] + positions * (each[1] + more)
+        return found
+
     def forms(self, primitives: int, positions: int) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
         """Return shape and type of each array of `Primitives`, by name, for given numbers of both."""
         single, whole = np.dtype(np.float32), np.dtype(np.uint32)

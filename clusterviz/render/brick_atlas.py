@@ -23,8 +23,9 @@ from clusterviz.partition import UNASSIGNED, BrickBox, Owners, bounding_box, bui
 from clusterviz.plan.cells import CellBrick
 from clusterviz.plan.geometry import Primitives
 from clusterviz.plan.plan import Plan
+from clusterviz.render.group_box import skips_in_box
 from clusterviz.render.storage import STORED_TYPE, Slot
-from clusterviz.render.stored_brick import Stored, doubling_bits, visibility_bits
+from clusterviz.render.stored_brick import Ranges, Stored, doubling_bits, visibility_bits
 from clusterviz.scene.transfer import TransferFunction
 
 Index = tuple[int, int, int]
@@ -50,7 +51,7 @@ class BrickAtlas:
         self._context, self._slot, self.slot_count = context, slot, slot_count
         self.slots: dict[Index, int] = {}
         self._free = list(range(slot_count))[::-1]
-        self._ranges: tuple[NDArray[Any], NDArray[Any]] | None = None
+        self._ranges: dict[int, Ranges] = {}
         self._bends = np.zeros((slot_count, 2, *slot.groups_zyx), np.float32) if slot.adaptive else None
         self._doublings: tuple[TransferFunction, NDArray[np.uint32]] | None = None
         self._counts = np.zeros(slot_count, np.int64)
@@ -106,7 +107,7 @@ class BrickAtlas:
         """Read bricks back from the GPU."""
         for index in bricks:
             number = self.slots[index]
-            low, high = (side[number] for side in self._ranges or ())
+            low, high = self._ranges[number]
             bend = None if self._bends is None else self._bends[number]
             words = self._words(number) if isinstance(self._voxels, moderngl.Buffer) else self._texels(number)
             count, members = int(self._counts[number]), self._members[number]
@@ -130,16 +131,17 @@ class BrickAtlas:
         Returns
         -------
         offsets : int32, one for each brick of the box: first word (buffer) or slot number (texture), −1 for none
-        groups : uint32, `slot.group_words` for each brick of the box
+        groups : uint32, `slot.group_words` for each brick of the box; int32 of several volumes, as `skips_in_box`
         """
         numbers = np.array([self.slots[z, y, x] for z, y, x in bricks.tolist()])
         places = tuple((bricks - box.begin_zyx).T)
         offsets = np.full(box.shape_zyx, -1, np.int32)
         offsets[places] = numbers if self._slot.textured else numbers * self._slot.words
+        if self._slot.group_box:
+            each = [self._ranges[number] for number in numbers.tolist()]
+            return offsets, skips_in_box(plan, self._slot.group_box, bricks, each, far=False)
         groups = np.zeros((*box.shape_zyx, self._slot.group_words), np.uint32)
-        assert self._ranges, "no slot was filled"
-        ranges = self._ranges[0][numbers], self._ranges[1][numbers]
-        words = visibility_bits(ranges, plan, self._slot)
+        words = visibility_bits(self._stacked(numbers), plan, self._slot)
         if self._bends is not None:
             words = np.concatenate([words, self._stretches(plan)[numbers]], axis=1)
         groups[places] = words
@@ -148,10 +150,17 @@ class BrickAtlas:
     def _stretches(self, plan: Plan) -> NDArray[np.uint32]:
         """Return the lengths of slabs in the groups of all slots, cached for one transfer function."""
         if self._doublings is None or self._doublings[0] is not plan.transfer:
-            assert self._ranges, "no slot was filled"
             assert self._bends is not None, "the step is fixed"
-            self._doublings = plan.transfer, doubling_bits(self._ranges, self._bends, plan, self._slot)
+            found = np.zeros((self.slot_count, 2 * self._slot.visibility_words), np.uint32)
+            used = np.array(sorted(self._ranges))
+            found[used] = doubling_bits(self._stacked(used), self._bends[used], plan, self._slot)
+            self._doublings = plan.transfer, found
         return self._doublings[1]
+
+    def _stacked(self, numbers: NDArray[np.int64]) -> Ranges:
+        """Return low and high of slots, each (n, *slot.groups_zyx)."""
+        each = [self._ranges[number] for number in numbers.tolist()]
+        return np.stack([low for low, _ in each]), np.stack([high for _, high in each])
 
     def bind(self) -> None:
         """Bind the buffer or texture for drawing."""
@@ -165,10 +174,7 @@ class BrickAtlas:
         self._voxels.release()
 
     def _note(self, number: int, stored: Stored) -> None:
-        if self._ranges is None:
-            shape = (self.slot_count, *stored.low.shape)
-            self._ranges = np.zeros(shape, stored.low.dtype), np.zeros(shape, stored.high.dtype)
-        self._ranges[0][number], self._ranges[1][number] = stored.low, stored.high
+        self._ranges[number] = stored.low, stored.high
         if self._bends is not None:
             self._bends[number], self._doublings = stored.bend, None
         self._counts[number], self._members[number] = stored.voxels, (stored.primitives, stored.cells)
@@ -179,9 +185,7 @@ class BrickAtlas:
         self._free = [number for number in range(self.slot_count)[::-1] if number >= smaller.slot_count] + smaller._free
         self._counts = _lengthened(smaller._counts, self.slot_count)
         self._members = smaller._members
-        if smaller._ranges is not None:
-            low, high = (_lengthened(side, self.slot_count) for side in smaller._ranges)
-            self._ranges = low, high
+        self._ranges = smaller._ranges
         if smaller._bends is not None:
             self._bends = _lengthened(smaller._bends, self.slot_count)
 

@@ -20,7 +20,7 @@ from clusterviz.data.source import Index
 from clusterviz.plan.content import Content, ContentBrick, VolumeLayer
 from clusterviz.plan.domain import Cut
 from clusterviz.plan.plan import Plan
-from clusterviz.render.storage import GROUP, Slot
+from clusterviz.render.storage import GROUP, GroupBox, Slot
 from clusterviz.render.stored_brick import Ranges, Stored, group_ranges, store
 
 Words = NDArray[np.uint32]
@@ -132,44 +132,42 @@ def content_ranges(portions: ContentBrick, content: Content, slot: Slot) -> Rang
 
     Returns
     -------
-    low, high : float64 (volumes, *slot.groups_zyx); NaN where a volume has no samples
+    low, high : float64 (volumes, gz, gy, gx) of the groups that the brick has (`GroupBox.of`); NaN where a volume has
+        no samples
     """
-    pairs = [
-        _ranges_of_part(samples, volume_layer, part, portions.index_zyx, slot)
-        for samples, volume_layer, part in zip(portions.samples, content.volume_layers, slot.parts, strict=True)
-    ]
-    found: NDArray[Any] = np.array(pairs).reshape(-1, 2, *slot.groups_zyx)
+    assert slot.group_box, "the brick is one of several volumes"
+    groups = slot.group_box.shape_of(portions.index_zyx)
+    found = np.full((len(slot.parts), 2, *groups), np.nan)
+    for own, samples, layer, part in zip(found, portions.samples, content.volume_layers, slot.parts, strict=True):
+        if samples is not None and own.size:
+            _add_ranges(own, samples, layer, part, portions.index_zyx, slot.group_box)
     return found[:, 0], found[:, 1]
 
 
-def _ranges_of_part(
-    samples: NDArray[Any] | None, volume_layer: VolumeLayer, part: Slot, index_zyx: tuple[int, int, int], slot: Slot
-) -> Ranges:
-    found = np.full((2, *slot.groups_zyx), np.nan)
-    if samples is None:
-        return found[0], found[1]
+def _add_ranges(
+    found: NDArray[Any], samples: NDArray[Any], volume_layer: VolumeLayer, part: Slot, index_zyx: Index, box: GroupBox
+) -> None:
+    """Write the extremes (2, gz, gy, gx) of a volume's samples in the groups of a brick."""
     cut = volume_layer.cut_of(index_zyx)
     # Groups of as many cells of the level as a group of the finest one spans.
     group = max(1, GROUP >> cut.level)
     of_level = replace(part, cells_zyx=cut.most_cells_zyx) if cut.level else part
     low, high = (side.astype(np.float64) for side in group_ranges(samples, of_level, group))
-    begin, end = _groups_met(cut, index_zyx, slot, group)
+    begin, end = _groups_met(cut, index_zyx, box, group)
     met = (end > begin).all(axis=-1)
     # Few groups of voxels meet a group of cells along each axis.
     for offset in np.ndindex(*(end - begin).reshape(-1, 3).max(axis=0).clip(0).tolist()):
         there = tuple(np.moveaxis(np.minimum(begin + offset, end - 1), -1, 0))
         found[0] = np.where(met, np.fmin(found[0], low[there]), found[0])
         found[1] = np.where(met, np.fmax(found[1], high[there]), found[1])
-    return found[0], found[1]
 
 
-def _groups_met(
-    cut: Cut, index_zyx: tuple[int, int, int], slot: Slot, group: int
-) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+def _groups_met(cut: Cut, index_zyx: Index, box: GroupBox, group: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Return half-open boxes (gz, gy, gx, 3), (z, y, x), of groups of voxels around the image of each group."""
-    z, y, x = np.meshgrid(*(np.arange(count) for count in slot.groups_zyx), indexing="ij")
-    begin = np.array(index_zyx[::-1], np.float64) * cut.layout.brick + GROUP * np.stack([x, y, z], axis=-1)
-    low, high = cut.images(begin, np.minimum(begin + GROUP, cut.extent))
+    z, y, x = np.meshgrid(*map(np.arange, *box.of(index_zyx)), indexing="ij")
+    first = np.array(index_zyx[::-1])
+    begin = first * cut.layout.brick + np.ldexp(np.stack([x, y, z], axis=-1) - 1.0 * box.in_brick * first, box.shift)
+    low, high = cut.images(begin, np.minimum(begin + (1 << box.shift), cut.extent))
     first = np.array(cut.cell_box(index_zyx)[0][::-1])
     last_group = np.array([-(-cells // group) - 1 for cells in cut.most_cells_zyx[::-1]])
     begins = np.clip(np.floor((low - cut.slack - first) / group), 0, last_group).astype(int)

@@ -14,16 +14,56 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.bricks import Box, BrickLayout
+from clusterviz.plan.content import Content
+from clusterviz.plan.domain import SLACK
 from clusterviz.plan.encoding import Encoding, VoxelKind
 from clusterviz.plan.plan import March, Plan
 
 Index = tuple[int, int, int]
 HEADER_WORDS = 4  # for each volume, in front of the parts of a brick of several volumes; as in volume_layer.glsl
 LEVEL_WORDS = 4  # more of them, if a volume has levels; as in levels.glsl
-GROUP = 8  # cells along the side of a group, as in march.glsl
+GROUP = 8  # cells along the side of a group
+MOST_GROUPS = 1 << 23  # of a domain; each takes 4 bytes
 STORED_TYPE: dict[VoxelKind, str] = {"u8": "u1", "u16": "<u2", "f32": "<f4"}
 TEXEL_SCALE: dict[VoxelKind, float] = {"u8": 255.0, "u16": 65535.0, "f32": 1.0}
+
+
+@dataclass(frozen=True)
+class GroupBox:
+    """Groups of cells of a domain with several volumes or with geometry, in a box around all volumes.
+
+    What is known of groups takes memory where volumes are, however large the domain and its bricks. Groups are counted
+    brick by brick along each axis, and may be cut by the bricks' ends.
+
+    Attributes
+    ----------
+    begin_zyx, end_zyx : groups, half-open; equal without volumes
+    shift : a group has 1 << shift cells along its side
+    brick : cells along the side of a brick
+    """
+
+    begin_zyx: Index
+    end_zyx: Index
+    shift: int
+    brick: int
+
+    @property
+    def in_brick(self) -> int:
+        """Groups along the side of a brick."""
+        return -(-self.brick >> self.shift)
+
+    def of(self, index_zyx: Index) -> Box:
+        """Return the groups of the box that a brick has, half-open."""
+        low, high = (np.array(side) for side in (self.begin_zyx, self.end_zyx))
+        first = self.in_brick * np.array(index_zyx, np.int64)
+        (z, y, x), (z_end, y_end, x_end) = np.clip([first, first + self.in_brick], low, high).tolist()
+        return (z, y, x), (z_end, y_end, x_end)
+
+    def shape_of(self, index_zyx: Index) -> Index:
+        """Return the number of these along each axis; zeros if there are none."""
+        z, y, x = (end - begin for begin, end in zip(*self.of(index_zyx), strict=True))
+        return (z, y, x) if min(z, y, x) else (0, 0, 0)
 
 
 @dataclass(frozen=True)
@@ -38,9 +78,10 @@ class Slot:
     margin : samples beyond the cells' corners, on every side
     reach : cells beyond its own in which the brick samples the field
     spread : samples beyond a cell's corners on which its pixels depend
-    parts : slots of several volumes, one after the other behind a header; cells are then those of the domain
+    parts : slots of several volumes, one after the other behind a header; it has then no cells of its own
     mixed : a brick of the domain of several volumes, which with geometry may be one or none
     has_levels : of one of several volumes: a brick may hold samples of a coarser level, and then has fewer cells
+    group_box : groups of cells of a brick of several volumes
     adaptive : slabs may be longer in some groups of its cells
     layout : layout with bricks of several sizes, of which this is the largest slot; None: all bricks have this slot
     """
@@ -56,6 +97,7 @@ class Slot:
     layout: BrickLayout | None = None
     mixed: bool = False
     has_levels: bool = False
+    group_box: GroupBox | None = None
 
     def at(self, index_zyx: Index) -> Slot:
         """Return the slot of a brick."""
@@ -180,9 +222,8 @@ class Slot:
 
 def slot_of(plan: Plan) -> Slot:
     """Return the slot of a plan's bricks, with a part for each of several volumes."""
-    slot = make_slot(plan.layout, plan.encoding, plan.march)
     if plan.content is None:
-        return slot
+        return make_slot(plan.layout, plan.encoding, plan.march)
     parts = (
         # The cells include the reach; it is stored so that slots of different reach differ.
         Slot(
@@ -196,7 +237,31 @@ def slot_of(plan: Plan) -> Slot:
         )
         for part in plan.content.volume_layers
     )
-    return Slot(slot.cells_zyx, "f32", False, parts=tuple(parts), mixed=True)
+    box = group_box_of(plan.content, plan.layout)
+    return Slot((1, 1, 1), "f32", False, parts=tuple(parts), mixed=True, group_box=box)
+
+
+def group_box_of(content: Content, layout: BrickLayout) -> GroupBox:
+    """Return the groups of cells around all volumes; larger than `GROUP` cells where there would be too many."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for cut in (part.cut for part in content.volume_layers if min(part.cut.shape_zyx) > 1):
+        matrix, offset = cut.index_from_domain[:, :3], cut.index_from_domain[:, 3]
+        ends = np.array([np.full(3, -SLACK), np.array(cut.shape_zyx[::-1]) - 1 + SLACK])
+        corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+        cells = np.linalg.solve(matrix, (corners - offset).T).T
+        low, high = np.minimum(low, cells.min(axis=0) - cut.reach), np.maximum(high, cells.max(axis=0) + cut.reach)
+    shift = GROUP.bit_length() - 1
+    if (low > high).any():
+        return GroupBox((0, 0, 0), (0, 0, 0), shift, layout.brick)
+    last = np.array(layout.cells_zyx[::-1]) - 1
+    first, end = (np.clip(np.floor(side), 0, last).astype(np.int64) for side in (low, high))
+    while np.prod((end >> shift) - (first >> shift) + 1.0) > MOST_GROUPS:
+        shift += 1
+    in_brick, brick = -(-layout.brick >> shift), layout.brick
+    (x, y, z), (x_end, y_end, z_end) = (
+        (cell // brick * in_brick + (cell % brick >> shift) + more).tolist() for cell, more in ((first, 0), (end, 1))
+    )
+    return GroupBox((z, y, x), (z_end, y_end, x_end), shift, brick)
 
 
 def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:

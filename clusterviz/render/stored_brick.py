@@ -38,7 +38,8 @@ class Stored:
     ----------
     samples : uint8, uint16 or float32 (z, y, x), encoded by `Encoding.encode`, at most as many as a slot has; the words
         of the slot with several volumes
-    low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`
+    low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`; with
+        several volumes those of `content_ranges`
     voxels : number of samples before encoding
     bend : result of `group_curvature`; None without an adaptive step
     primitives, cells : as in `ContentBrick`
@@ -101,7 +102,8 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    ranges : low and high of n bricks, each (n, gz, gy, gx); of several volumes (n, volumes, gz, gy, gx)
+    ranges : low and high of n bricks, each (n, gz, gy, gx); of several volumes (n, volumes, gz, gy, gx), where a brick
+        may have any number of groups along an axis
 
     Returns
     -------
@@ -112,9 +114,7 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
         return _visible(low, high, plan.blend_mode, plan.transfer)
     each = enumerate(plan.content.volume_layers)
     visible = [_visible(low[:, n], high[:, n], part.blend_mode, part.transfer) for n, part in each]
-    # Where walks go is not known here.
-    all_visible = np.full((len(low), *low.shape[2:]), bool(plan.content.cells))
-    return np.asarray(np.any([all_visible, *visible], axis=0))
+    return np.asarray(np.any(visible, axis=0))
 
 
 def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32]:

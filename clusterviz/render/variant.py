@@ -196,7 +196,7 @@ class Variant:
             "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
             "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
             "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
-            "GROUPS": "groups.glsl",
+            "GROUPS": ("groups.glsl", "groups_of_bricks.glsl"),
             "PROFILE": f"profile_{self.profile}.glsl" if self.profile else "no_profile.glsl",
             "PACKETS": NOTHING,
             "MAIN": "pixels.glsl",
@@ -219,10 +219,10 @@ class Variant:
             found["WORDS"] = "words_wide.glsl"
         if self.cpu.pitched:
             found["PITCH"] = "pitches.glsl"
-        if not self.slot.adaptive:
-            found["GROUPS"] = "skips.glsl"
         if self.is_mixed:
             return found
+        if not self.slot.adaptive:
+            found["GROUPS"] = "skips.glsl", "groups_of_bricks.glsl"
         found["VOXEL"] = voxel_files(self.slot, True)
         found["SCALAR"] = field_file(self.filter, self.slot, True)
         if found["SCALAR"] == "linear_cells.glsl":
@@ -279,7 +279,7 @@ class Variant:
         planes = PLANES if self.crossing else 0
         cells = self.geometry.cells(self.cpu is not None, planes) if self.geometry else ()
         files = content_files(self.volumes, self.crossing, pieces, geometry, cells)
-        return one | {"CLIP": ("kept.glsl", clip), "RUN": files}
+        return one | {"CLIP": ("kept.glsl", clip), "RUN": files, "GROUPS": "groups_of_domain.glsl"}
 
     @property
     def _record_bytes(self) -> int:
@@ -482,7 +482,9 @@ def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
 
 def _without_size(slot: Slot) -> Slot:
     parts = tuple(map(_without_size, slot.parts))
-    return replace(slot, cells_zyx=(1, 1, 1), textured=False, margin=0, spread=0, parts=parts, layout=None)
+    return replace(
+        slot, cells_zyx=(1, 1, 1), textured=False, margin=0, spread=0, parts=parts, layout=None, group_box=None
+    )
 
 
 def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
@@ -502,7 +504,7 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
     fits = records <= uniform_bytes
     return Variant(
         plan.march.filter,
-        slot,
+        replace(slot, group_box=None),
         plan.layout.brick,
         plan.segments.further_starts,
         uniform_bytes if fits else 0,

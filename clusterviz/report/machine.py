@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import resource
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 HELD_SHARE_OF_MEMORY = 0.4
 """Share of free memory that bricks may take."""
+LARGEST_SHARE_OF_MEMORY = 0.8
+"""Share of free memory beyond which what cannot be drawn in passes is refused."""
 
 
 @dataclass(frozen=True)
@@ -93,17 +96,17 @@ class MachineReport:
 
 
 def memory(root: Path = Path("/")) -> Memory:
-    """Return this node's memory, or the control group's limit set by a scheduler or container.
+    """Return this node's memory, or the limit of this process or of its control group, set by a scheduler or container.
 
     Parameters
     ----------
     root : folder in which `proc` and `sys` are mounted
     """
     total, available = _node_memory(root)
-    limit, used = _group_memory(root)
-    if limit is None or limit >= total:
-        return Memory(total, available)
-    return Memory(limit, max(0, min(available, limit - used)))
+    for limit, used in (_group_memory(root), _process_memory(root)):
+        if limit is not None and limit < total:
+            total, available = limit, max(0, min(available, limit - used))
+    return Memory(total, available)
 
 
 def _node_memory(root: Path) -> tuple[int, int]:
@@ -114,6 +117,18 @@ def _node_memory(root: Path) -> tuple[int, int]:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), 0
     kibibytes = {name: int(rest.split()[0]) for name, _, rest in (line.partition(":") for line in lines)}
     return kibibytes.get("MemTotal", 0) * 1024, kibibytes.get("MemAvailable", 0) * 1024
+
+
+def _process_memory(root: Path) -> tuple[int | None, int]:
+    """Return limit and use in bytes of the process's addresses; None without a limit (ulimit -v)."""
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return None, 0
+    try:
+        pages = int((root / "proc/self/statm").read_text().split()[0])
+    except OSError:
+        return limit, 0
+    return limit, pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def _group_memory(root: Path) -> tuple[int | None, int]:

@@ -75,7 +75,8 @@ class RankFrame:
     passes : parts of this rank's bricks that were loaded one after another, within a limit of memory; 0 without one
     brick_memory_bytes : with a limit, most memory of voxels, samples that were read, and decoded bricks of stores
     samples : field samples of all rays, and their segments in the tetrahedra of unstructured grids; a segment counts
-        once, on the rank that owns its begin
+        once, on the rank that owns its begin. Empty groups of cells are skipped, but a run of samples goes on to its
+        brick's end, so the number depends on `cluster.brick`
     samples_estimate : samples of these in a pre-pass
     cpu_seconds : CPU time of drawing, all threads
     bytes_raw, bytes_sent, messages_sent : bytes and messages of compositing without the final gather

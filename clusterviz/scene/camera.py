@@ -60,7 +60,7 @@ def fitted_camera(
     ----------
     camera : the camera of a scene file
     corners : float64 (n, 3), points to fit into the picture, world
-    spacing : world units; the size of a scene whose points all coincide
+    spacing : world units; the size of a volume of one sample; 0 without volumes
     size : width and height of the picture, pixels
     orientation : anatomical directions of x, y and z of the world, such as "RAS"; "" if unknown
     margin : around the points, as a share of half the picture's sides
@@ -171,12 +171,12 @@ def half_height(camera: Camera, ahead: Floats) -> Floats:
 def bounding_sphere(corners: Floats, spacing: float) -> tuple[Vector, float]:
     """Return centre and radius (world) of a sphere around points.
 
-    The radius is at least `spacing`, and large enough to change coordinates of the centre's magnitude.
+    The radius is at least `spacing`, and large enough to change coordinates of the centre's magnitude; 1 of nothing.
     """
     x, y, z = (float(v) for v in corners.min(axis=0) / 2 + corners.max(axis=0) / 2)
     radius = float(np.linalg.norm((corners - (x, y, z)), axis=1).max())
     resolvable = max(abs(v) for v in (x, y, z)) * 2.0**-40
-    return (x, y, z), max(radius, spacing, resolvable)
+    return (x, y, z), max(radius, spacing, resolvable) or 1.0
 
 
 def point_along(point: Vector, direction: Vector, distance: float) -> Vector:

@@ -84,8 +84,8 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     corners = np.concatenate(parts or [np.zeros((1, 3))])
     if not corners.size:
         corners = np.concatenate([info.corners for info in each] or [np.zeros((1, 3))])
-    # The size of a scene whose points all coincide.
-    spacing = min((min(info.spacing) for info in each), default=1.0)
+    # The size of a volume of one sample.
+    spacing = min((min(info.spacing) for info in each), default=0.0)
     orientation = next((info.orientation for info in each if info.orientation), "")
     margin = min(0.5, AXES_LABELS * scene.annotations.font_size) if scene.annotations.axes else MARGIN
     camera = fitted_camera(scene.camera, corners, spacing, scene.image.size, orientation, margin)

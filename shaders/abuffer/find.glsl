@@ -10,11 +10,23 @@ bool find_entry(int row, out uvec2 found) {
     return all(greaterThan(weights, vec3(0.0)));
 }
 
+// Whether a fragment lies ahead of the eye. Near the eye the depth's rounding decides nothing: all rays see on which side of a triangle's plane it
+// lies by the same numbers, so that an eye on a triangle sees all of it or none. Parallel rays begin on a plane, on which nothing is seen.
+bool is_ahead(int kind, ivec4 of, Hit hit) {
+    float eye = float(geometry.eye.x), away = hit.depth - eye;
+    if (frame.lens.w != 0.0LF) return away > 1e-6 * (1.0 + abs(eye));
+    if (!TRIANGLES || kind != TRIANGLE) return away >= 0.0;
+    vec3 a = vertex[of.x].xyz, b = vertex[of.y].xyz, c = vertex[of.z].xyz;
+    if (abs(away) > 1e-3 * (abs(a.z - eye) + abs(b.z - eye) + abs(c.z - eye))) return away > 0.0;
+    dvec3 at = dvec3(a), normal = cross(dvec3(b) - at, dvec3(c) - at);
+    return dot(normal, at - geometry.eye.yzx) * dot(normal, dvec3(dvec2(ray_slope), 1.0LF)) > 0.0LF;
+}
+
 // Find a fragment that lies in a brick of this box, and its key.
 bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     Hit hit;
     found = uvec2(0u);
-    if (!meets(kind, corner[row], side, hit) || hit.depth < float(geometry.eye.x)) return false;
+    if (!meets(kind, corner[row], side, hit) || !is_ahead(kind, corner[row], hit)) return false;
     found = uvec2(sorted_bits(hit.depth), 2u * uint(row) + uint(side));
     double position = position_of(hit.depth);
     if (position < ray.kept.x || position > ray.kept.y) return false;

@@ -1,6 +1,5 @@
 // Visible groups of cells, a bit each.
 const int WHOLE_BRICK = -1; // a skip
-float SLACK = float(BRICK) * 3e-7; // more than the rounding of float32 in a brick
 
 // How far a ray may go on as if nothing were there: 0 groups of cells if a group may be visible, WHOLE_BRICK, or the groups that it may cross, its
 // own included.

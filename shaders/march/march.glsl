@@ -50,18 +50,10 @@ Place place_at(dvec3 position, vec3 slab) {
     take_pitch(brick);
     vec3 beyond = vec3(position - dvec3(cell));
     cell -= first;
-    ivec3 group = cell >> GROUP_SHIFT;
-    int skip = skip_at(brick, group);
-    bool visible = skip == 0;
-    // A visible run may extend to the brick's end, unless its slabs are long.
-    bool whole = visible ? doublings == 0 : skip < 0;
-    ivec3 low = (group - max(skip - 1, 0)) << GROUP_SHIFT, high = (group + max(skip, 1)) << GROUP_SHIFT;
-    // The last group along an axis may be cut by the brick's end.
-    if (whole) low = ivec3(0);
-    if (whole || BRICK % (1 << GROUP_SHIFT) != 0) high = whole ? ivec3(BRICK) : min(high, BRICK);
-    vec3 local = vec3(cell) + beyond;
+    ivec3 low, high;
+    bool visible = is_visible_at(brick, number, cell, low, high);
     // Smaller by the rounding of float32, so that no slab is taken that the next brick, which decides exactly, takes too.
-    vec3 ahead = mix(local - vec3(low), vec3(high) - local, greaterThanEqual(slab, vec3(0.0))) - SLACK;
+    vec3 ahead = mix(vec3(cell - low) + beyond, vec3(high - cell) - beyond, greaterThanEqual(slab, vec3(0.0))) * (1.0 - 1e-6) - 1e-5;
     vec3 slabs = ahead * (1.0 / max(abs(slab), vec3(1e-30)));
     int limit = visible ? LONGEST_RUN : LONGEST_SKIP;
     int inside = clamp(int(min(min(slabs.x, slabs.y), min(slabs.z, float(limit))) - 1e-3) + 1, 1, limit);

@@ -1,6 +1,5 @@
 // How far rays may skip over groups of cells without anything visible (render/cpu/empty_space.py).
 const int WHOLE_BRICK = -1; // a skip
-float SLACK = float(BRICK + 256) * 5e-7; // more than the rounding of float32 in the largest cube that is skipped
 
 // As in groups.glsl.
 int skip_at(int brick, ivec3 group) {

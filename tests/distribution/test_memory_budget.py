@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,16 +12,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.data import files, primitives, read_geometry
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
+from clusterviz.distribution import memory_budget
 from clusterviz.distribution.memory_budget import MemoryBudget, check_memory, memory_budget_of
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options, Run, prepare
 from clusterviz.partition import build_tree, interleave, owners_of
+from clusterviz.render.abuffer.primitives import make_table
 from clusterviz.render.content_bricks import store_content
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.storage import slot_of
+from clusterviz.report.machine import Memory as MachineMemory
 from clusterviz.scene import Scene, Volume
+from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection
 from clusterviz.scene.overrides import with_settings
 
 RANKS = 2
@@ -147,3 +154,64 @@ def test_too_little_memory_names_what_would_do() -> None:
     ):
         with pytest.raises(InputError, match=text):
             check_memory(lambda n: interleave(np.ones(sizes.shape), n).sums(sizes), 2, sizes, limit)
+
+
+CORNERS = np.array([[0, 0, 0], [9, 0, 1], [2, 8, 0], [3, 3, 7]], np.float32)
+
+
+def surfaces(**settings: Any) -> tuple[Scene, list[Any]]:
+    """A lit mesh with a colour for each vertex, a line and points, all in one brick."""
+    section: dict[str, Any] = {
+        "meshes": (MeshSection(path="mesh", shading="smooth", scalars="v"),),
+        "lines": (LinesSection(path="lines", radius=0.1),),
+        "points": (PointsSection(path="points", radius=0.2),),
+    }
+    faces = np.array([[0, 1, 2], [0, 1, 3], [1, 2, 3], [0, 2, 3]], np.uint32)
+    given = [
+        Geometry(mesh=Mesh("mesh", CORNERS, faces, {"v": np.arange(4.0, dtype=np.float32)})),
+        Geometry(lines=Lines("lines", CORNERS, np.array([0, 4]))),
+        Geometry(points=Points("points", CORNERS)),
+    ]
+    return with_settings(Scene(**section), {"size": (16, 12), "brick": 1024} | settings), given
+
+
+def test_primitives_count_as_they_are_held_and_as_they_are_drawn() -> None:
+    scene, given = surfaces()
+    run = Run(LoopbackChannel(), Options(device="cpu"))
+    work, bricks = prepare(run, scene, given)
+    assert work.plan
+    assert work.plan.content
+    ((index, brick),) = bricks.items()
+    layers = work.plan.content.layers
+    table = make_table(layers, [brick.primitives])
+    found = sum(part.nbytes for part in brick.primitives if part)
+    found += sum(array.nbytes for array in (*table.positions, *table.radii, table.corners))
+    found += 32 * table.vertices + sum(4 * (part.normals.size + part.colours.size) for part in brick.primitives if part)
+    counted = int(MemoryBudget(1, on_cpu=True, by_opengl=False).brick_bytes(work.plan)[index])
+    # Triangles have no radii.
+    assert found <= counted <= found + 4 * 4 + 64
+
+
+def test_surfaces_beyond_the_free_memory_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, given = surfaces()
+    monkeypatch.setattr(memory_budget, "memory", lambda: MachineMemory(4000, 1000))
+    with pytest.raises(InputError, match=r"the memory that is free: .* takes \d+ bytes; found 800 bytes a rank"):
+        prepare(Run(LoopbackChannel(), Options(device="cpu")), scene, given)
+    with pytest.raises(InputError, match=r"cluster.memory_limit: .* found 900 bytes a rank"):
+        prepare(Run(LoopbackChannel(), Options(device="cpu")), surfaces(memory_limit=900)[0], given)
+
+
+def test_bricks_with_too_many_primitives_are_refused_while_they_are_sought(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, given = surfaces(brick=2)
+    monkeypatch.setattr(primitives, "memory", lambda: MachineMemory(4000, 1000))
+    with pytest.raises(InputError, match=r"cluster.brick: primitives lie in too many bricks .* of 1000"):
+        prepare(Run(LoopbackChannel(), Options(device="cpu")), scene, given)
+
+
+def test_a_file_larger_than_the_free_memory_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "mesh.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert read_geometry(path).mesh
+    monkeypatch.setattr(files, "memory", lambda: MachineMemory(4000, 20))
+    with pytest.raises(InputError, match=r"mesh.obj: larger than the memory that is free; found 32 bytes"):
+        read_geometry(path)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +37,14 @@ def test_unlimited_control_group(tmp_path: Path) -> None:
 
 def test_scheduler_limit_cuts_the_node_memory(tmp_path: Path) -> None:
     assert memory(fake_root(tmp_path, "2097152\n")) == Memory(2 << 20, 1 << 20)
+
+
+def test_a_limit_of_the_process_cuts_the_node_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `ulimit -v` sets it; what the process has of it is not free."""
+    folder, page = fake_root(tmp_path, None), os.sysconf("SC_PAGE_SIZE")
+    (folder / "proc/self/statm").write_text(f"{(1 << 20) // page} 9 9 9 0 9 0\n")
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (3 << 20, 3 << 20))
+    assert memory(folder) == Memory(3 << 20, 2 << 20)
 
 
 def test_this_machine_has_memory() -> None:

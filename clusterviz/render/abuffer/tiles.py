@@ -28,7 +28,7 @@ GEOMETRY = np.dtype(
         ("right", "f8", 4),  # the camera's axes in cells of the domain, and what is added
         ("up", "f8", 4),
         ("forward", "f8", 4),
-        ("eye", "f8", 4),  # depth of the eye
+        ("eye", "f8", 4),  # depth of the eye, and its place to the right and up
         ("counts", "i4", 4),  # layers, tiles across, log2 of a tile's side in pixels, lights
     ]
 )
@@ -106,7 +106,7 @@ def camera_block(plan: Plan, lights: int) -> NDArray[np.void]:
         axis = np.array(getattr(view, name))
         axis /= np.linalg.norm(axis)
         block[name][0] = *axis, -(axis @ centre)
-    block["eye"][0, 0] = block["forward"][0, :3] @ (eye - centre)
+    block["eye"][0, :3] = [block[name][0, :3] @ (eye - centre) for name in ("forward", "right", "up")]
     block["counts"][0] = len(plan.content.layers), 0, 0, lights
     return block
 
@@ -118,12 +118,11 @@ def lens_of(plan: Plan, block: NDArray[np.void], rect: Rect) -> Floats:
     perspective; the largest slope of a ray; and 0, which is 1 for corners of cells.
     """
     assert plan.content, "there is geometry"
-    view, eye = plan.view, np.array(plan.view.eye)
-    aside = [float(block[name][0, :3] @ eye + block[name][0, 3]) for name in ("right", "up")]
+    view = plan.view
     pixels = (plan.content.domain.spacing if view.parallel else 1.0) / view.pixel
     column, row = view.centre[0] - 0.5 - rect.x_begin, view.centre[1] - 0.5 - rect.y_begin
     slope = 0.0 if view.parallel else view.pixel * sum(view.size) * (1 + max(map(abs, view.window_center)))
-    return np.array([block["eye"][0, 0], *aside, pixels, column, row, not view.parallel, slope, 0.0])
+    return np.array([*block["eye"][0, :3], pixels, column, row, not view.parallel, slope, 0.0])
 
 
 def make_lists(

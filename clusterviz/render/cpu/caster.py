@@ -39,6 +39,7 @@ from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
 from clusterviz.render.cpu.tables import Blocks, brick_buffers, frame_of, textures, uniform_blocks
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
+from clusterviz.render.group_box import skips_in_box
 from clusterviz.render.passes import Passes, is_reached
 from clusterviz.render.refraction import CarriedRays, rays_block
 from clusterviz.render.render_result import (
@@ -464,6 +465,11 @@ class VectorCaster:
             return found
         if len(self._skips) >= MAX_SKIP_TABLES:
             self._skips = {}
+        if self.slot.group_box:
+            each = self.pool.ranges_of_each(bricks)
+            found = skips_in_box(plan, self.slot.group_box, bricks, each, far=True)
+            self._skips[box, bricks.tobytes()] = found
+            return found
         ranges, (begin, end) = self.pool.ranges(bricks), plan.layout.unit_box(box.begin_zyx, box.end_zyx)
         visible, places = visible_groups(ranges, plan), plan.layout.units(bricks) - begin
         shape, unit = BrickBox(begin, end).shape_zyx, self.slot.unit

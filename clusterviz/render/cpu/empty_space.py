@@ -45,22 +45,22 @@ def skips_of(visible: NDArray[np.bool_], places: NDArray[np.intp], shape_zyx: In
     shown[tuple(places.T)] = visible
     order = (0, 3, 1, 4, 2, 5)
     side_by_side = shown.transpose(order)
-    distances = _distances(side_by_side.reshape([n * g for n, g in zip(shape_zyx, groups, strict=True)]))
-    return np.ascontiguousarray(distances.reshape(side_by_side.shape).transpose(np.argsort(order)))
+    found = distances(side_by_side.reshape([n * g for n, g in zip(shape_zyx, groups, strict=True)]))
+    return np.ascontiguousarray(found.reshape(side_by_side.shape).transpose(np.argsort(order)))
 
 
-def _distances(shown: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """The distance to the nearest one that is shown, at most FARTHEST."""
-    distances = np.full(shown.shape, FARTHEST, np.int32)
-    distances[shown] = 0
+def distances(shown: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the distance to the nearest one that is shown, at most FARTHEST."""
+    found = np.full(shown.shape, FARTHEST, np.int32)
+    found[shown] = 0
     grown = shown
     for distance in range(1, FARTHEST):
         if grown.all():
             break
         wider = _grown(grown)
-        distances[wider & ~grown] = distance
+        found[wider & ~grown] = distance
         grown = wider
-    return distances
+    return found
 
 
 def _grown(shown: NDArray[np.bool_]) -> NDArray[np.bool_]:

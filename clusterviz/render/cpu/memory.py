@@ -290,10 +290,15 @@ class Memory:
 
         Returns
         -------
-        low, high : (m, *slot.unit.groups_zyx); with several volumes (m, volumes, *slot.groups_zyx)
+        low, high : (m, *slot.unit.groups_zyx)
         """
         kept = [self._kept[z, y, x] for z, y, x in bricks.tolist()]
         return self._by_units([one.low for one in kept]), self._by_units([one.high for one in kept])
+
+    def ranges_of_each(self, bricks: NDArray[np.int64]) -> list[Ranges]:
+        """Return the extremes of the groups of each brick of several volumes."""
+        kept = [self._kept[z, y, x] for z, y, x in bricks.tolist()]
+        return [(one.low, one.high) for one in kept]
 
     def bends(self, bricks: NDArray[np.int64]) -> NDArray[np.float32]:
         """Return the curvature of the field in groups of units of bricks, (m, 2, *slot.unit.groups_zyx)."""

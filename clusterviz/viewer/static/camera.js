@@ -170,7 +170,7 @@ export function boundingSphere(points) {
   const axes = [0, 1, 2].map((axis) => points.map((point) => point[axis]));
   const centre = axes.map((values) => Math.min(...values) / 2 + Math.max(...values) / 2);
   const radius = Math.max(...points.map((point) => Math.hypot(...subtract(point, centre))));
-  return {centre, radius: radius || Math.max(1e-6, ...centre.map((value) => Math.abs(value) * 2 ** -40))};
+  return {centre, radius: radius || Math.max(...centre.map((value) => Math.abs(value) * 2 ** -40)) || 1};
 }
 
 /** @type {(bounds: [Vector, Vector]) => Vector[]} the eight corners; bit a of the index: the upper end of axis a */
