@@ -282,6 +282,57 @@ class GridOverride(_OfSource):
         return read_boxes(self.source, boxes)
 
 
+@dataclass(frozen=True)
+class ThickSource(GridOverride):
+    """Source with one sample along an axis, repeated so that it fills a layer as thick as its pixels are wide.
+
+    Without it, a slice or a picture is a volume without thickness, of which no ray has a segment. Levels of a store are
+    hidden: two samples have no coarser level than one has.
+    """
+
+    @property
+    def levels(self) -> int:
+        """Number of levels: 0."""
+        return 0
+
+    def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
+        """Return whether a box of samples is known to be the same at another time step; see `SeriesSource`."""
+        return super().is_same(other, *self._stored((begin_zyx, end_zyx)))
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """Read the samples of a box; see `Source.read`."""
+        return self._repeated(super().read(*self._stored((begin_zyx, end_zyx))), (begin_zyx, end_zyx))
+
+    def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
+        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
+        found = super().read_boxes([self._stored(box) for box in boxes])
+        return found and [self._repeated(*each) for each in zip(found, boxes, strict=True)]
+
+    def _stored(self, box: Box) -> Box:
+        """Return the box of the stored samples that those of a box are."""
+        sides = self.source.grid.shape_zyx
+        begin, end = (tuple(min(i, n - m) for i, n in zip(each, sides, strict=True)) for each, m in zip(box, (1, 0)))
+        return cast("Box", (begin, end))
+
+    def _repeated(self, samples: NDArray[Any], box: Box) -> NDArray[Any]:
+        return np.broadcast_to(samples, [end - begin for begin, end in zip(*box, strict=True)])
+
+
+def _with_thickness(source: Source) -> Source:
+    """Return a source with at least two samples along each axis; one with a single sample there is repeated."""
+    grid = source.grid
+    sides, spacing = np.array(grid.shape_zyx[::-1]), np.array(grid.spacing)
+    is_thin = sides == 1
+    if not is_thin.any():
+        return source
+    width = spacing[~is_thin].min() if not is_thin.all() else spacing.min()
+    steps = np.array(grid.direction) * np.where(is_thin, width, spacing)
+    z, y, x = (max(2, side) for side in grid.shape_zyx)
+    origin = np.array(grid.origin) - steps[:, is_thin].sum(axis=1) / 2
+    found = make_grid((z, y, x), steps, origin, source.name)
+    return ThickSource(source, replace(found, orientation=grid.orientation, modality=grid.modality))
+
+
 def _open(text: str, part: Subset) -> Source:
     if text.startswith("field:"):
         return open_field(text)
@@ -523,11 +574,15 @@ def open_time_step(source: Source, volume: Volume) -> Source:
 
 
 def override_grid(source: Source, volume: Volume) -> Source:
-    """Return the source with the spacing, origin and direction of the scene's volume, as far as the scene has them."""
+    """Return the source with the spacing, origin and direction of the scene's volume, as far as the scene has them.
+
+    A slice, or another source with one sample along an axis, gets a thickness, see `ThickSource`.
+    """
     if volume.spacing is None and volume.origin is None and volume.direction is None:
-        return source
+        return _with_thickness(source)
     grid = source.grid
     axes = np.array(volume.direction or grid.direction)
     steps = axes / np.linalg.norm(axes, axis=0) * np.array(volume.spacing or grid.spacing)
     moved = make_grid(grid.shape_zyx, steps, volume.origin or grid.origin, source.name)
-    return GridOverride(source, replace(moved, orientation="" if volume.direction else grid.orientation))
+    placed = replace(moved, orientation="" if volume.direction else grid.orientation)
+    return _with_thickness(GridOverride(source, placed))

@@ -132,11 +132,14 @@ def classify_values(info: VolumeInfo) -> PresetName:
     """Return the preset that suits a volume's values, by what the file says of them and by their statistics."""
     values = info.values
     low, high = info.percentile_1, info.percentile_99
-    if values is not None and len(values) == 2 and tuple(values) == (info.minimum, info.maximum):
-        return "mask"
     is_even = info.equal_share > 0.6 and (info.jump_share > 0.2 or (values is not None and len(values) <= 8))
     may_be_labels = values is not None and 2 < len(values) <= MAX_LABELS and info.minimum >= 0
-    if may_be_labels and (is_even or info.modality == "labels"):
+    has_labels = may_be_labels and (is_even or info.modality == "labels")
+    if info.is_flat:
+        return "labels" if has_labels else "block"
+    if values is not None and len(values) == 2 and tuple(values) == (info.minimum, info.maximum):
+        return "mask"
+    if has_labels:
         return "labels"
     if has_hounsfield_units(info):
         return "tissue"

@@ -125,7 +125,7 @@ def _labels(info: VolumeInfo, clim: Clim) -> Keys:
         colour = colorsys.hsv_to_rgb(
             0.08 + 0.618034 * number, (0.7, 0.85, 0.5)[number % 3] * part, (1, 0.9)[number % 2]
         )
-        alpha = 0.0 if value == nothing else 0.05 + 0.95 * part**4
+        alpha = 0.0 if value == nothing else 1.0 if info.is_flat else 0.05 + 0.95 * part**4
         for end in (value - 0.5, value + 0.5):
             cmap.append((end, *colour))
             alphas.append((end, alpha))

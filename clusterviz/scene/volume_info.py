@@ -68,11 +68,17 @@ class VolumeInfo:
         return self.is_integer or bool(self.orientation or self.modality)
 
     @property
+    def is_flat(self) -> bool:
+        """Whether the volume is one layer of cells, as slices and pictures are: all of it is on the layer's faces."""
+        return min(self.shape_zyx) <= 2
+
+    @property
     def thin_axis(self) -> int | None:
         """Axis of the world, 0 to 2, along which the box is thin; None if it is not thin along exactly one."""
         sides = np.ptp(self.corners, axis=0)
         thin, wide, _ = np.argsort(sides)
-        return int(thin) if sides[thin] < THIN * sides[wide] else None
+        share = 1.0 if self.is_flat else THIN
+        return int(thin) if sides[thin] < share * sides[wide] else None
 
     def percentile(self, q: float) -> float:
         """Return a percentile: the exact one if it is known, else as the histogram has it."""
