@@ -322,7 +322,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     with run.local("plan", "plan"):
         opened = tuple(
             OpenedVolume(
-                each, layout, summary, (_info(each, _over_time(volume, each, layout, summary)),), _first_step(volume)
+                each, layout, summary, (_info(each, _over_time(volume, each, layout, summary), volume.path),), _first_step(volume)
             )
             for volume, each, layout, summary in zip(scene.volumes, sources, layouts, summaries, strict=True)
         )
@@ -547,8 +547,10 @@ def _summary(run: Run, source: Source, layout: BrickLayout, share: list[Index], 
     return summarise(source.dtype, layout, bricks, run.channel.allgather)
 
 
-def _info(source: Source, summary: VolumeSummary) -> VolumeInfo:
-    """Return the information on a volume that completes a scene."""
+def _info(source: Source, summary: VolumeSummary, path: str) -> VolumeInfo:
+    """Return the information on a volume of a path that completes a scene."""
+    array = source.name.removesuffix(getattr(getattr(source, "slab", None), "label", ""))
+    array = array.removeprefix(f"{path}:").lstrip("/") if array.startswith(f"{path}:") else ""
     grid, known = source.grid, summary.categories
     low, high = summary.value_range
     percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
@@ -571,5 +573,6 @@ def _info(source: Source, summary: VolumeSummary) -> VolumeInfo:
         percentiles=summary.percentiles,
         blocks=summary.blocks,
         block_sides=block_sides(grid.shape_zyx),
+        array=array,
         **more,
     )

@@ -391,6 +391,7 @@ def _info(parts: Sequence[_Part]) -> GridInfo:
         float(np.cbrt(math.fsum(part.volume for part in some) / cells)),
         counts,
         side=_rounded(math.fsum(part.sides for part in some) / tetrahedra),
+        array=some[0].array,
     )
 
 

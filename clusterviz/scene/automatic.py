@@ -6,6 +6,7 @@ All is shaded, on a dark background, at half the default step. Keys that a user 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import Any
 
 from pydantic import ValidationError
@@ -13,7 +14,7 @@ from pydantic import ValidationError
 from clusterviz.errors import SceneError
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.flows import FlowInfo
-from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, as_sections
+from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, as_sections, own_scalars
 from clusterviz.scene.grids import GridInfo
 from clusterviz.scene.presets import LIGHT, MAX_LABELS, PRESETS, PresetName, has_hounsfield_units
 from clusterviz.scene.validation_messages import scene_error
@@ -68,7 +69,10 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
         for volume, info in zip(scene.volumes, infos, strict=True)
     ]
     if automatic:
-        found = as_sections(automatic_geometry(*each) for each in zip(scene.geometry, geometry, strict=True))
+        shown = [automatic_geometry(*each) for each in zip(scene.geometry, geometry, strict=True)]
+        found: dict[str, Any] = dict(as_sections(shown))
+        if any(info.scalars and section.scalars for section, info in zip(shown, geometry, strict=True)):
+            found["annotations"] = _with_defaults(scene.annotations, {"scalar_bar": find_spec("matplotlib") is not None})
         found["quality"] = _with_defaults(scene.quality, {"step": STEP})
         thin = {info.thin_axis for info in infos}
         if len(thin) == 1 and None not in thin and not CAMERA_KEYS & scene.camera.model_fields_set:
@@ -103,23 +107,17 @@ def _problem_of(scene: Scene) -> SceneError | None:
 
 
 def automatic_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
-    """Return meshes, lines or points in light, and lines without colours by their direction."""
+    """Return meshes, lines or points in light, coloured by an array of theirs, or lines without one by direction."""
     if section.of_flow:
         return section
     found: dict[str, Any] = dict(GEOMETRY_KEYS)
-    if colours := own_colours(section, info):
-        found["scalars"] = colours
+    shown = own_scalars(section, info.arrays)
+    if shown and (info.scalars or info.arrays[shown][1] > 1):
+        found["scalars"] = shown
     elif isinstance(section, LinesSection) and not {"color", "scalars"} & section.model_fields_set:
         found["color_by"] = "direction"
     chosen: GeometrySection = _with_defaults(section, found)
     return chosen
-
-
-def own_colours(section: GeometrySection, info: GeometryInfo) -> str | None:
-    """Return the file's array of colours by its name, if there is one and the scene has no colour."""
-    if {"color", "scalars"} & section.model_fields_set:
-        return None
-    return next((name for name in ("RGB", "RGBA") if info.arrays.get(name, ("", 0))[1] in (3, 4)), None)
 
 
 def with_preset(volume: Volume, name: PresetName, info: VolumeInfo) -> Volume:

@@ -139,6 +139,7 @@ class GridInfo:
     counts : cells that are not drawn, or drawn otherwise, as `Tetrahedra.counts`
     overlaps : whether two cells lie on the same side of a face; known after the first plan
     side : mean side of the box around a tetrahedron, world units
+    array : name of the array of scalars
     """
 
     box: NDArray[np.float64]
@@ -149,6 +150,7 @@ class GridInfo:
     counts: Mapping[str, int] = field(default_factory=dict)
     overlaps: bool = False
     side: float = 0.0
+    array: str = ""
 
     @property
     def left_out(self) -> int:

@@ -177,7 +177,7 @@ def _foreground(info: VolumeInfo, clim: Clim) -> Keys:
         low, high = info.foreground
         if low < high:
             # clim begins below the visible range: the darkest colours hardly differ from the background.
-            found["clim"] = (low - 0.5 * (high - low), high)
+            found["clim"] = (max(info.minimum, low - 0.5 * (high - low)), high)
             found["opacity"] = _over(low, high, (0.0, 0.0), (0.15, 0.15), (1.0, 0.8))
     return found
 

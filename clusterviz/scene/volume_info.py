@@ -35,6 +35,7 @@ class VolumeInfo:
         whole numbers, or have too many distinct values
     equal_share : share of equal pairs among neighbouring samples that do not both have the most frequent value
     jump_share : share of pairs that differ by more than 1 among unequal neighbouring samples
+    array : name of the array in the file; "" if it has none
     """
 
     shape_zyx: tuple[int, int, int]
@@ -56,6 +57,7 @@ class VolumeInfo:
     counts: NDArray[np.int64] | None = None
     equal_share: float = 0.0
     jump_share: float = 0.0
+    array: str = ""
 
     @property
     def has_histogram(self) -> bool:

@@ -29,6 +29,8 @@ from clusterviz.errors import DataError
 
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+AXES = "RSA"
+"""Directions of x, y and z: y is up, and +z the front (section 3.4); a picture of the front has +x on its right."""
 MODES = ("points", "lines", "loop", "strip", "triangles", "triangle strip", "triangle fan")
 
 
@@ -62,6 +64,7 @@ def read_gltf(path: Path) -> Geometry:
         _mesh(meshes, file.where) if meshes else None,
         _lines(lines, file.where) if lines else None,
         _points(points, file.where) if points else None,
+        AXES,
     )
 
 
