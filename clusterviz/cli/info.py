@@ -55,9 +55,15 @@ def command(
             arrays = _arrays_of(geometry)
             found = {"name": file, "format": mesh_format.name if mesh_format else "npy"} | describe_geometry(geometry)
         elif grid_format:
-            grid = read_grid(file, time)
-            arrays = {**grid.point_arrays, **grid.cell_arrays}
-            found = {"name": file, "format": grid_format.name, "grid": describe_grid(grid)}
+            found = {"name": file, "format": grid_format.name}
+            try:
+                grid = read_grid(file, time)
+                arrays = {**grid.point_arrays, **grid.cell_arrays}
+                found |= {"grid": describe_grid(grid)}
+            except DataError:
+                geometry = read_geometry(file)  # a surface, or the same error
+                arrays = _arrays_of(geometry)
+                found |= describe_geometry(geometry)
         else:
             try:
                 source = open_source(file, subset=Subset(array, time, channel, first=True))

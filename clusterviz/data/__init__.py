@@ -411,7 +411,7 @@ def grid_format_of(path: Path) -> Format | None:
 
 
 def read_geometry(path: str | Path) -> Geometry:
-    """Read the meshes, lines and points of a file of a format in `MESH_FORMATS`.
+    """Read the meshes, lines and points of a file of a format in `MESH_FORMATS`, or the outside of a grid's file.
 
     Raises
     ------
@@ -419,7 +419,13 @@ def read_geometry(path: str | Path) -> Geometry:
         Missing, unreadable, damaged, of an unknown extension, or indices out of range.
     """
     file = Path(path)
-    found = mesh_format_of(file) or _by_extension(file, MESH_EXTENSIONS)
+    found = mesh_format_of(file)
+    if found is None and grid_format_of(file):
+        from clusterviz.data.outside import outside_of
+
+        with guard(DataError, path):
+            return outside_of(_whole_grid(file))
+    found = found or _by_extension(file, MESH_EXTENSIONS)
     if found is None:
         require_file(file)
         kind = f"{file.suffix or 'none'}, {kind_of(start_of(file))}"
@@ -444,16 +450,55 @@ def read_grid(path: str | Path, time: float | None = None) -> UnstructuredGrid:
         Missing, unreadable, damaged, of an unknown extension, no such time step, or as of `UnstructuredGrid`.
     """
     with guard(DataError, path):
-        grids = [read_piece(file) for file in grid_files(Path(path), time)]
-        from clusterviz.data.unstructured import check_volume, joined_grids
+        from clusterviz.data.unstructured import check_volume
 
-        whole = grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
+        whole = _whole_grid(Path(path), time)
         check_volume(whole)
         return whole
 
 
+def _whole_grid(path: Path, time: float | None = None) -> UnstructuredGrid:
+    """Return the joined pieces of an unstructured grid."""
+    from clusterviz.data.unstructured import joined_grids
+
+    grids = [read_piece(file) for file in grid_files(path, time)]
+    return grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
+
+
+_peeked: dict[tuple[GridFile, int], UnstructuredGrid] = {}
+"""The file that `_sections_of_grid` has read, until it is read for the picture, so that it is read once."""
+
+
+def _sections_of_grid(path: Path) -> tuple[str, ...]:
+    """Return the section of a scene for a grid: meshes for surfaces and grids without scalars, which show their outside.
+
+    The first piece with cells tells.
+    """
+    from clusterviz.data.outside import has_scalars
+
+    with suppress(DataError):  # the reader says it
+        for file in grid_files(path):
+            grid = read_piece(file)
+            _peeked.clear()
+            _peeked[file, _changed(file.path)] = grid
+            if has_scalars(grid):
+                break
+            if grid.count or grid.surface:
+                return ("meshes",)
+            if grid.ignored:
+                return ("points",)
+    return ("grids",)
+
+
+def _changed(path: Path) -> int:
+    """Return when a file was changed; 0 if it is missing."""
+    return path.stat().st_mtime_ns if path.exists() else 0
+
+
 def read_piece(file: GridFile) -> UnstructuredGrid:
     """Read one of the files that `grid_files` returns; raises as `read_grid`."""
+    if (known := _peeked.pop((file, _changed(file.path)), None)) is not None:
+        return known
     path, time, found = file.path, file.time, _by_extension(file.path, GRID_EXTENSIONS)
     with guard(DataError, path):
         if found is None or found.name == "list":
@@ -492,7 +537,10 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = (), preset:
     if is_url(str(path)) or Path(path).is_dir():
         return _scene_of_channels(str(path), overrides, preset)
     if grid_format_of(Path(path)):
-        return scene_of_data(path, overrides, ("grids",), preset=preset)
+        sections = _sections_of_grid(Path(path))
+        if sections != ("grids",):  # geometry names its array scalars
+            overrides = [each.replace("array=", "scalars=", 1) if each.startswith("array=") else each for each in overrides]
+        return scene_of_data(path, overrides, sections, preset=preset)
     found = mesh_format_of(Path(path))
     sections = _sections_of(Path(path), found) if found else ("volumes",)
     if not found and holds_only_vectors(str(path), overrides):

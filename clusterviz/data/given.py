@@ -11,6 +11,7 @@ import numpy as np
 from clusterviz.data import open_scene
 from clusterviz.data.geometry import Geometry, Lines, Points, as_geometry
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.outside import has_scalars, outside_of
 from clusterviz.data.source import Source
 from clusterviz.data.vectors import VectorArray, VectorSource
 from clusterviz.data.vtk_cells import as_grid, is_grid
@@ -57,7 +58,10 @@ def _scene_and_sources(given: Any, grid: Any, where: str) -> tuple[Scene, Any]:
     if isinstance(given, (list, tuple)):
         return _several(given, grid, where)
     if is_grid(given):
-        return Scene(grids=(GridSection(path="array"),), automatic=True), [as_grid(given, where)]
+        given = as_grid(given, where)
+        given = given if has_scalars(given) else outside_of(given)
+    if is_grid(given):
+        return Scene(grids=(GridSection(path="array"),), automatic=True), [given]
     if _is_vectors(given):
         return Scene(flows=(FlowSection(path=given.name),), automatic=True), [given]
     if any(hasattr(given, name) for name in ("faces", "vertices")) or isinstance(given, (Geometry, Lines, Points)):

@@ -74,7 +74,7 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
         if any(info.scalars and section.scalars for section, info in zip(shown, geometry, strict=True)):
             found["annotations"] = _with_defaults(scene.annotations, {"scalar_bar": find_spec("matplotlib") is not None})
         found["quality"] = _with_defaults(scene.quality, {"step": STEP})
-        thin = {info.thin_axis for info in infos}
+        thin = {info.thin_axis for info in infos} | {info.flat_axis for info in geometry}
         if len(thin) == 1 and None not in thin and not CAMERA_KEYS & scene.camera.model_fields_set:
             found["camera"] = _with_defaults(scene.camera, {"view": VIEW_ALONG[thin.pop() or 0]})
         scene = scene.model_copy(update=found)

@@ -45,6 +45,8 @@ def _check_transform(rows: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 Colour = Annotated[Background, AfterValidator(_check_colour)]
+FLAT_SHARE = 1e-6
+"""Share of the longest side of a box below which a side is that of a plane."""
 FLAT = 1e-12
 """Determinant, of a matrix whose largest entry is 1, below which it flattens space."""
 Row = Annotated[tuple[Number, Number, Number, Number], BeforeValidator(to_builtin)]
@@ -269,6 +271,13 @@ class GeometryInfo:
     def drawn(self) -> int:
         """Number of primitives, or arrows, that are drawn."""
         return self.count
+
+    @property
+    def flat_axis(self) -> int | None:
+        """Axis of the world, 0 to 2, along which all lies in a plane; None if there is not exactly one."""
+        sides = np.ptp(self.box, axis=0) if len(self.box) and not self.axes else np.ones(3)
+        flat = np.flatnonzero(sides <= FLAT_SHARE * sides.max())
+        return int(flat[0]) if len(flat) == 1 else None
 
     def grown_box(self, section: GeometrySection) -> NDArray[np.float64]:
         """Return the box with the radius of a completed section, float64 (2, 3) or (0, 3)."""
