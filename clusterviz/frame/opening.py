@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
-from clusterviz.data import open_time_step, open_volume, override_grid, read_geometry, read_piece
+from clusterviz.data import format_of, open_time_step, open_volume, override_grid, read_geometry, read_piece
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.grid_files import GridFile, grid_files
@@ -217,8 +217,9 @@ class OpenedContent:
     def free(self) -> None:
         """Release volumes that lie in the memory of all ranks; collective."""
         for volume in self.volumes:
-            if isinstance(volume.source, LicOverRanks):
-                volume.source.free()
+            source = getattr(volume.source, "source", volume.source)  # of one layer with a thickness
+            if isinstance(source, LicOverRanks):
+                source.free()
 
     def with_volumes(self, volumes: Sequence[OpenedVolume]) -> OpenedContent:
         """Return the content with its volumes at other time steps."""
@@ -551,7 +552,7 @@ def _info(source: Source, summary: VolumeSummary, path: str) -> VolumeInfo:
     """Return the information on a volume of a path that completes a scene."""
     array = source.name.removesuffix(getattr(getattr(source, "slab", None), "label", ""))
     array = array.removeprefix(f"{path}:").lstrip("/") if array.startswith(f"{path}:") else ""
-    grid, known = source.grid, summary.categories
+    grid, known, known_format = source.grid, summary.categories, format_of(Path(path))
     low, high = summary.value_range
     percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
     more: dict[str, Any] = {}
@@ -573,6 +574,7 @@ def _info(source: Source, summary: VolumeSummary, path: str) -> VolumeInfo:
         percentiles=summary.percentiles,
         blocks=summary.blocks,
         block_sides=block_sides(grid.shape_zyx),
+        rows_down=bool(known_format) and known_format.name in ("picture", "tiff"),
         array=array,
         **more,
     )

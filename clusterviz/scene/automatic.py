@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
@@ -74,9 +75,8 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
         if any(info.scalars and section.scalars for section, info in zip(shown, geometry, strict=True)):
             found["annotations"] = _with_defaults(scene.annotations, {"scalar_bar": find_spec("matplotlib") is not None})
         found["quality"] = _with_defaults(scene.quality, {"step": STEP})
-        thin = {info.thin_axis for info in infos} | {info.flat_axis for info in geometry}
-        if len(thin) == 1 and None not in thin and not CAMERA_KEYS & scene.camera.model_fields_set:
-            found["camera"] = _with_defaults(scene.camera, {"view": VIEW_ALONG[thin.pop() or 0]})
+        if not CAMERA_KEYS & scene.camera.model_fields_set:
+            found["camera"] = _with_defaults(scene.camera, face_on(infos, geometry))
         scene = scene.model_copy(update=found)
     chosen = _with_presets(scene, names, infos)
     problem = _problem_of(chosen)
@@ -89,6 +89,27 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
         image = _with_defaults(scene.image, {"background": BLACK if is_projection else BACKGROUND})
         chosen = chosen.model_copy(update={"image": image})
     return chosen
+
+
+def face_on(infos: Sequence[VolumeInfo], geometry: Sequence[GeometryInfo]) -> dict[str, Any]:
+    """Return keys of a camera that looks straight at what is thin or flat; none for other content."""
+    thin = {info.thin_axis for info in infos} | {info.flat_axis for info in geometry}
+    if len(thin) == 1 and (axis := thin.pop()) is not None:
+        is_picture = axis == 2 and bool(infos) and all(info.rows_down for info in infos)
+        return {"view": "bottom", "view_up": (0.0, -1.0, 0.0)} if is_picture else {"view": VIEW_ALONG[axis]}
+    if len(infos) != 1 or geometry or not infos[0].is_flat:
+        return {}
+    corners = infos[0].corners
+    edges = corners[[1, 2, 4]] - corners[0]
+    lengths = np.linalg.norm(edges, axis=1)
+    order = np.argsort(lengths)
+    if not lengths[order[0]] < lengths[order[1]]:
+        return {}
+    edges = edges[order] / lengths[order, None]
+    normal = np.cross(edges[1], edges[2])
+    normal *= np.sign(normal[np.abs(normal).argmax()]) * lengths.max()
+    centre = corners.mean(axis=0)
+    return {"position": tuple((centre + normal).tolist()), "focal_point": tuple(centre.tolist()), "fit": True}
 
 
 def _with_presets(scene: Scene, names: Sequence[PresetName | None], infos: Sequence[VolumeInfo]) -> Scene:

@@ -121,16 +121,17 @@ def _labels(info: VolumeInfo, clim: Clim) -> Keys:
     cmap = list[tuple[float, ...]]()
     alphas = list[tuple[float, float]]()
     for number, (value, count) in enumerate(zip(info.values.tolist(), info.counts.tolist(), strict=True)):
-        part = 0.0 if value == nothing else 1 - count / largest
+        part = 0.0 if value == nothing else 1.0 if info.is_flat else 1 - count / largest
         colour = colorsys.hsv_to_rgb(
             0.08 + 0.618034 * number, (0.7, 0.85, 0.5)[number % 3] * part, (1, 0.9)[number % 2]
         )
-        alpha = 0.0 if value == nothing else 1.0 if info.is_flat else 0.05 + 0.95 * part**4
+        alpha = 0.0 if value == nothing else 0.05 + 0.95 * part**4
         for end in (value - 0.5, value + 0.5):
             cmap.append((end, *colour))
             alphas.append((end, alpha))
     return {
         "interpolation": "nearest",
+        "shade": not info.is_flat,
         "ambient": 0.6,
         "diffuse": 0.5,
         "specular": 0.0,

@@ -35,6 +35,7 @@ class VolumeInfo:
         whole numbers, or have too many distinct values
     equal_share : share of equal pairs among neighbouring samples that do not both have the most frequent value
     jump_share : share of pairs that differ by more than 1 among unequal neighbouring samples
+    rows_down : whether the first row of a slice is its upper one, as in pictures
     array : name of the array in the file; "" if it has none
     """
 
@@ -57,6 +58,7 @@ class VolumeInfo:
     counts: NDArray[np.int64] | None = None
     equal_share: float = 0.0
     jump_share: float = 0.0
+    rows_down: bool = False
     array: str = ""
 
     @property
