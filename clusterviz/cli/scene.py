@@ -38,7 +38,11 @@ def command(
         infos = divided_infos(opened.infos)[0] if opened and opened_scene.automatic else []
         each = zip(infos, opened_scene.volumes, strict=False)
         kinds = [volume.preset or classify_values(info) for info, volume in each]
-        print(commented_scene(completed, [*_notes(scene, kinds), *chosen_arrays(opened_scene, completed)]), end="", flush=True)
+        print(
+            commented_scene(completed, [*_notes(scene, kinds), *chosen_arrays(opened_scene, completed)]),
+            end="",
+            flush=True,
+        )
 
 
 def _notes(name: str, kinds: Sequence[str]) -> list[str]:

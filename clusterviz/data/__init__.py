@@ -539,7 +539,9 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = (), preset:
     if grid_format_of(Path(path)):
         sections = _sections_of_grid(Path(path))
         if sections != ("grids",):  # geometry names its array scalars
-            overrides = [each.replace("array=", "scalars=", 1) if each.startswith("array=") else each for each in overrides]
+            overrides = [
+                each.replace("array=", "scalars=", 1) if each.startswith("array=") else each for each in overrides
+            ]
         return scene_of_data(path, overrides, sections, preset=preset)
     found = mesh_format_of(Path(path))
     sections = _sections_of(Path(path), found) if found else ("volumes",)

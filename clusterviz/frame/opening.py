@@ -323,7 +323,11 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     with run.local("plan", "plan"):
         opened = tuple(
             OpenedVolume(
-                each, layout, summary, (_info(each, _over_time(volume, each, layout, summary), volume.path),), _first_step(volume)
+                each,
+                layout,
+                summary,
+                (_info(each, _over_time(volume, each, layout, summary), volume.path),),
+                _first_step(volume),
             )
             for volume, each, layout, summary in zip(scene.volumes, sources, layouts, summaries, strict=True)
         )

@@ -73,7 +73,9 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
         shown = [automatic_geometry(*each) for each in zip(scene.geometry, geometry, strict=True)]
         found: dict[str, Any] = dict(as_sections(shown))
         if any(info.scalars and section.scalars for section, info in zip(shown, geometry, strict=True)):
-            found["annotations"] = _with_defaults(scene.annotations, {"scalar_bar": find_spec("matplotlib") is not None})
+            found["annotations"] = _with_defaults(
+                scene.annotations, {"scalar_bar": find_spec("matplotlib") is not None}
+            )
         found["quality"] = _with_defaults(scene.quality, {"step": STEP})
         if not CAMERA_KEYS & scene.camera.model_fields_set:
             found["camera"] = _with_defaults(scene.camera, face_on(infos, geometry))
@@ -97,19 +99,11 @@ def face_on(infos: Sequence[VolumeInfo], geometry: Sequence[GeometryInfo]) -> di
     if len(thin) == 1 and (axis := thin.pop()) is not None:
         is_picture = axis == 2 and bool(infos) and all(info.rows_down for info in infos)
         return {"view": "bottom", "view_up": (0.0, -1.0, 0.0)} if is_picture else {"view": VIEW_ALONG[axis]}
-    if len(infos) != 1 or geometry or not infos[0].is_flat:
+    if len(infos) != 1 or geometry or infos[0].normal is None:
         return {}
-    corners = infos[0].corners
-    edges = corners[[1, 2, 4]] - corners[0]
-    lengths = np.linalg.norm(edges, axis=1)
-    order = np.argsort(lengths)
-    if not lengths[order[0]] < lengths[order[1]]:
-        return {}
-    edges = edges[order] / lengths[order, None]
-    normal = np.cross(edges[1], edges[2])
-    normal *= np.sign(normal[np.abs(normal).argmax()]) * lengths.max()
-    centre = corners.mean(axis=0)
-    return {"position": tuple((centre + normal).tolist()), "focal_point": tuple(centre.tolist()), "fit": True}
+    centre = infos[0].corners.mean(axis=0)
+    position = centre + infos[0].normal * np.ptp(infos[0].corners, axis=0).max()
+    return {"position": tuple(position.tolist()), "focal_point": tuple(centre.tolist()), "fit": True}
 
 
 def _with_presets(scene: Scene, names: Sequence[PresetName | None], infos: Sequence[VolumeInfo]) -> Scene:

@@ -224,7 +224,9 @@ def own_scalars(section: GeometrySection, arrays: Arrays) -> str | None:
     radius = getattr(section, "radius", None)
     known = [name for name, (_, width) in arrays.items() if width == 1 and name != radius]
     shown = [name for name in known if not name.startswith(NOT_SHOWN)]
-    return own_colours(section, arrays) or next(iter(sorted(shown, key=lambda name: arrays[name][0] != "vertices")), None)
+    return own_colours(section, arrays) or next(
+        iter(sorted(shown, key=lambda name: arrays[name][0] != "vertices")), None
+    )
 
 
 def as_sections(sections: Iterable[GeometrySection]) -> dict[str, tuple[GeometrySection, ...]]:

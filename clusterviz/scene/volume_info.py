@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 THIN = 1 / 8
 """Share of the second longest side of a box below which the shortest makes it thin."""
+ALONG_AXIS = 0.999
+"""Component of a slice's normal from which on it is along that axis."""
 LARGEST = float(np.finfo(np.float64).max)
 
 
@@ -77,12 +79,25 @@ class VolumeInfo:
         return min(self.shape_zyx) <= 2
 
     @property
+    def normal(self) -> NDArray[np.float64] | None:
+        """Unit normal of a slice, float64 (3,), its largest component positive; None of a volume, and of a cube."""
+        edges = self.corners[[1, 2, 4]] - self.corners[0]
+        lengths = np.linalg.norm(edges, axis=1)
+        thin, wide, widest = np.argsort(lengths)
+        if not self.is_flat or not lengths[thin] < lengths[wide]:
+            return None
+        across: NDArray[np.float64] = np.cross(edges[wide] / lengths[wide], edges[widest] / lengths[widest])
+        return across / np.linalg.norm(across) * np.sign(across[np.abs(across).argmax()])
+
+    @property
     def thin_axis(self) -> int | None:
         """Axis of the world, 0 to 2, along which the box is thin; None if it is not thin along exactly one."""
+        if self.normal is not None:
+            axis = int(self.normal.argmax())
+            return axis if self.normal[axis] > ALONG_AXIS else None
         sides = np.ptp(self.corners, axis=0)
         thin, wide, _ = np.argsort(sides)
-        share = 1.0 if self.is_flat else THIN
-        return int(thin) if sides[thin] < share * sides[wide] else None
+        return int(thin) if sides[thin] < THIN * sides[wide] else None
 
     def percentile(self, q: float) -> float:
         """Return a percentile: the exact one if it is known, else as the histogram has it."""
