@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from clusterviz.annotations.scalar_bar import Style
 from clusterviz.scene.annotations import Annotations, AxesGrid, ScalarBar, section_of
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, content_corners, divided_infos
-from clusterviz.scene.grids import LISTED_SECTIONS
+from clusterviz.scene.grids import LISTED_SECTIONS, GridInfo
 from clusterviz.scene.values import Scene
 
 LEAST_SIDE = 128
@@ -71,14 +71,12 @@ def annotated(picture: NDArray[np.float32], scene: Scene, infos: Sequence[Info])
 def _with_names(scene: Scene, infos: Sequence[Info]) -> Scene:
     """Return a scene whose volumes and grids name the arrays that they show."""
     volumes, _, grids = divided_infos(infos)
-    found = {
-        name: tuple(
-            one.model_copy(update={"array": one.array or info.array or None})
-            for one, info in zip(getattr(scene, name), each, strict=True)
-        )
-        for name, each in (("volumes", volumes), ("grids", grids))
-    }
-    return scene.model_copy(update=found)
+
+    def named(sections: Sequence[Any], each: Sequence[VolumeInfo] | Sequence[GridInfo]) -> tuple[Any, ...]:
+        pairs = zip(sections, each, strict=True)
+        return tuple(one.model_copy(update={"array": one.array or info.array or None}) for one, info in pairs)
+
+    return scene.model_copy(update={"volumes": named(scene.volumes, volumes), "grids": named(scene.grids, grids)})
 
 
 def _style(settings: Annotations, background: Colour | None, side: int) -> Style:

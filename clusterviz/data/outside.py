@@ -13,7 +13,7 @@ from clusterviz.data.unstructured import UnstructuredGrid
 
 
 def has_scalars(grid: UnstructuredGrid) -> bool:
-    """Return whether a grid has cells with a volume and an array of one number each, so that it is drawn as a volume."""
+    """Return whether a grid is drawn as a volume: it has cells with a volume, and an array of one number each."""
     arrays = (*grid.point_arrays.values(), *grid.cell_arrays.values())
     return grid.count > 0 and any(array.size == len(array) for array in arrays)
 

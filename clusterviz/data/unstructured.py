@@ -239,8 +239,9 @@ def linearised(
             rows[kind].append(number)
         elif kind.startswith(FLAT_KINDS):
             ignored += len(corners)
-            sides = FLAT_SIDES.get(kind.rstrip("0123456789"), corners.shape[1])
-            if 3 <= sides <= corners.shape[1]:
+            width = int(corners.shape[1])
+            sides = FLAT_SIDES.get(kind.rstrip("0123456789"), width)
+            if 3 <= sides <= width:
                 triangles, polygon = triangulate(np.arange(len(corners) + 1) * sides, corners[:, :sides].ravel())
                 flat.append((triangles, number[polygon]))
         else:

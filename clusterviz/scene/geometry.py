@@ -64,7 +64,7 @@ class GeometrySection(Section):
         default=None,
         description="Name of an array that gives the colours: numbers through cmap, or red, green, blue (and alpha) as "
         "bytes or in 0..1. Arrays of vertices are interpolated, then classified. Default: the file's array RGB or "
-        "RGBA, unless color is given.",
+        "RGBA, unless color is given; of a data file without a scene else its first array of numbers.",
     )
     cmap: Cmap = Field(default="viridis", description="The colour map of the scalars, as of volumes.")
     clim: Clim | None = Field(
