@@ -18,7 +18,7 @@ from clusterviz.annotations.scalar_bar import Style
 from clusterviz.scene.annotations import Annotations, AxesGrid, ScalarBar, section_of
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, content_corners, divided_infos
-from clusterviz.scene.grids import LISTED_SECTIONS, GridInfo
+from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.values import Scene
 
 LEAST_SIDE = 128
@@ -72,7 +72,7 @@ def _with_names(scene: Scene, infos: Sequence[Info]) -> Scene:
     """Return a scene whose volumes and grids name the arrays that they show."""
     volumes, _, grids = divided_infos(infos)
 
-    def named(sections: Sequence[Any], each: Sequence[VolumeInfo] | Sequence[GridInfo]) -> tuple[Any, ...]:
+    def named(sections: Sequence[Any], each: Sequence[Any]) -> tuple[Any, ...]:
         pairs = zip(sections, each, strict=True)
         return tuple(one.model_copy(update={"array": one.array or info.array or None}) for one, info in pairs)
 

@@ -311,7 +311,8 @@ class ThickSource(GridOverride):
     def _stored(self, box: Box) -> Box:
         """Return the box of the stored samples that those of a box are."""
         sides = self.source.grid.shape_zyx
-        begin, end = (tuple(min(i, n - m) for i, n in zip(each, sides, strict=True)) for each, m in zip(box, (1, 0)))
+        begin = tuple(min(i, side - 1) for i, side in zip(box[0], sides, strict=True))
+        end = tuple(min(i, side) for i, side in zip(box[1], sides, strict=True))
         return cast("Box", (begin, end))
 
     def _repeated(self, samples: NDArray[Any], box: Box) -> NDArray[Any]:
@@ -470,7 +471,7 @@ _peeked: dict[tuple[GridFile, int], UnstructuredGrid] = {}
 
 
 def _sections_of_grid(path: Path) -> tuple[str, ...]:
-    """Return the section of a scene for a grid: meshes for surfaces and grids without scalars, which show their outside.
+    """Return the section of a scene for a grid: meshes for surfaces, and for the outside of grids without scalars.
 
     The first piece with cells tells.
     """

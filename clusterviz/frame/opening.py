@@ -578,7 +578,7 @@ def _info(source: Source, summary: VolumeSummary, path: str) -> VolumeInfo:
         percentiles=summary.percentiles,
         blocks=summary.blocks,
         block_sides=block_sides(grid.shape_zyx),
-        rows_down=bool(known_format) and known_format.name in ("picture", "tiff"),
+        rows_down=known_format is not None and known_format.name in ("picture", "tiff"),
         array=array,
         **more,
     )

@@ -87,7 +87,8 @@ class VolumeInfo:
         if not self.is_flat or not lengths[thin] < lengths[wide]:
             return None
         across: NDArray[np.float64] = np.cross(edges[wide] / lengths[wide], edges[widest] / lengths[widest])
-        return across / np.linalg.norm(across) * np.sign(across[np.abs(across).argmax()])
+        across *= np.sign(across[np.abs(across).argmax()]) / np.linalg.norm(across)
+        return across
 
     @property
     def thin_axis(self) -> int | None:
