@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from clusterviz.annotations.fixed import draw_fixed, time_text
 from clusterviz.annotations.scalar_bar import Style
 from clusterviz.scene.annotations import Annotations, AxesGrid, ScalarBar, section_of
 from clusterviz.scene.background import background_rgb
-from clusterviz.scene.complete import Info, VolumeInfo, box_corners, content_corners
+from clusterviz.scene.complete import Info, VolumeInfo, box_corners, content_corners, divided_infos
 from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.values import Scene
 
@@ -56,6 +56,7 @@ def annotated(picture: NDArray[np.float32], scene: Scene, infos: Sequence[Info])
         return picture
     height, width = picture.shape[:2]
     style = _style(settings, background_rgb(scene.image.background), min(width, height))
+    scene = _with_names(scene, infos)
     has_text = min(width, height) >= LEAST_SIDE
     fixed, rects = _fixed(scene, (width, height), style) if has_text else (None, ())
     behind, front, text = _of_camera(scene, infos, (width, height), style, list(rects), has_text)
@@ -65,6 +66,17 @@ def annotated(picture: NDArray[np.float32], scene: Scene, infos: Sequence[Info])
     for overlay in (*front, *text, *([fixed] if fixed is not None else [])):
         overlay.blend_over(found)
     return found
+
+
+def _with_names(scene: Scene, infos: Sequence[Info]) -> Scene:
+    """Return a scene whose volumes and grids name the arrays that they show."""
+    volumes, _, grids = divided_infos(infos)
+
+    def named(sections: Sequence[Any], each: Sequence[Any]) -> tuple[Any, ...]:
+        pairs = zip(sections, each, strict=True)
+        return tuple(one.model_copy(update={"array": one.array or info.array or None}) for one, info in pairs)
+
+    return scene.model_copy(update={"volumes": named(scene.volumes, volumes), "grids": named(scene.grids, grids)})
 
 
 def _style(settings: Annotations, background: Colour | None, side: int) -> Style:

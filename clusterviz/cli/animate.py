@@ -53,6 +53,7 @@ from clusterviz.scene import background_rgb
 from clusterviz.scene.animation import KeyFrames, load_path, scenes_along
 from clusterviz.scene.diff import differences
 from clusterviz.scene.files import public_data
+from clusterviz.scene.text import chosen_arrays
 from clusterviz.scene.values import Scene
 
 NUMBER_FIELD = re.compile(r"%0?\d*d")
@@ -326,6 +327,8 @@ def command(
     tracing.write()
     if channel.rank == 0:
         seconds = time.perf_counter() - began
+        for line in chosen_arrays(opened, loop.scene):
+            print_info(line)
         print_info(f"{len(missing)} of {count} frames rendered in {seconds:.1f} s: {output}")
         if movie.frame_coherence:
             print_info(f"frame coherence: {movie.frame_coherence}")

@@ -57,9 +57,15 @@ def command(
             arrays = _arrays_of(geometry)
             found = {"name": file, "format": mesh_format.name if mesh_format else "npy"} | describe_geometry(geometry)
         elif grid_format:
-            grid = read_grid(file, time)
-            arrays = {**grid.point_arrays, **grid.cell_arrays}
-            found = {"name": file, "format": grid_format.name, "grid": describe_grid(grid)}
+            found = {"name": file, "format": grid_format.name}
+            try:
+                grid = read_grid(file, time)
+                arrays = {**grid.point_arrays, **grid.cell_arrays}
+                found |= {"grid": describe_grid(grid)}
+            except DataError:
+                geometry = read_geometry(file)  # a surface, or the same error
+                arrays = _arrays_of(geometry)
+                found |= describe_geometry(geometry)
         else:
             try:
                 source, _, _ = first_parts(partial(open_source, file, None), Subset(array, time, channel))

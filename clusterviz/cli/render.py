@@ -35,7 +35,7 @@ from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.frame.picture_file import write_picture
 from clusterviz.image.files import check_writable
 from clusterviz.report.provenance import Provenance
-from clusterviz.scene.text import scene_summary
+from clusterviz.scene.text import chosen_arrays, scene_summary
 from clusterviz.scene.values import Scene
 
 
@@ -82,6 +82,8 @@ def command(
     if channel.rank == 0 and verbosity() is not Verbosity.QUIET:
         print_cost_table(rendered.statistics, slowest)
         print_info(f"shown      {scene_summary(rendered.scene)}")
+        for line in chosen_arrays(opened, rendered.scene):
+            print_info(f"array      {line}")
         print_info(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""))
 
 

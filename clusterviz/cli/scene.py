@@ -18,7 +18,7 @@ from clusterviz.image.files import read_text
 from clusterviz.scene.automatic import classify_values
 from clusterviz.scene.complete import divided_infos
 from clusterviz.scene.files import dump_scene, load_picture_scene
-from clusterviz.scene.text import commented_scene
+from clusterviz.scene.text import chosen_arrays, commented_scene
 
 
 def command(
@@ -39,7 +39,7 @@ def command(
         infos = divided_infos(opened.infos)[0] if opened and opened_scene.automatic else []
         each = zip(infos, opened_scene.volumes, strict=False)
         kinds = [volume.preset or classify_values(info) for info, volume in each]
-        print_document(commented_scene(completed, _notes(scene, kinds)))
+        print_document(commented_scene(completed, [*_notes(scene, kinds), *chosen_arrays(opened_scene, completed)]))
 
 
 def _notes(name: str, kinds: Sequence[str]) -> list[str]:

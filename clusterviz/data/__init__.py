@@ -287,6 +287,58 @@ class GridOverride(_OfSource):
         return read_boxes(self.source, boxes)
 
 
+@dataclass(frozen=True)
+class ThickSource(GridOverride):
+    """Source with one sample along an axis, repeated so that it fills a layer as thick as its pixels are wide.
+
+    Without it, a slice or a picture is a volume without thickness, of which no ray has a segment. Levels of a store are
+    hidden: two samples have no coarser level than one has.
+    """
+
+    @property
+    def levels(self) -> int:
+        """Number of levels: 0."""
+        return 0
+
+    def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
+        """Return whether a box of samples is known to be the same at another time step; see `SeriesSource`."""
+        return super().is_same(other, *self._stored((begin_zyx, end_zyx)))
+
+    def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
+        """Read the samples of a box; see `Source.read`."""
+        return self._repeated(super().read(*self._stored((begin_zyx, end_zyx))), (begin_zyx, end_zyx))
+
+    def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
+        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
+        found = super().read_boxes([self._stored(box) for box in boxes])
+        return found and [self._repeated(*each) for each in zip(found, boxes, strict=True)]
+
+    def _stored(self, box: Box) -> Box:
+        """Return the box of the stored samples that those of a box are."""
+        sides = self.source.grid.shape_zyx
+        begin = tuple(min(i, side - 1) for i, side in zip(box[0], sides, strict=True))
+        end = tuple(min(i, side) for i, side in zip(box[1], sides, strict=True))
+        return cast("Box", (begin, end))
+
+    def _repeated(self, samples: NDArray[Any], box: Box) -> NDArray[Any]:
+        return np.broadcast_to(samples, [end - begin for begin, end in zip(*box, strict=True)])
+
+
+def _with_thickness(source: Source) -> Source:
+    """Return a source with at least two samples along each axis; one with a single sample there is repeated."""
+    grid = source.grid
+    sides, spacing = np.array(grid.shape_zyx[::-1]), np.array(grid.spacing)
+    is_thin = sides == 1
+    if not is_thin.any():
+        return source
+    width = spacing[~is_thin].min() if not is_thin.all() else spacing.min()
+    steps = np.array(grid.direction) * np.where(is_thin, width, spacing)
+    z, y, x = (max(2, side) for side in grid.shape_zyx)
+    origin = np.array(grid.origin) - steps[:, is_thin].sum(axis=1) / 2
+    found = make_grid((z, y, x), steps, origin, source.name)
+    return ThickSource(source, replace(found, orientation=grid.orientation, modality=grid.modality))
+
+
 def _open(text: str, part: Subset) -> Source:
     if text.startswith("field:"):
         return open_field(text)
@@ -361,7 +413,7 @@ def grid_format_of(path: Path) -> Format | None:
 
 
 def read_geometry(path: str | Path) -> Geometry:
-    """Read the meshes, lines and points of a file of a format in `MESH_FORMATS`.
+    """Read the meshes, lines and points of a file of a format in `MESH_FORMATS`, or the outside of a grid's file.
 
     Raises
     ------
@@ -369,7 +421,13 @@ def read_geometry(path: str | Path) -> Geometry:
         Missing, unreadable, damaged, of an unknown extension, or indices out of range.
     """
     file = Path(path)
-    found = mesh_format_of(file) or _by_extension(file, MESH_EXTENSIONS)
+    found = mesh_format_of(file)
+    if found is None and grid_format_of(file):
+        from clusterviz.data.outside import outside_of
+
+        with guard(DataError, path):
+            return outside_of(_whole_grid(file))
+    found = found or _by_extension(file, MESH_EXTENSIONS)
     if found is None:
         raise unknown_file(file, MESH_EXTENSIONS)
     with guard(DataError, path):
@@ -392,16 +450,55 @@ def read_grid(path: str | Path, time: float | None = None) -> UnstructuredGrid:
         Missing, unreadable, damaged, of an unknown extension, no such time step, or as of `UnstructuredGrid`.
     """
     with guard(DataError, path):
-        grids = [read_piece(file) for file in grid_files(Path(path), time)]
-        from clusterviz.data.unstructured import check_volume, joined_grids
+        from clusterviz.data.unstructured import check_volume
 
-        whole = grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
+        whole = _whole_grid(Path(path), time)
         check_volume(whole)
         return whole
 
 
+def _whole_grid(path: Path, time: float | None = None) -> UnstructuredGrid:
+    """Return the joined pieces of an unstructured grid."""
+    from clusterviz.data.unstructured import joined_grids
+
+    grids = [read_piece(file) for file in grid_files(path, time)]
+    return grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
+
+
+_peeked: dict[tuple[GridFile, int], UnstructuredGrid] = {}
+"""The file that `_sections_of_grid` has read, until it is read for the picture, so that it is read once."""
+
+
+def _sections_of_grid(path: Path) -> tuple[str, ...]:
+    """Return the section of a scene for a grid: meshes for surfaces, and for the outside of grids without scalars.
+
+    The first piece with cells tells.
+    """
+    from clusterviz.data.outside import has_scalars
+
+    with suppress(DataError):  # the reader says it
+        for file in grid_files(path):
+            grid = read_piece(file)
+            _peeked.clear()
+            _peeked[file, _changed(file.path)] = grid
+            if has_scalars(grid):
+                break
+            if grid.count or grid.surface:
+                return ("meshes",)
+            if grid.ignored:
+                return ("points",)
+    return ("grids",)
+
+
+def _changed(path: Path) -> int:
+    """Return when a file was changed; 0 if it is missing."""
+    return path.stat().st_mtime_ns if path.exists() else 0
+
+
 def read_piece(file: GridFile) -> UnstructuredGrid:
     """Read one of the files that `grid_files` returns; raises as `read_grid`."""
+    if (known := _peeked.pop((file, _changed(file.path)), None)) is not None:
+        return known
     path, time, found = file.path, file.time, _by_extension(file.path, GRID_EXTENSIONS)
     with guard(DataError, path):
         if found is None or found.name == "list":
@@ -437,7 +534,12 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = (), preset:
     if is_url(str(path)) or Path(path).is_dir():
         return _scene_of_channels(str(path), overrides, preset)
     if grid_format_of(Path(path)):
-        return scene_of_data(path, overrides, ("grids",), preset=preset)
+        sections = _sections_of_grid(Path(path))
+        if sections != ("grids",):  # geometry names its array scalars
+            overrides = [
+                each.replace("array=", "scalars=", 1) if each.startswith("array=") else each for each in overrides
+            ]
+        return scene_of_data(path, overrides, sections, preset=preset)
     found = mesh_format_of(Path(path))
     sections = _sections_of(Path(path), found) if found else ("volumes",)
     if not found and holds_only_vectors(str(path), overrides):
@@ -536,12 +638,16 @@ def open_time_step(source: Source, volume: Volume) -> Source:
 
 
 def override_grid(source: Source, volume: Volume) -> Source:
-    """Return the source with spacing, origin, direction and labels of the scene's volume, as far as it has them."""
+    """Return the source with spacing, origin, direction and labels of the scene's volume, as far as it has them.
+
+    A slice, or another source with one sample along an axis, gets a thickness, see `ThickSource`.
+    """
     source = as_labels(source, volume.labels)
     if volume.spacing is None and volume.origin is None and volume.direction is None:
-        return source
+        return _with_thickness(source)
     grid = source.grid
     axes = np.array(volume.direction or grid.direction)
     steps = axes / np.linalg.norm(axes, axis=0) * np.array(volume.spacing or grid.spacing)
     moved = make_grid(grid.shape_zyx, steps, volume.origin or grid.origin, source.name)
-    return GridOverride(source, replace(moved, orientation="" if volume.direction else grid.orientation))
+    placed = replace(moved, orientation="" if volume.direction else grid.orientation)
+    return _with_thickness(GridOverride(source, placed))

@@ -187,11 +187,12 @@ class Points:
 
 @dataclass(frozen=True)
 class Geometry:
-    """What a file holds; None for what it lacks."""
+    """What a file holds; None for what it lacks. `axes` says what is up, see `GeometryInfo`."""
 
     mesh: Mesh | None = None
     lines: Lines | None = None
     points: Points | None = None
+    axes: str = ""
 
 
 def bounds_of(positions: NDArray[Any]) -> Bounds | None:

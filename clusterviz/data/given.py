@@ -14,6 +14,7 @@ from clusterviz.data.axes import Choice, Subset, first_parts, warn_of_choices
 from clusterviz.data.geometry import Geometry, Lines, Points, as_geometry
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.objects import open_object
+from clusterviz.data.outside import has_scalars, outside_of
 from clusterviz.data.vectors import VectorArray, VectorSource
 from clusterviz.data.vtk_cells import as_grid, is_grid
 from clusterviz.errors import DataError, InputError
@@ -93,7 +94,10 @@ def _scene_and_sources(
 
 def _one(given: Any, grid: Any, where: str) -> tuple[Scene, Any]:
     if is_grid(given):
-        return Scene(grids=(GridSection(path="array"),), automatic=True), [as_grid(given, where)]
+        given = as_grid(given, where)
+        given = given if has_scalars(given) else outside_of(given)
+    if is_grid(given):
+        return Scene(grids=(GridSection(path="array"),), automatic=True), [given]
     if _is_vectors(given):
         return Scene(flows=(FlowSection(path=given.name),), automatic=True), [given]
     if any(hasattr(given, name) for name in ("faces", "vertices")) or isinstance(given, (Geometry, Lines, Points)):

@@ -18,11 +18,13 @@ from clusterviz.data.axes import UnnamedPartError
 from clusterviz.data.geometry import (
     Attributes,
     Bounds,
+    Mesh,
     bounds_of,
     check_attributes,
     check_indices,
     check_positions,
     hashes,
+    triangulate,
 )
 from clusterviz.errors import DataError
 
@@ -48,6 +50,7 @@ class UnstructuredGrid:
     point_arrays : arrays (n,) or (n, components) by name
     cell_arrays : of all cells, those of each kind one after another
     ignored : number of cells of the file without a volume: points, lines, triangles, …
+    surface : triangles of the file's flat cells, if it has no others; None without
     curved : by the name of a point array, the largest difference along the edges of curved cells that their
         subdivision makes; "" for the edges themselves, world; empty without curved cells
 
@@ -64,6 +67,7 @@ class UnstructuredGrid:
     cell_arrays: Attributes = field(default_factory=dict)
     ignored: int = 0
     curved: Mapping[str, float] = field(default_factory=dict)
+    surface: Mesh | None = None
 
     def __post_init__(self) -> None:
         check_positions(self.points, self.name)
@@ -154,6 +158,21 @@ def joined_grids(grids: Sequence[UnstructuredGrid], name: str) -> UnstructuredGr
         of_cells,
         sum(grid.ignored for grid in grids),
         {key: max(grid.curved.get(key, 0.0) for grid in some) for grid in some for key in grid.curved},
+        None if any(grid.count for grid in grids) else _joined_surfaces([g.surface for g in grids if g.surface], name),
+    )
+
+
+def _joined_surfaces(meshes: Sequence[Mesh], name: str) -> Mesh | None:
+    """Return the triangles of several meshes as one mesh, with the arrays that all of them have."""
+    if not meshes:
+        return None
+    begins = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    return Mesh(
+        name,
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.triangles + first for mesh, first in zip(meshes, begins, strict=False)]),
+        _joined([mesh.vertex_attributes for mesh in meshes]),
+        _joined([mesh.triangle_attributes for mesh in meshes]),
     )
 
 
@@ -170,7 +189,7 @@ def _joined(each: Sequence[Attributes]) -> Attributes:
 def check_volume(grid: UnstructuredGrid) -> None:
     """Refuse a grid whose cells are all without a volume; a piece of a grid may have such cells only."""
     if grid.ignored and not grid.count:
-        found, allowed = f"{grid.ignored} others", ", ".join(FACES)
+        found, allowed = f"{grid.ignored} others", f"{', '.join(FACES)}; a surface is one of meshes"
         raise DataError("no cells with a volume", where=grid.name, found=found, allowed=allowed)
 
 
@@ -199,7 +218,7 @@ def linearised(
     DataError
         A kind is unknown, or as of `UnstructuredGrid`.
     """
-    ignored, begin, curved = 0, 0, dict[str, float]()
+    ignored, begin, curved, flat = 0, 0, dict[str, float](), list[tuple[NDArray[Any], NDArray[np.int64]]]()
     cells: dict[str, list[NDArray[Any]]] = {kind: [] for kind in FACES}
     rows: dict[str, list[NDArray[np.int64]]] = {kind: [] for kind in FACES}
     for kind, corners in blocks:
@@ -222,6 +241,11 @@ def linearised(
             rows[kind].append(number)
         elif kind.startswith(FLAT_KINDS):
             ignored += len(corners)
+            width = int(corners.shape[1])
+            sides = FLAT_SIDES.get(kind.rstrip("0123456789"), width)
+            if 3 <= sides <= width:
+                triangles, polygon = triangulate(np.arange(len(corners) + 1) * sides, corners[:, :sides].ravel())
+                flat.append((triangles, number[polygon]))
         else:
             allowed = ", ".join([*FACES, *SECOND_ORDER, *FLAT_KINDS, "polyhedra of VTK"])
             raise DataError("cells of an unsupported kind", where=where, found=kind, allowed=allowed)
@@ -229,7 +253,11 @@ def linearised(
     check_attributes(of_cells, begin, "cells", where)
     kept = {kind: np.concatenate(each) if len(each) > 1 else each[0] for kind, each in cells.items() if each}
     of_kept = {name: array[order_of] for name, array in of_cells.items()}
-    return UnstructuredGrid(where, points, kept, of_points, of_kept, ignored, curved)
+    surface = None
+    if flat and not kept:
+        corners_of, numbers = (np.concatenate(each) for each in zip(*flat, strict=True))
+        surface = Mesh(where, points, corners_of, of_points, {name: array[numbers] for name, array in of_cells.items()})
+    return UnstructuredGrid(where, points, kept, of_points, of_kept, ignored, curved, surface)
 
 
 def grid_of_blocks(mesh: Any, where: str) -> UnstructuredGrid:
@@ -242,6 +270,8 @@ def grid_of_blocks(mesh: Any, where: str) -> UnstructuredGrid:
     """
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     count, points = sum(len(corners) for _, corners in blocks), np.asarray(mesh.points)
+    if points.ndim == 2 and points.shape[1] == 2:
+        points = np.pad(points, ((0, 0), (0, 1)))
     if points.ndim != 2 or points.shape[1] != 3:
         raise DataError("not three-dimensional", where=where, found=points.shape, allowed="points (n, 3)")
     points = points.astype(np.promote_types(points.dtype, np.float32), copy=False)
@@ -257,6 +287,8 @@ def _numbers(arrays: Attributes, count: int) -> Attributes:
 
 
 FLAT_KINDS = ("vertex", "line", "triangle", "quad", "polygon")
+FLAT_SIDES = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4}
+"""Corners of flat cells, which come before their nodes of higher order; a polygon has any number."""
 
 
 @dataclass(frozen=True, eq=False)

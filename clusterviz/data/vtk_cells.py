@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.geometry import Attributes, check_attributes, named_arrays, positions_of
+from clusterviz.data.geometry import (
+    Attributes,
+    check_attributes,
+    named_arrays,
+    positions_of,
+    triangulate,
+    triangulate_strips,
+)
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, grid_of_blocks, linearised
 from clusterviz.data.vtk_ghosts import HIDDEN_POINT, UNDRAWN_CELLS, drawn_cells, some_cells, split_ghosts
 from clusterviz.errors import DataError
@@ -33,7 +40,9 @@ KINDS = {
 }
 """Names of VTK's types of cells."""
 NODES = {10: 4, 11: 8, 12: 8, 13: 6, 14: 5, 24: 10, 25: 20, 26: 15, 27: 13, 29: 27, 32: 18, 37: 14}
-VOXEL, POLYHEDRON = 11, 42
+VOXEL, POLYHEDRON, STRIP, PIXEL = 11, 42, 6, 8
+FLAT = {"triangle": 3, "quad": 4, "polygon": None}
+"""Corners of flat cells with an area; None: any number."""
 
 
 def grid_of_cells(
@@ -69,6 +78,7 @@ def grid_of_cells(
     )
     counts = np.diff(offsets)
     blocks, order = list[tuple[str, NDArray[np.int64] | Polyhedra]](), [np.zeros(0, np.int64)]
+    is_surface = not np.isin(types, [*NODES, POLYHEDRON]).any()
     for kind in np.unique(types).tolist():
         if kind == POLYHEDRON and polyhedra is not None:
             blocks.append(("polyhedron", polyhedra))
@@ -79,6 +89,11 @@ def grid_of_cells(
             allowed = ", ".join(dict.fromkeys(KINDS.values()))
             raise DataError("cells of an unsupported kind", where=where, found=found, allowed=allowed)
         rows = np.flatnonzero(types == kind)
+        if is_surface and KINDS[kind] in FLAT:
+            triangles, cells = _flat_cells(kind, rows, offsets, corners, where)
+            blocks.append(("triangle", triangles))
+            order.append(cells)
+            continue
         nodes = NODES.get(kind, 1)  # of a flat cell none is used
         wrong = counts[rows] < nodes if kind not in NODES else counts[rows] != nodes
         if wrong.any():
@@ -115,6 +130,22 @@ def _visible(
         polyhedra = polyhedra.some(is_drawn[own])
     of_kept = {name: array[is_drawn] for name, array in of_cells.items()}
     return of_points, of_kept, types[is_drawn], *some_cells(offsets, corners, is_drawn), polyhedra
+
+
+def _flat_cells(
+    kind: int, rows: NDArray[np.int64], offsets: NDArray[np.int64], corners: NDArray[np.int64], where: str
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the triangles (m, 3) of some flat cells of one of VTK's types, and the cell of each."""
+    found, sides = np.diff(offsets)[rows], FLAT[KINDS[kind]]
+    if sides is not None and kind != STRIP and (found < sides).any():
+        raise DataError("a cell has an impossible length", where=where, found=f"{found.min()} points", allowed=sides)
+    counts = found if sides is None or kind == STRIP else np.full(len(rows), sides)
+    ends = np.append(0, np.cumsum(counts))
+    chosen = corners[np.repeat(offsets[rows] - ends[:-1], counts) + np.arange(ends[-1])]
+    if kind == PIXEL:
+        chosen = chosen.reshape(-1, 4)[:, [0, 1, 3, 2]].ravel()
+    triangles, cell = (triangulate_strips if kind == STRIP else triangulate)(ends, chosen)
+    return triangles.astype(np.int64), rows[cell]
 
 
 def is_grid(given: Any) -> bool:

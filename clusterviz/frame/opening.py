@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
-from clusterviz.data import open_first_parts, open_time_step, override_grid, read_geometry, read_piece
+from clusterviz.data import format_of, open_first_parts, open_time_step, override_grid, read_geometry, read_piece
 from clusterviz.data.axes import warn_of_choices
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
 from clusterviz.data.geometry import Geometry
@@ -220,8 +220,9 @@ class OpenedContent:
     def free(self) -> None:
         """Release volumes that lie in the memory of all ranks; collective."""
         for volume in self.volumes:
-            if isinstance(volume.source, LicOverRanks):
-                volume.source.free()
+            source = getattr(volume.source, "source", volume.source)  # of one layer with a thickness
+            if isinstance(source, LicOverRanks):
+                source.free()
 
     def with_volumes(self, volumes: Sequence[OpenedVolume]) -> OpenedContent:
         """Return the content with its volumes at other time steps."""
@@ -334,7 +335,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
                 each,
                 layout,
                 summary,
-                (replace(_info(each, _over_time(volume, each, layout, summary)), parts=part),),
+                (replace(_info(each, _over_time(volume, each, layout, summary), volume.path), parts=part),),
                 part.get("time", _first_step(volume)),
             )
             for volume, each, layout, summary, part in zip(
@@ -594,9 +595,11 @@ def _summary(run: Run, source: Source, layout: BrickLayout, share: list[Index], 
     return summarise(source.dtype, layout, bricks, run.channel.allgather)
 
 
-def _info(source: Source, summary: VolumeSummary) -> VolumeInfo:
-    """Return the information on a volume that completes a scene."""
-    grid, known = source.grid, summary.categories
+def _info(source: Source, summary: VolumeSummary, path: str) -> VolumeInfo:
+    """Return the information on a volume of a path that completes a scene."""
+    array = source.name.removesuffix(getattr(getattr(source, "slab", None), "label", ""))
+    array = array.removeprefix(f"{path}:").lstrip("/") if array.startswith(f"{path}:") else ""
+    grid, known, known_format = source.grid, summary.categories, format_of(Path(path))
     low, high = summary.value_range
     percentile_1, percentile_99 = summary.percentile(1.0), summary.percentile(99.0)
     more: dict[str, Any] = {}
@@ -618,5 +621,7 @@ def _info(source: Source, summary: VolumeSummary) -> VolumeInfo:
         percentiles=summary.percentiles,
         blocks=summary.blocks,
         block_sides=block_sides(grid.shape_zyx),
+        rows_down=known_format is not None and known_format.name in ("picture", "tiff"),
+        array=array,
         **more,
     )

@@ -40,6 +40,7 @@ from clusterviz.scene.geometry import (
     MeshSection,
     PointsSection,
     is_arrows,
+    own_scalars,
 )
 from clusterviz.scene.transfer import TransferFunction, opacity_points
 from clusterviz.scene.values import Light
@@ -98,9 +99,9 @@ class KnownGeometry:
             for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items()):
                 arrays[name] = "vertices" if name in drawn.of_vertices else "primitives", _width(array)
                 self._colour_types[name] = array.dtype
-            values = np.empty(0)
-            if section.scalars is not None and _channels(section, arrays, key) == 1:
-                array = _array(drawn, section.scalars)
+            values, scalars_name = np.empty(0), section.scalars or own_scalars(section, arrays)
+            if scalars_name is not None and _channels(section, arrays, key, scalars_name) == 1:
+                array = _array(drawn, scalars_name)
                 values = array[len(array) * rank // ranks : len(array) * (rank + 1) // ranks]
             finite = values[np.isfinite(values)]
             scalars = (float(finite.min()), float(finite.max())) if finite.size else None
@@ -119,6 +120,7 @@ class KnownGeometry:
             (min(one[0] for one in known), max(one[1] for one in known)) if known else None,
             any(invalid),
             arrays,
+            geometry.axes,
             () if sum(counts) else tuple(n for n in ("mesh", "lines", "points") if getattr(geometry, n)),
         )
 
@@ -150,7 +152,7 @@ class KnownGeometry:
             make_segments(transfer, 1.0) if transfer else None,
             make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
             _culled_side(section),
-            hides and not self.info.has_invalid and (edges is None or edges[3] >= 1),
+            hides and not (transfer and self.info.has_invalid) and (edges is None or edges[3] >= 1),
             section,
             self._position_type,
             section.shade and (getattr(section, "shading", "") == "smooth" or is_arrows(section)),
@@ -272,8 +274,8 @@ def _array(drawn: DrawnPrimitives, name: str) -> NDArray[Any]:
     return np.asarray(drawn.of_vertices.get(name, drawn.of_cells.get(name)))
 
 
-def _channels(section: GeometrySection, arrays: Any, key: str) -> Literal[0, 1, 3, 4]:
-    """Return the components of the colours that primitives have.
+def _channels(section: GeometrySection, arrays: Any, key: str, name: str | None = None) -> Literal[0, 1, 3, 4]:
+    """Return the components of the colours that primitives have, or of those that an array would give.
 
     Raises
     ------
@@ -282,9 +284,9 @@ def _channels(section: GeometrySection, arrays: Any, key: str) -> Literal[0, 1, 
     """
     if isinstance(section, LinesSection) and section.color_by == "direction":
         return 3
-    if section.scalars is None or (isinstance(section, LinesSection) and section.color_by == "color"):
+    name, where = name or section.scalars, f"{key}.scalars"
+    if name is None or (isinstance(section, LinesSection) and section.color_by == "color"):
         return 0
-    name, where = section.scalars, f"{key}.scalars"
     if name not in arrays:
         raise InputError("no such array", where=where, found=name, allowed=", ".join(arrays) or "none: there are none")
     width: Any = arrays[name][1]

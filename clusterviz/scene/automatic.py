@@ -6,14 +6,16 @@ All is shaded, on a dark background, at half the default step. Keys that a user 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from clusterviz.errors import SceneError
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.flows import FlowInfo
-from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, as_sections
+from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, as_sections, own_scalars
 from clusterviz.scene.grids import GridInfo
 from clusterviz.scene.presets import LIGHT, MAX_LABELS, PRESETS, PresetName, has_hounsfield_units
 from clusterviz.scene.validation_messages import scene_error
@@ -68,11 +70,15 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
         for volume, info in zip(scene.volumes, infos, strict=True)
     ]
     if automatic:
-        found = as_sections(automatic_geometry(*each) for each in zip(scene.geometry, geometry, strict=True))
+        shown = [automatic_geometry(*each) for each in zip(scene.geometry, geometry, strict=True)]
+        found: dict[str, Any] = dict(as_sections(shown))
+        if any(info.scalars and section.scalars for section, info in zip(shown, geometry, strict=True)):
+            found["annotations"] = _with_defaults(
+                scene.annotations, {"scalar_bar": find_spec("matplotlib") is not None}
+            )
         found["quality"] = _with_defaults(scene.quality, {"step": STEP})
-        thin = {info.thin_axis for info in infos}
-        if len(thin) == 1 and None not in thin and not CAMERA_KEYS & scene.camera.model_fields_set:
-            found["camera"] = _with_defaults(scene.camera, {"view": VIEW_ALONG[thin.pop() or 0]})
+        if not CAMERA_KEYS & scene.camera.model_fields_set:
+            found["camera"] = _with_defaults(scene.camera, face_on(infos, geometry))
         scene = scene.model_copy(update=found)
     chosen = _with_presets(scene, names, infos)
     problem = _problem_of(chosen)
@@ -85,6 +91,19 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
         image = _with_defaults(scene.image, {"background": BLACK if is_projection else BACKGROUND})
         chosen = chosen.model_copy(update={"image": image})
     return chosen
+
+
+def face_on(infos: Sequence[VolumeInfo], geometry: Sequence[GeometryInfo]) -> dict[str, Any]:
+    """Return keys of a camera that looks straight at what is thin or flat; none for other content."""
+    thin = {info.thin_axis for info in infos} | {info.flat_axis for info in geometry}
+    if len(thin) == 1 and (axis := thin.pop()) is not None:
+        is_picture = axis == 2 and bool(infos) and all(info.rows_down for info in infos)
+        return {"view": "bottom", "view_up": (0.0, -1.0, 0.0)} if is_picture else {"view": VIEW_ALONG[axis]}
+    if len(infos) != 1 or geometry or infos[0].normal is None:
+        return {}
+    centre = infos[0].corners.mean(axis=0)
+    position = centre + infos[0].normal * np.ptp(infos[0].corners, axis=0).max()
+    return {"position": tuple(position.tolist()), "focal_point": tuple(centre.tolist()), "fit": True}
 
 
 def _with_presets(scene: Scene, names: Sequence[PresetName | None], infos: Sequence[VolumeInfo]) -> Scene:
@@ -103,23 +122,17 @@ def _problem_of(scene: Scene) -> SceneError | None:
 
 
 def automatic_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
-    """Return meshes, lines or points in light, and lines without colours by their direction."""
+    """Return meshes, lines or points in light, coloured by an array of theirs, or lines without one by direction."""
     if section.of_flow:
         return section
     found: dict[str, Any] = dict(GEOMETRY_KEYS)
-    if colours := own_colours(section, info):
-        found["scalars"] = colours
+    shown = own_scalars(section, info.arrays)
+    if shown and (info.scalars or info.arrays[shown][1] > 1):
+        found["scalars"] = shown
     elif isinstance(section, LinesSection) and not {"color", "scalars"} & section.model_fields_set:
         found["color_by"] = "direction"
     chosen: GeometrySection = _with_defaults(section, found)
     return chosen
-
-
-def own_colours(section: GeometrySection, info: GeometryInfo) -> str | None:
-    """Return the file's array of colours by its name, if there is one and the scene has no colour."""
-    if {"color", "scalars"} & section.model_fields_set:
-        return None
-    return next((name for name in ("RGB", "RGBA") if info.arrays.get(name, ("", 0))[1] in (3, 4)), None)
 
 
 def with_preset(volume: Volume, name: PresetName, info: VolumeInfo) -> Volume:
@@ -132,13 +145,16 @@ def classify_values(info: VolumeInfo) -> PresetName:
     """Return the preset that suits a volume's values, by what the file says of them and by their statistics."""
     values = info.values
     low, high = info.percentile_1, info.percentile_99
-    if values is not None and len(values) == 2 and tuple(values) == (info.minimum, info.maximum):
-        return "mask"
     is_even = info.equal_share > 0.6 and (info.jump_share > 0.2 or (values is not None and len(values) <= 8))
     may_be_labels = values is not None and (
         info.exceeds_floats or (2 < len(values) <= MAX_LABELS and info.minimum >= 0)
     )
-    if may_be_labels and (is_even or info.modality == "labels"):
+    has_labels = may_be_labels and (is_even or info.modality == "labels")
+    if info.is_flat:
+        return "labels" if has_labels else "block"
+    if values is not None and len(values) == 2 and tuple(values) == (info.minimum, info.maximum):
+        return "mask"
+    if has_labels:
         return "labels"
     if has_hounsfield_units(info):
         return "tissue"

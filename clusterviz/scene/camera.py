@@ -53,6 +53,7 @@ def fitted_camera(
     size: tuple[int, int],
     orientation: str = "",
     margin: float = MARGIN,
+    axes: str = DEFAULT_ORIENTATION,
 ) -> Camera:
     """Return a camera with position, focal point and view_up; values that are set are kept.
 
@@ -64,6 +65,7 @@ def fitted_camera(
     size : width and height of the picture, pixels
     orientation : anatomical directions of x, y and z of the world, such as "RAS"; "" if unknown
     margin : around the points, as a share of half the picture's sides
+    axes : directions of x, y and z for data without an orientation, such as "RSA" where y is up
 
     Returns
     -------
@@ -77,7 +79,7 @@ def fitted_camera(
     if is_completed(camera):
         return camera
     centre, radius = bounding_sphere(corners, spacing)
-    toward_eye, word_up = _named_direction(camera, orientation)
+    toward_eye, word_up = _named_direction(camera, orientation, axes)
     focal_point, position, angle = camera.focal_point, camera.position, camera.view_angle
     fits = bool(camera.fit) or position is None
     if focal_point is None:
@@ -191,9 +193,9 @@ def is_completed(camera: Camera) -> bool:
     return None not in (camera.position, camera.focal_point, camera.view_up) and not words
 
 
-def _named_direction(camera: Camera, orientation: str) -> tuple[Vector, Vector | None]:
+def _named_direction(camera: Camera, orientation: str, axes: str) -> tuple[Vector, Vector | None]:
     """Return the direction to the eye for `view`, and its view_up."""
-    letters = orientation or DEFAULT_ORIENTATION
+    letters = orientation or axes
 
     def axis(letter: str) -> Floats:
         index = next(i for i, found in enumerate(letters) if found in (letter, OPPOSITE[letter]))
@@ -201,8 +203,8 @@ def _named_direction(camera: Camera, orientation: str) -> tuple[Vector, Vector |
         return vector
 
     if camera.view in (None, "iso"):
-        default = np.abs(axis("R")) + axis("A" if orientation else "P") + axis("S")
-        up = camera.view_up or (_to_tuple(axis("S")) if camera.view or orientation else UPS[0])
+        default = np.abs(axis("R")) + (axis("A") if orientation else np.abs(axis("P"))) + axis("S")
+        up = camera.view_up or _to_tuple(axis("S"))
         choices = (_to_tuple(default), *DIRECTIONS)
         return next(each for each in choices if sine(each, up) > PARALLEL), up
     side = EYE_SIDES[camera.view]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.scene.automatic import Info as Info
-from clusterviz.scene.automatic import automatic_scene, own_colours
+from clusterviz.scene.automatic import automatic_scene
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.camera import MARGIN, fitted_camera, is_completed
+from clusterviz.scene.camera import DEFAULT_ORIENTATION, MARGIN, fitted_camera, is_completed
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.flow_content import FlowLines, with_flows
 from clusterviz.scene.flows import FlowInfo
@@ -23,6 +23,7 @@ from clusterviz.scene.geometry import (
     PointsSection,
     as_sections,
     is_arrows,
+    own_colours,
 )
 from clusterviz.scene.grids import GridInfo, GridSection
 from clusterviz.scene.optics import optical_function
@@ -88,7 +89,11 @@ def complete_scene(scene: Scene, infos: Sequence[Info] | VolumeInfo) -> Scene:
     spacing = min((min(info.spacing) for info in each), default=0.0)
     orientation = next((info.orientation for info in each if info.orientation), "")
     margin = min(0.5, AXES_LABELS * scene.annotations.font_size) if scene.annotations.axes else MARGIN
-    camera = fitted_camera(scene.camera, corners, spacing, scene.image.size, orientation, margin)
+    axes = {info.axes for info in known} if not (each or gridded) else set()
+    up = axes.pop() if len(axes) == 1 else ""
+    camera = fitted_camera(
+        scene.camera, corners, spacing, scene.image.size, orientation, margin, up or DEFAULT_ORIENTATION
+    )
     return scene.model_copy(update={"camera": camera})
 
 
@@ -115,9 +120,9 @@ def content_corners(scene: Scene, infos: Sequence[Info]) -> NDArray[np.float64]:
 def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometrySection:
     """Return meshes, lines or points with clim, a radius, the file's own colours and the width of edges."""
     found: dict[str, object] = {}
-    if colours := own_colours(section, info):
+    if colours := own_colours(section, info.arrays):
         found["scalars"] = colours
-    if section.clim is None and info.scalars is not None:
+    if section.clim is None and section.scalars is not None and info.scalars is not None:
         low, high = info.scalars
         found["clim"] = (low, high) if low < high else range_around(low)
     size = (math.dist(*info.box) if len(info.box) else 0.0) or float(np.abs(info.box).max(initial=0.0)) or 1.0

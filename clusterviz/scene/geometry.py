@@ -45,6 +45,8 @@ def _check_transform(rows: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 Colour = Annotated[Background, AfterValidator(_check_colour)]
+FLAT_SHARE = 1e-6
+"""Share of the longest side of a box below which a side is that of a plane."""
 FLAT = 1e-12
 """Determinant, of a matrix whose largest entry is 1, below which it flattens space."""
 Row = Annotated[tuple[Number, Number, Number, Number], BeforeValidator(to_builtin)]
@@ -62,7 +64,8 @@ class GeometrySection(Section):
         default=None,
         description="Name of an array that gives the colours: numbers through cmap, or red, green, blue (and alpha) as "
         "unsigned integers of 8 or 16 bits, or in 0..1. Arrays of vertices are interpolated, then classified. Default: "
-        "the file's array RGB or RGBA, unless color is given.",
+        "the file's array RGB or RGBA, unless color is given; of a data file without a scene else its first array of "
+        "numbers.",
     )
     cmap: Cmap = Field(default="viridis", description="The colour map of the scalars, as of volumes.")
     clim: Clim | None = Field(
@@ -202,10 +205,41 @@ GEOMETRY_SECTIONS: dict[str, type[GeometrySection]] = {
 """Sections of a scene with meshes, lines and points, in the order in which equal depths are composited."""
 
 
+COLOUR_ARRAYS = ("RGB", "RGBA")
+NOT_SHOWN = ("vtk", "stl")
+"""Beginnings of the names of arrays that are no data: VTK's own, such as vtkGhostType, and STL's attribute bytes."""
+
+
+def own_colours(section: GeometrySection, arrays: Arrays) -> str | None:
+    """Return the file's array of colours by its name, if there is one and the scene has no colour."""
+    if {"color", "scalars"} & section.model_fields_set:
+        return None
+    return next((name for name in COLOUR_ARRAYS if arrays.get(name, ("", 0))[1] in (3, 4)), None)
+
+
+def own_scalars(section: GeometrySection, arrays: Arrays) -> str | None:
+    """Return the file's array that automatic settings show, if the scene has no colour: colours, else scalars.
+
+    These are the first array of vertices with one number each, else of primitives; radii and directions are none.
+    """
+    if {"color", "scalars", "color_by"} & section.model_fields_set:
+        return None
+    radius = getattr(section, "radius", None)
+    known = [name for name, (_, width) in arrays.items() if width == 1 and name != radius]
+    shown = [name for name in known if not name.startswith(NOT_SHOWN)]
+    return own_colours(section, arrays) or next(
+        iter(sorted(shown, key=lambda name: arrays[name][0] != "vertices")), None
+    )
+
+
 def as_sections(sections: Iterable[GeometrySection]) -> dict[str, tuple[GeometrySection, ...]]:
     """Return entries by the key of a scene that lists them."""
     each = tuple(sections)
     return {name: tuple(one for one in each if isinstance(one, section)) for name, section in GEOMETRY_SECTIONS.items()}
+
+
+Arrays = Mapping[str, tuple[Literal["vertices", "primitives"], int]]
+"""By the name of each array of a file: what it belongs to, and its number of components."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,9 +253,12 @@ class GeometryInfo:
     count : primitives, or arrows, that can be drawn
     left_out : triangles, segments or points of the file that cannot: not finite, or without area, length or radius
     has_radii : radii are those of an array
-    scalars : minimum and maximum of the array that the section names; None without one, and for colours
+    scalars : minimum and maximum of the array that the section names, or that automatic settings show; None without
+        one, and for colours
     has_invalid : some of these are not finite
-    arrays : by name, what each array of the file belongs to, and its number of components
+    arrays : of the file
+    axes : directions of x, y and z by the first letters of right, left, anterior, posterior, superior and inferior, if
+        the format says what is up; else empty
     other : sections that the file's geometry belongs in, if it has none for this one
     """
 
@@ -231,13 +268,21 @@ class GeometryInfo:
     has_radii: bool = False
     scalars: tuple[float, float] | None = None
     has_invalid: bool = False
-    arrays: Mapping[str, tuple[Literal["vertices", "primitives"], int]] = field(default_factory=dict)
+    arrays: Arrays = field(default_factory=dict)
+    axes: str = ""
     other: tuple[str, ...] = ()
 
     @property
     def drawn(self) -> int:
         """Number of primitives, or arrows, that are drawn."""
         return self.count
+
+    @property
+    def flat_axis(self) -> int | None:
+        """Axis of the world, 0 to 2, along which all lies in a plane; None if there is not exactly one."""
+        sides = np.ptp(self.box, axis=0) if len(self.box) and not self.axes else np.ones(3)
+        flat = np.flatnonzero(sides <= FLAT_SHARE * sides.max())
+        return int(flat[0]) if len(flat) == 1 else None
 
     def grown_box(self, section: GeometrySection) -> NDArray[np.float64]:
         """Return the box with the radius of a completed section, float64 (2, 3) or (0, 3)."""

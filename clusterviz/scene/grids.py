@@ -139,7 +139,7 @@ class GridInfo:
     counts : cells that are not drawn, or drawn otherwise, as `Tetrahedra.counts`
     overlaps : whether two cells lie on the same side of a face; known after the first plan
     side : mean side of the box around a tetrahedron, world units
-    array : name of the array
+    array : name of the array of scalars
     """
 
     box: NDArray[np.float64]

@@ -142,7 +142,7 @@ def _labels(info: VolumeInfo, clim: Clim) -> Keys:
     cmap = list[tuple[float, ...]]()
     alphas = list[tuple[float, float]]()
     for number, (value, count) in enumerate(zip(info.values.tolist(), info.counts.tolist(), strict=True)):
-        part = 0.0 if value == nothing else 1 - count / largest
+        part = 0.0 if value == nothing else 1.0 if info.is_flat else 1 - count / largest
         colour = colorsys.hsv_to_rgb(
             0.08 + 0.618034 * number, (0.7, 0.85, 0.5)[number % 3] * part, (1, 0.9)[number % 2]
         )
@@ -152,6 +152,7 @@ def _labels(info: VolumeInfo, clim: Clim) -> Keys:
             alphas.append((end, alpha))
     return {
         "interpolation": "nearest",
+        "shade": not info.is_flat,
         "ambient": 0.6,
         "diffuse": 0.5,
         "specular": 0.0,
@@ -198,7 +199,7 @@ def _foreground(info: VolumeInfo, clim: Clim) -> Keys:
         low, high = info.foreground
         if low < high:
             # clim begins below the visible range: the darkest colours hardly differ from the background.
-            found["clim"] = (low - 0.5 * (high - low), high)
+            found["clim"] = (max(info.minimum, low - 0.5 * (high - low)), high)
             found["opacity"] = _over(low, high, (0.0, 0.0), (0.15, 0.15), (1.0, 0.8))
     return found
 

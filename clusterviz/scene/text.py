@@ -66,6 +66,17 @@ def scene_summary(scene: Scene) -> str:
     return "; ".join(parts)
 
 
+def chosen_arrays(scene: Scene, completed: Scene) -> list[str]:
+    """Return a line on each array of geometry that automatic settings have taken, with how to take another."""
+    now, found = dict(zip(completed.geometry_keys, completed.geometry, strict=True)), []
+    for key, section in zip(scene.geometry_keys, scene.geometry, strict=True):
+        if section.scalars is None and now[key].scalars is not None:
+            option = key.replace("[", ".").replace("]", "")
+            another = f"another array: -D {option}.scalars=NAME, one colour: -D {option}.color=white"
+            found.append(f"{key} has the colours of its array {now[key].scalars}; {another}")
+    return found
+
+
 def picture_metadata(scene: Scene, folder: Path) -> str:
     """Return the YAML text embedded in a picture: all sections but `cluster`, on which pictures do not depend.
 

@@ -15,6 +15,8 @@ THIN = 1 / 8
 """Share of the second longest side of a box below which the shortest makes it thin."""
 MOST_EXACT = 2.0**53
 """Up to which float64 holds all whole numbers."""
+ALONG_AXIS = 0.999
+"""Component of a slice's normal from which on it is along that axis."""
 LARGEST = float(np.finfo(np.float64).max)
 
 
@@ -40,6 +42,8 @@ class VolumeInfo:
     equal_share : share of equal pairs among neighbouring samples that do not both have the most frequent value
     jump_share : share of pairs that differ by more than 1 among unequal neighbouring samples
     parts : keys of a volume, array, time and channel, for the parts of the file that were chosen
+    rows_down : whether the first row of a slice is its upper one, as in pictures
+    array : name of the array in the file; "" if it has none
     """
 
     shape_zyx: tuple[int, int, int]
@@ -62,6 +66,8 @@ class VolumeInfo:
     equal_share: float = 0.0
     jump_share: float = 0.0
     parts: Mapping[str, Any] = field(default_factory=dict)
+    rows_down: bool = False
+    array: str = ""
 
     @property
     def has_histogram(self) -> bool:
@@ -79,8 +85,28 @@ class VolumeInfo:
         return self.is_integer or bool(self.orientation or self.modality)
 
     @property
+    def is_flat(self) -> bool:
+        """Whether the volume is one layer of cells, as slices and pictures are: all of it is on the layer's faces."""
+        return min(self.shape_zyx) <= 2
+
+    @property
+    def normal(self) -> NDArray[np.float64] | None:
+        """Unit normal of a slice, float64 (3,), its largest component positive; None of a volume, and of a cube."""
+        edges = self.corners[[1, 2, 4]] - self.corners[0]
+        lengths = np.linalg.norm(edges, axis=1)
+        thin, wide, widest = np.argsort(lengths)
+        if not self.is_flat or not lengths[thin] < lengths[wide]:
+            return None
+        across: NDArray[np.float64] = np.cross(edges[wide] / lengths[wide], edges[widest] / lengths[widest])
+        across *= np.sign(across[np.abs(across).argmax()]) / np.linalg.norm(across)
+        return across
+
+    @property
     def thin_axis(self) -> int | None:
         """Axis of the world, 0 to 2, along which the box is thin; None if it is not thin along exactly one."""
+        if self.normal is not None:
+            axis = int(self.normal.argmax())
+            return axis if self.normal[axis] > ALONG_AXIS else None
         sides = np.ptp(self.corners, axis=0)
         thin, wide, _ = np.argsort(sides)
         return int(thin) if sides[thin] < THIN * sides[wide] else None

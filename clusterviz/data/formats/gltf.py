@@ -34,6 +34,8 @@ INSTANCING = "EXT_mesh_gpu_instancing"
 READ_EXTENSIONS = {INSTANCING, "KHR_mesh_quantization"}
 UNREAD = ("materials", "textures", "skins", "animations")
 """Lists of a document that are not used."""
+AXES = "RSA"
+"""Directions of x, y and z: y is up, and +z the front (section 3.4); a picture of the front has +x on its right."""
 MODES = ("points", "lines", "loop", "strip", "triangles", "triangle strip", "triangle fan")
 
 
@@ -70,6 +72,7 @@ def read_gltf(path: Path) -> Geometry:
         _mesh(meshes, file.where) if meshes else None,
         _lines(lines, file.where) if lines else None,
         _points(points, file.where) if points else None,
+        AXES,
     )
 
 

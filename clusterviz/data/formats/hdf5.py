@@ -206,6 +206,9 @@ def choose_dataset(held: Mapping[str, Any], subset: Subset, path: Path) -> Any:
         volumes = [item for item in volumes if _channels(item, subset) == 3]
     spatial = [item for item in volumes if _letters(item, subset).count("Z") == 3]
     volumes = [item for item in spatial if len(item.shape) == 3] or spatial or volumes
+    if not volumes and not subset.vectors:  # fields on a plane, but not the two bounds of each cell of an axis
+        planes = [item for item in held.values() if len(item.shape or ()) == 2 and min(item.shape) > 2]
+        volumes = [item for item in planes if _letters(item, subset) == "ZZ"]
     if not volumes:
         what = "no array of vectors" if subset.vectors else "no 3-D dataset"
         raise DataError(what, where=str(path), allowed=listed)

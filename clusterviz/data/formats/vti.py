@@ -181,7 +181,7 @@ def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
     components, noun = (3, "array of vectors") if subset.vectors else (1, "scalar array")
     fitting = [a for a in layout.arrays if a.components == components and a.section in ("PointData", "CellData")]
     chosen = choose_array(fitting, subset.array, noun, path)
-    where = f"{path}:{chosen.name}" if len(layout.arrays) > 1 else str(path)
+    where = f"{path}:{chosen.name}"
     if len(layout.pieces) != 1:
         raise DataError("unsupported", where=where, found=f"{len(layout.pieces)} pieces", allowed="one piece")
     image, piece = layout.dataset, layout.pieces[0]

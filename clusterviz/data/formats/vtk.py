@@ -281,7 +281,7 @@ def open_vtk(path: Path, subset: Subset) -> Source:
     scan = _scan(path, ("STRUCTURED_POINTS", "RECTILINEAR_GRID"), "image data")
     arrays = vector_arrays(scan.arrays) if subset.vectors else scan.arrays
     chosen = choose_array(arrays, subset.array, "array of vectors" if subset.vectors else "array", path)
-    where = f"{path}:{chosen.name}" if len(scan.arrays) > 1 else str(path)
+    where = f"{path}:{chosen.name}"
     ghosts = [
         (array.on_cells, _source_of(path, scan, array, Subset(), where))
         for array in scan.arrays
