@@ -117,15 +117,8 @@ def _entry_warnings(entries: Sequence[Entry], volumes: Sequence[VolumeInfo]) -> 
 
 def _unseen_volume(volume: Volume, info: VolumeInfo) -> str:
     """Return why a volume is invisible from all cameras, or ""."""
-    z, y, x = info.shape_zyx
     if not info.finite:
-        return f"all {x * y * z} samples are NaN or infinite: nothing is drawn"
-    if min(x, y, z) == 1:
-        thin = ", ".join(axis for axis, n in zip("xyz", (x, y, z), strict=True) if n == 1)
-        return (
-            f"{x} × {y} × {z} samples, one along {thin}, as of a 2-D array: a volume fills the box from its "
-            "first to its last sample, and this one has no depth: nothing is drawn"
-        )
+        return f"all {math.prod(info.shape_zyx)} samples are NaN or infinite: nothing is drawn"
     data = f"the data's range {_span(info.minimum, info.maximum)}"
     found = []
     values = [surface if isinstance(surface, (int, float)) else surface[0] for surface in volume.isosurfaces]

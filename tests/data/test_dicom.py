@@ -156,7 +156,7 @@ def test_foreign_files_are_left_out(tmp_path: Path) -> None:
     check_source(open_source(write(tmp_path / "b", SeriesInstanceUID=None)), SERIES)
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "notes.dcm").write_text("of the ward")
-    refused(lambda: open_source(tmp_path / "c"), "notes.dcm", "wrong magic", "found text that begins 'of the ward'")
+    refused(lambda: open_source(tmp_path / "c"), "notes.dcm", "wrong magic", "found text")
 
 
 def test_a_spacing_bridges_missing_slices(tmp_path: Path) -> None:
@@ -214,4 +214,4 @@ def test_what_is_not_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(type(pydicom.pixels.get_decoder(uid.RLELossless)), "is_available", False)
     refused(lambda: open_source(path), "no decoder is installed", "RLE Lossless", "pip install pylibjpeg")
     monkeypatch.setitem(sys.modules, "pydicom", None)
-    refused(lambda: open_source(path), "needs the pydicom package", r"clusterviz\[dicom\]")
+    refused(lambda: open_source(path), "needs the pydicom package", r"\.\[dicom\]")

@@ -408,7 +408,7 @@ def test_atoms_have_radii_and_colours(name: str, tmp_path: Path) -> None:
 
 def test_a_molecule_needs_its_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "gemmi", None)
-    refused(lambda: read("pdb", tmp_path), "needs the gemmi package", r"clusterviz\[molecules\]", "a.pdb")
+    refused(lambda: read("pdb", tmp_path), "needs the gemmi package", r"\.\[molecules\]", "a.pdb")
 
 
 def test_points_alone_and_the_world_of_freesurfer(tmp_path: Path) -> None:

@@ -720,4 +720,4 @@ def test_names_and_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     for package, name in (("netCDF4", "a.exo"), ("meshlane", "a.su2")):
         monkeypatch.setitem(sys.modules, package, None)
         (tmp_path / name).write_bytes(b"CDF\1")
-        refused(lambda name=name: read_grid(tmp_path / name), f"needs the {package} package", r"clusterviz\[grids\]")
+        refused(lambda name=name: read_grid(tmp_path / name), f"needs the {package} package", r"\.\[grids\]")

@@ -82,11 +82,12 @@ FILES: dict[str, tuple[Callable[[Path], object], str, dict[str, Any], str]] = {
 
 
 def _completed(path: Path, overrides: list[str]) -> tuple[Scene, str]:
-    """Return the completed scene of a file, and all warnings."""
+    """Return the completed scene of a file, and all warnings but that the last of a grid's time steps is taken."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         scene, _, _ = open_volumes(Run(LoopbackChannel(), Options()), open_scene(path, overrides))
-    return scene, "; ".join(str(each.message) for each in caught)
+    said = [str(each.message) for each in caught]
+    return scene, "; ".join(each for each in said if "the last time step is taken" not in each)
 
 
 @pytest.mark.parametrize("name", FILES)

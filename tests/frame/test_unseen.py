@@ -26,7 +26,6 @@ CASES: list[tuple[np.ndarray, dict[str, Any], str]] = [
     (RAMP, {"blending": "isosurface", "isosurfaces": [500]}, "no isosurface, since 500 lies beyond .* 0 to 255"),
     (RAMP, {"isosurfaces": [100], "opacity": [[0, 0.0], [99, 0.0], [101, 0.5]]}, ""),
     (np.full_like(RAMP, np.nan), {}, "all 336 samples are NaN or infinite"),
-    (RAMP[:1], {}, r"8 × 7 × 1 samples, one along z, as of a 2-D array: .* no depth"),
     (
         RAMP,
         AWAY,
