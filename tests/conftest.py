@@ -12,7 +12,11 @@ import pytest
 
 # Tests of one room share its pictures: `from composite.cases import ...`, whatever the import mode.
 sys.path.insert(0, str(Path(__file__).parent))
+from gl.probing import context, probe, shaders, shared_context
+
 from clusterviz.comm.library import mpirun_folders
+
+__all__ = ["context", "probe", "shaders", "shared_context"]
 
 # Tests marked `mpi` are started by the first mpirun on the path; the environment need not be activated.
 own_folders = [folder for folder in mpirun_folders() if folder]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import tracemalloc
 from collections import Counter
 from itertools import permutations
 from pathlib import Path
@@ -95,6 +96,7 @@ def test_all_points_are_found_on_any_ranks(tmp_path: Path) -> None:
         head, *rows = csv.reader(file)
     assert tuple(head) == COLUMNS
     assert [row[3] for row in rows] == list(alone.types)
+    assert {row[-1] for row in rows} == {""}
     np.testing.assert_array_equal(np.array([row[:3] for row in rows], float), alone.positions)
     assert "27 critical points; 12 saddle 1" in alone.summary
 
@@ -115,3 +117,56 @@ def test_walls_and_regions_without_vectors_have_no_points() -> None:
     holes = (places - 2.5) @ TURN.T
     holes[2, 2, 2] = np.nan
     assert find_critical_points(VectorArray(holes)).types == ()
+
+
+def _still(side: int, ranges: list[tuple[slice, slice, slice]]) -> VectorArray:
+    values = np.random.default_rng(5).normal(1.0, 0.1, (side, side, side, 3))
+    for each in ranges:
+        values[each] = 0
+    return VectorArray(values, Grid((side,) * 3, (0.5, 0.5, 0.5), (1, 2, 3)))
+
+
+def test_connected_samples_at_rest_are_one_region_and_no_points(tmp_path: Path) -> None:
+    """A block of 27 samples, and a bar of 5 beside it: samples that touch at a corner alone are not connected."""
+    block, bar = (slice(3, 6),) * 3, (slice(8, 9), slice(2, 7), slice(4, 5))
+    corner = (slice(6, 7),) * 3
+    vectors = _still(12, [block, bar, corner])
+    alone = find_critical_points(vectors)
+    # The sample at the corner is alone: the vectors vanish there, and nowhere around it.
+    assert [(one.samples, one.middle) for one in alone.regions] == [(27, (3.0, 4.0, 5.0)), (5, (3.0, 4.0, 7.0))]
+    np.testing.assert_allclose(alone.positions, [(4.0, 5.0, 6.0)], atol=1e-9)
+    assert "1 critical points" in alone.summary
+    assert "2 regions at rest" in alone.summary
+    for ranks in (2, 3, 5, 7):
+        for one in run_loopback(ranks, lambda channel: find_critical_points(vectors, channel)):
+            assert one.rows == alone.rows
+    alone.write(tmp_path / "a.csv")
+    with (tmp_path / "a.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert [(row[3], row[-1]) for row in rows[-2:]] == [("region at rest", "27"), ("region at rest", "5")]
+
+
+def test_a_field_at_rest_takes_little_memory() -> None:
+    """No box of a cell at rest is halved: 4096 boxes of each of 32768 cells took 12 GiB."""
+    tracemalloc.start()
+    found = find_critical_points(VectorArray(np.zeros((33, 33, 33, 3))))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (found.types, [one.samples for one in found.regions]) == ((), [33**3])
+    assert peak < 100e6
+
+
+def test_walls_of_a_box_are_one_region_around_the_point_inside() -> None:
+    places = _places(Grid((9, 9, 9))) - 4
+    inside = np.prod(16 - places**2, axis=-1, keepdims=True)  # 0 on the walls
+    found = find_critical_points(VectorArray(inside * ((places - 0.3) @ TURN.T)))
+    assert [one.samples for one in found.regions] == [9**3 - 7**3]
+    assert found.types == ("spiral source",)
+
+
+def test_vertices_at_rest_are_a_region() -> None:
+    points, corners = _cube()
+    still = make_cells(points, corners, np.where(points[:, 2:] == 0, 0.0, points + 1), False)
+    found = find_critical_points(still)
+    assert [(one.samples, one.middle) for one in found.regions] == [(4, (0.5, 0.5, 0.0))]
+    assert found.types == ()

@@ -5,20 +5,23 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import moderngl
 import numpy as np
 import pytest
 
-from clusterviz.gl import shader
-from clusterviz.gl.context import compile_compute, open_context
+if TYPE_CHECKING:
+    import moderngl
 
+# Every rank of a test imports this file: what draws is imported where a test asks for it.
 HERE = Path(__file__).parent
 Probe = Callable[..., np.ndarray]
 
 
 @pytest.fixture(scope="session")
 def shared_context() -> Iterator[moderngl.Context]:
+    from clusterviz.gl.context import open_context
+
     made = open_context()
     yield made
     made.release()
@@ -34,6 +37,8 @@ def context(shared_context: moderngl.Context) -> Iterator[moderngl.Context]:
 @pytest.fixture
 def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the shader folder, with the tests' own shaders in it, that a test may add to."""
+    from clusterviz.gl import shader
+
     folder = tmp_path / "shaders"
     shutil.copytree(shader.shader_folder(), folder)
     for path in HERE.glob("*.glsl"):
@@ -45,6 +50,9 @@ def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def probe(context: moderngl.Context, shaders: Path) -> Probe:
     """`probe(body, given, functions=…, declarations=…)`: what a GLSL body returns for each x, float32 (n, 4)."""
+
+    from clusterviz.gl import shader
+    from clusterviz.gl.context import compile_compute
 
     def call(body: str, given: np.ndarray, functions: str = "\n", declarations: str = "\n") -> np.ndarray:
         points = np.zeros((len(given), 4), np.float32)
@@ -66,4 +74,6 @@ def probe(context: moderngl.Context, shaders: Path) -> Probe:
 
 def text_of(*names: str) -> str:
     """The shader files of these names, one after another: what a slot takes."""
+    from clusterviz.gl import shader
+
     return "\n".join(shader.shader_file(name).read_text() for name in names) + "\n"

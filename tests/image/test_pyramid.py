@@ -154,6 +154,10 @@ def test_blur_is_near_a_gaussian_of_that_width(sigma: float) -> None:
     of_largest, of_sum = (0.09, 0.07) if sigma >= 1 else (0.11, 0.17)
     assert np.abs(weights - gaussian).max() < of_largest * gaussian.max()
     assert np.abs(weights - gaussian).sum(axis=1).max() < of_sum
+    if sigma >= 1:  # in the plane
+        apart = [np.outer(weights[n], weights[n]) - np.outer(gaussian[n], gaussian[n]) for n in range(32)]
+        assert np.max(np.abs(apart)) < 0.15 * gaussian.max() ** 2
+        assert np.abs(apart).sum(axis=(1, 2)).max() < 0.1
 
 
 def test_blur_costs_the_same_for_all_widths() -> None:

@@ -97,6 +97,25 @@ def test_areas_are_those_of_the_section() -> None:
     assert np.allclose(marching_cubes_table(cuts).areas[steep], area[steep], rtol=1e-9, atol=1e-9)
 
 
+def face_cuts(count: int) -> Cuts:
+    """Boxes of any shape, and planes in their faces."""
+    cuts, rng = random_cuts(count, 7), np.random.default_rng(8)
+    rows, normal = np.arange(count), np.zeros((count, 3))
+    normal[rows, rng.integers(3, size=count)] = rng.choice([-1.0, 1.0], count) * 10.0 ** rng.uniform(-3, 1, count)
+    levels = Cuts(cuts.low, cuts.high, normal, np.zeros(count)).corner_levels
+    return Cuts(cuts.low, cuts.high, normal, levels[rows, rng.choice([0, 7], count)])
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_planes_in_faces_of_any_box_show_the_near_one(name: str) -> None:
+    cuts = face_cuts(20_000)
+    found, expected = GENERATORS[name](cuts), marching_cubes_table(cuts)
+    assert 9_000 < np.count_nonzero(expected.counts) < 11_000
+    assert ((found.counts > 0) == (expected.counts > 0)).all()
+    size = np.linalg.norm(cuts.high - cuts.low, axis=1)
+    assert (np.abs(found.areas - expected.areas) <= 1e-11 * size**2).all()
+
+
 @pytest.mark.parametrize("name", GENERATORS)
 def test_planes_through_corners_edges_and_faces_are_exact(name: str) -> None:
     """A corner that is hit is a vertex, to the last bit but of clipped polygons; of boxes at a face one has it."""

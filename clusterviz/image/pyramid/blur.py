@@ -6,8 +6,9 @@ synthesis, and the pairs, of masks [1 − d, d] and [d, 1 − d], 2 n d (1 − d
 met, so that the width varies continuously, and the standard deviation of the weights around each pixel, away from the
 border, is the one that is asked for up to rounding.
 
-How near to a Gaussian: from a standard deviation of 1 on, weights differ by at most 9 % of the largest one, and by 7 %
-in sum of magnitudes; below it, where the mask has few pixels, by 11 % and 17 %.
+How near to a Gaussian, along each axis: from a standard deviation of 1 on, weights differ by at most 9 % of the largest
+one, and by 7 % in sum of magnitudes; below it, where the mask has few pixels, by 11 % and 17 %. The weights of a plane
+are products of those of two axes: from 1 on they differ by at most 15 %, and by 10 % in sum.
 
 When to use: wide blurs, glows, depth of field. When not: small ones that are to be exact to more than that; there
 `jobs.filters.Smooth` convolves.

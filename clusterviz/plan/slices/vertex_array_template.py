@@ -23,6 +23,10 @@ from clusterviz.plan.slices.contract import Cuts, Flags, Floats, Polygons
 from clusterviz.plan.slices.marching_cubes_table import marching_cubes_table
 
 
+ROUNDING = 8 * float(np.finfo(np.float64).eps)
+"""Share of the largest coordinate of a box or its template by which a polygon that is moved may be off."""
+
+
 @dataclass(frozen=True)
 class Moves:
     """Planes of a template, and how far they are moved.
@@ -61,23 +65,28 @@ def vertex_array_template(cuts: Cuts) -> Polygons:
     is_met = (levels[:, 0] <= cuts.level) & (cuts.level < levels[:, 7])
     polygons = Polygons(found.vertices + moves.offset[:, None], np.where(is_met, found.counts, 0))
     near, far = cuts.near, cuts.far
+    # A polygon on a face is moved there but for rounding, and must not be cut away.
+    sides = near, far, moves.template.low, moves.template.high
+    rounding = ROUNDING * np.abs(sides).max(axis=(0, 2))
     for axis in range(3):
         rises = np.broadcast_to(cuts.normal, near.shape)[:, axis] >= 0
         ahead, behind = (side[:, axis] for side in (near, far))
         for bound, keeps_above in ((ahead, rises), (behind, ~rises)):
-            polygons = _clipped(polygons, axis, bound, keeps_above)
-    return polygons
+            polygons = _clipped(polygons, axis, bound, keeps_above, rounding)
+    low, high = np.minimum(near, far)[:, None], np.maximum(near, far)[:, None]
+    return Polygons(np.clip(polygons.vertices, low, high), polygons.counts)
 
 
-def _clipped(polygons: Polygons, axis: int, bound: Floats, keeps_above: Flags) -> Polygons:
-    """Return the parts of polygons on one side of planes perpendicular to an axis."""
+def _clipped(polygons: Polygons, axis: int, bound: Floats, keeps_above: Flags, rounding: Floats) -> Polygons:
+    """Return the parts of polygons on one side of planes perpendicular to an axis, or beyond them by rounding."""
     vertices, counts = polygons.vertices, polygons.counts
     places = np.arange(vertices.shape[1])
     after = np.take_along_axis(vertices, ((places + 1) % np.maximum(counts, 1)[:, None])[..., None], axis=1)
     sign = np.where(keeps_above, 1.0, -1.0)[:, None]
     here, there = (sign * (each[..., axis] - bound[:, None]) for each in (vertices, after))
-    is_one, inside = places < counts[:, None], here >= 0
-    leaves = is_one & (inside != (there >= 0))
+    least = -rounding[:, None]
+    is_one, inside = places < counts[:, None], here >= least
+    leaves = is_one & (inside != (there >= least))
     met = vertices + (after - vertices) * (here / np.where(here != there, here - there, 1.0))[..., None]
     met[..., axis] = bound[:, None]
     kept = np.stack([is_one & inside, leaves], axis=2).reshape(len(counts), -1)
