@@ -44,14 +44,19 @@ class Driver:
     nan_compares : value of every comparison with NaN
     saturates : conversion to an integer takes the nearest one in its range, else it wraps around
     halves_up : `round` rounds halves up, else to even numbers
+    backwards : sums of several terms, and products of several factors, begin with the last one
     """
 
     nan_compares: bool
     saturates: bool
     halves_up: bool
+    backwards: bool
 
 
-DRIVERS = {"saturating": Driver(False, True, False), "wrapping": Driver(True, False, True)}
+DRIVERS = {
+    "saturating": Driver(nan_compares=False, saturates=True, halves_up=False, backwards=True),
+    "wrapping": Driver(nan_compares=True, saturates=False, halves_up=True, backwards=False),
+}
 ULPS = {"sqrt": 3, "log": 3, "log2": 3, "/": 2, "pow": 16}
 """Units in the last place by which a result may be wrong; `exp` and `exp2` by 3 and twice the argument."""
 ABSOLUTE = {"log": 2.0**-21, "log2": 2.0**-21, "sin": 2.0**-11, "cos": 2.0**-11}
@@ -248,6 +253,29 @@ class AdversarialGenerator(Generator):
         with self._precisely(False):
             return super()._body(function, bindings, path)
 
+    def _terms(self, node: Expression, signs: str, sign: str) -> Iterator[tuple[str, Expression]]:
+        """Yield the terms of a sum with their signs, or the factors of a product."""
+        if not (isinstance(node, Operation) and node.operator in signs and len(node.operands) == 2):
+            yield sign, node
+            return
+        (a, b), inner = node.operands, {"-+": "-", "--": "+"}.get(sign + node.operator, node.operator)
+        yield from self._terms(a, signs, sign)
+        yield from self._terms(b, signs, inner)
+
+    def _backwards(self, node: Operation, signs: str) -> Parts | None:
+        """Return a sum of several terms, or a product, from its end; None if there are only two."""
+        terms = list(self._terms(node, signs, signs[0]))[::-1]
+        if len(terms) < 3:
+            return None
+        found: Parts = []
+        for sign, term in terms:
+            parts = self.value(term)
+            parts = [parts[n % len(parts)] for n in range(node.type.parts)]
+            if sign == "-":
+                parts = [self._negative(part) for part in parts]
+            found = [self.emit.binary(signs[0], *pair) for pair in zip(found, parts, strict=True)] if found else parts
+        return found
+
     def _fused(self, node: Operation, product: Operation, other: Expression) -> Parts:
         if not self.emit.is_precise:
             return super()._fused(node, product, other)
@@ -259,6 +287,10 @@ class AdversarialGenerator(Generator):
         inner = node.operands[0]
         if node.operator == "!" and isinstance(inner, Operation) and inner.operator in FLIPPED:
             return super()._operation(replace(inner, operator=FLIPPED[inner.operator]))
+        if node.type.element in "fd" and self._driver.backwards and not self.emit.is_precise:
+            for signs in ("+-", "*"):
+                if node.operator in signs and (found := self._backwards(node, signs)) is not None:
+                    return found
         return super()._operation(node)
 
     def _built_in(self, node: BuiltIn) -> Parts:
