@@ -35,6 +35,7 @@ from clusterviz.spmd.emitter import Emitter, Part, constant
 from clusterviz.spmd.ir import Assign, BuiltIn, Call, Declare, Expression, Function, Name, Operation, Program, Variable
 from clusterviz.spmd.variables import Parts
 
+
 @dataclass(frozen=True)
 class Driver:
     """What a driver makes of its freedom.
@@ -173,7 +174,11 @@ class AdversarialEmitter(Emitter):
 
     def _divide(self, sign: str, a: Part, b: Part) -> Part:
         found = super()._divide(sign, a, b)
-        return found if b.constant else self.select(self.compare("==", b, constant(b.element, 0)), constant(b.element, BY_ZERO), found)
+        return (
+            found
+            if b.constant
+            else self.select(self.compare("==", b, constant(b.element, 0)), constant(b.element, BY_ZERO), found)
+        )
 
     def call(self, name: str, result: str, *parts: Part, suffix: str = "") -> Part:
         found = super().call(name, result, *parts, suffix=suffix)
@@ -185,7 +190,9 @@ class AdversarialEmitter(Emitter):
             near = super().binary("+", found, self._sign_of(found, ABSOLUTE[name]))
             if name not in ULPS:
                 return near
-            inside = self.both(self.compare(">=", parts[0], constant("f", 0.5)), self.compare("<=", parts[0], constant("f", 2.0)))
+            inside = self.both(
+                self.compare(">=", parts[0], constant("f", 0.5)), self.compare("<=", parts[0], constant("f", 2.0))
+            )
             return self.select(inside, near, self.wrong(found, ULPS[name]))
         return self.wrong(found, ULPS[name]) if name in ULPS else found
 
@@ -211,7 +218,8 @@ class AdversarialEmitter(Emitter):
             size = whole("+", size, self.convert(whole("+", clamped, clamped), "i"))
         exponent = whole("&", bits, constant("i", 0x7F800000))
         is_normal = self.both(
-            super().compare("!=", exponent, constant("i", 0)), super().compare("!=", exponent, constant("i", 0x7F800000))
+            super().compare("!=", exponent, constant("i", 0)),
+            super().compare("!=", exponent, constant("i", 0x7F800000)),
         )
         moved = self.bits(whole("+", bits, whole("*", sign, size)), "f")
         return self.select(is_normal, moved, part)
