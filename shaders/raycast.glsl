@@ -20,6 +20,7 @@ int slabs_in_batch = frame.cells.w;
 #include <LATTICE>
 #include "ray.glsl"
 #include <CLIP>
+#include "numbers.glsl"
 #include "opacity.glsl"
 #include <TRANSFER>
 #include <RECORDS>

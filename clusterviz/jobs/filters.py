@@ -70,7 +70,7 @@ class Filter(Protocol):
         ...
 
 
-@kernel("central_differences.glsl", writes=("gradient",), vectors=("gradient",))
+@kernel("numbers.glsl", "central_differences.glsl", writes=("gradient",), vectors=("gradient",))
 def central_differences(
     volume: Floats, gradient: Floats, first: Index, world_x: Triple, world_y: Triple, world_z: Triple
 ) -> None:
@@ -84,7 +84,7 @@ def convolve(
     """Convolve along one axis; `values` are 0 where `valid` is; `first`: voxel of the first sum."""
 
 
-@kernel("upsample.glsl", writes=("found",))
+@kernel("numbers.glsl", "upsample.glsl", writes=("found",))
 def upsample(
     volume: Floats, weights: Floats, found: Floats, first: Index, corner: Index, last: Index, taps: Pair, factor: int
 ) -> None:

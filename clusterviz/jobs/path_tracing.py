@@ -120,7 +120,7 @@ class TracedPicture:
     voxels: str
 
 
-@kernel("trace_paths.glsl", writes=("paths", "numbers"), vectors=("colours", "opacities", "paths"))
+@kernel("numbers.glsl", "trace_paths.glsl", writes=("paths", "numbers"), vectors=("colours", "opacities", "paths"))
 def advance_paths(
     voxels: Any,
     majorants: Any,

@@ -318,8 +318,7 @@ class Variant:
             f"const int LONGEST_RUN = {self._longest_run}; // slabs",
             f"const bool LAYERS = {str(self.crossing).lower()}; // what is found is that alone",
         ]
-        if self.cpu or self.slot.margin or self.preintegrated or self.surfaces:
-            lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
+        lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
         lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
         if self.cpu:

@@ -10,7 +10,7 @@ from itertools import islice
 from typing import Any
 
 from clusterviz.spmd.analysis import Facts
-from clusterviz.spmd.emitter import Emitter, Part, constant
+from clusterviz.spmd.emitter import Part, constant
 from clusterviz.spmd.expressions import Expressions
 from clusterviz.spmd.ir import Call, Declare, Expression, Function, Leave, Program, Statement, Variable
 from clusterviz.spmd.variables import Binding, Cell, Key, Parts, elements_of
@@ -211,7 +211,7 @@ class Calls(Expressions):
         outer = self.emit, self.mask, self._mask_id, self._bindings, self._addresses, self._frames
         globals_, path = self._bindings, self._number_of(id(function))
         name = f"{function.name}.{path}"
-        emit = self.emit = Emitter(name, self.lanes, self.emit)
+        emit = self.emit = self._emitter(name, self.emit)
         self._bindings, self._frames = {}, []
         self._load_addresses()
         self._narrow(emit.parameter("b", True))

@@ -50,7 +50,13 @@ class Emitter:
     ----------
     lanes : of its vectors
     caller : function that calls it
+
+    Attributes
+    ----------
+    flags : of LLVM, of operations with floating-point numbers: what it may assume of them
     """
+
+    flags = ""
 
     def __init__(self, name: str, lanes: int, caller: Emitter | None = None) -> None:
         self.lanes, self._name = lanes, name
@@ -166,7 +172,8 @@ class Emitter:
         full = f"llvm.{name}.{suffix or (f'v{self.lanes}' * varying + letter)}"
         kind = self.kind(result, varying)
         self.declare(full, kind, [self.kind(part.element, varying) for part in parts])
-        return self.part(f"call {kind} @{full}({', '.join(map(self.of, parts))})", result, varying)
+        flags = self.flags if result in "fd" else ""
+        return self.part(f"call {flags}{kind} @{full}({', '.join(map(self.of, parts))})", result, varying)
 
     def declare(self, name: str, result: str, kinds: Sequence[str]) -> None:
         """Declare an intrinsic."""
@@ -211,7 +218,7 @@ class Emitter:
                     return other if not fixed or sign == "^" else known
         a, b = self.spread_all(a, b)
         if element in "fd":
-            operator = REAL[sign]
+            operator = f"{REAL[sign]} {self.flags}".rstrip()
         elif sign == ">>":
             operator = "ashr" if element == "i" else "lshr"
         elif sign in "/%":

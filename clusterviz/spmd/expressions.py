@@ -164,7 +164,7 @@ class Expressions(Blocks):
 
     def _negative(self, part: Part) -> Part:
         if part.element in "fd":
-            return self.emit.part(f"fneg {self.emit.of(part)}", part.element, part.varying)
+            return self.emit.part(f"fneg {self.emit.flags}{self.emit.of(part)}", part.element, part.varying)
         return self._binary("-", constant(part.element, 0), part)
 
     def _compare(self, sign: str, a: Part, b: Part) -> Part:

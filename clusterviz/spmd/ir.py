@@ -26,6 +26,7 @@ class Variable:
     binding : of a block or sampler
     is_assigned : it changes after its declaration
     is_read_only : a buffer that the shader does not write
+    is_precise : operations that give its value are neither contracted nor put in another order
     constant : the value of a scalar constant
     """
 
@@ -36,6 +37,7 @@ class Variable:
     binding: int = 0
     is_assigned: bool = False
     is_read_only: bool = False
+    is_precise: bool = False
     constant: Number | None = None
 
 

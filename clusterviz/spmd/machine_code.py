@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.errors import InputError
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import function_address, has_features, load_function, optimized_object, optimizes
 from clusterviz.spmd.ir import BUFFERS, PROFILE_BLOCK, SYSTEM_BLOCK, TEXTURES, Program
@@ -21,6 +23,25 @@ if TYPE_CHECKING:
 
 Blocks = Mapping[int, NDArray[Any]]
 Make = Callable[[Program, int, dict[str, Any]], "Generator"]
+
+
+ADVERSARY_VARIABLE = "CLUSTERVIZ_ADVERSARY"
+
+
+def chosen_driver() -> str:
+    """Return the name of the adversarial driver that the environment asks for, see `adversary.py`; "" for none.
+
+    Raises
+    ------
+    InputError
+        There is no such driver.
+    """
+    if asked := os.environ.get(ADVERSARY_VARIABLE, "").strip():
+        from clusterviz.spmd.adversary import DRIVERS
+
+        if asked not in DRIVERS:
+            raise InputError("no such driver", where=ADVERSARY_VARIABLE, found=asked, allowed=", ".join(DRIVERS))
+    return asked
 
 
 def object_code(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True) -> bytes:
@@ -52,6 +73,10 @@ def code_of(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True
         used.pop("word_at", None)
     if lanes != 16 or not has_features("avx512f"):
         used.pop("piece_row", None)
+    if make is None and (driver := chosen_driver()):
+        from clusterviz.spmd.adversary import AdversarialGenerator
+
+        make = partial(AdversarialGenerator, driver=driver)
     text: str = (make or Generator)(parse(source), lanes, used).text(name)
     return text
 
@@ -69,11 +94,11 @@ def compiled(source: ShaderSource, name: str, lanes: int, intrinsics: bool = Tru
     intrinsics : as of `code_of`; not for text of users, whose functions may have the same names
     """
     with _COMPILING:
-        return _compiled(source, name, lanes, intrinsics)
+        return _compiled(source, name, lanes, intrinsics, chosen_driver())
 
 
 @cache
-def _compiled(source: ShaderSource, name: str, lanes: int, intrinsics: bool) -> Callable[[int], None]:
+def _compiled(source: ShaderSource, name: str, lanes: int, intrinsics: bool, driver: str) -> Callable[[int], None]:
     def make() -> bytes:
         return object_code(source, name, lanes, intrinsics)
 
@@ -83,7 +108,7 @@ def _compiled(source: ShaderSource, name: str, lanes: int, intrinsics: bool) -> 
 
 def code_sources(source: ShaderSource, lanes: int) -> tuple[bytes, ...]:
     """Return what decides which machine code a shader becomes: the shader, the passes and the compiler's files."""
-    return (source.text.encode(), f"{lanes} {optimizes()}".encode(), *compiler_files())
+    return (source.text.encode(), f"{lanes} {optimizes()} {chosen_driver()}".encode(), *compiler_files())
 
 
 @cache

@@ -145,7 +145,8 @@ class _Parser:
         kind, name = self._type(), self._name()
         if self._token.text == "(" and not qualifier:
             return self._function(kind, name)
-        self._program.globals += self._declared(kind, name, qualifier if qualifier in ("const", "shared") else "global")
+        where = qualifier if qualifier in ("const", "shared") else "global"
+        self._program.globals += self._declared(kind, name, where, qualifier == "precise")
         self._expect(";")
         return None
 
@@ -269,14 +270,14 @@ class _Parser:
         checker.close()
         checker.function = None
 
-    def _declared(self, kind: Type, name: Token, where: str) -> list[Declare]:
+    def _declared(self, kind: Type, name: Token, where: str, is_precise: bool = False) -> list[Declare]:
         """Variables of one declaration; the first name is read already."""
         checker, found = self._checker, list[Declare]()
         while True:
             of, value = self._array(kind), None
             if of is VOID or of in SAMPLERS.values() or (of.is_array and not of.size):
                 raise self._error(f"a variable of type {of.name}", name.at)
-            variable = Variable(name.text, of, where, name.at)
+            variable = Variable(name.text, of, where, name.at, is_precise=is_precise)
             if self._accept("="):
                 value = checker.converted(self._expression(), of, name.at)
             elif where == "const":
@@ -335,10 +336,11 @@ class _Parser:
         is_type = token.text in self._checker.types and self._tokens[self._next + 1].text != "("
         if token.text not in ("const", "precise") and not is_type:
             return Evaluate(token.at, self._expression(True))
-        where = "local"
+        words = set[str]()
         while self._token.text in ("const", "precise"):
-            where = "const" if self._take().text == "const" else where
-        found = self._declared(self._type(), self._name(), where)
+            words.add(self._take().text)
+        where = "const" if "const" in words else "local"
+        found = self._declared(self._type(), self._name(), where, "precise" in words)
         found[0].at = token.at
         return found[0] if len(found) == 1 else Block(token.at, list(found))
 

@@ -49,9 +49,13 @@ class Variables:
         self.lanes = lanes
         self._varying = set[Key]()
 
+    def _emitter(self, name: str, caller: Emitter | None = None) -> Emitter:
+        """Return the emitter of a function."""
+        return Emitter(name, self.lanes, caller)
+
     def _begin(self, name: str) -> None:
         """Begin a function of this name, in which all lanes are active."""
-        self.emit, self.mask = Emitter(name, self.lanes), None
+        self.emit, self.mask = self._emitter(name), None
         self._mask_id = self._masks = 0
         self._bindings: dict[int, Binding] = {}
 

@@ -1,12 +1,11 @@
 // Maximum and minimum projection: (scalar, 0, 0, 1), or zeros for a ray without samples.
 bool is_seen(float s) {
-    return abs(s) <= 3e38; // NaN compares false
+    return !MAY_BE_INVALID || is_number(s);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     bool further = LARGEST ? s > sum.x : s < sum.x;
-    // NaN compares false.
-    if (further || (sum.w == 0.0 && abs(s) <= 3e38)) sum = vec4(s, 0.0, 0.0, 1.0);
+    if (is_seen(s) && (further || sum.w == 0.0)) sum = vec4(s, 0.0, 0.0, 1.0);
 }
 
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {

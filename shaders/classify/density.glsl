@@ -1,4 +1,5 @@
 // Optical depth of an opacity unit distance.
 float density_at(float s) {
-    return s >= buckets.w ? optical_depth(segment_at(s).unit_opacity) : 0.0; // NaN compares false
+    bool is_dense = s >= buckets.w && (!MAY_BE_INVALID || is_number(s));
+    return is_dense ? optical_depth(segment_at(s).unit_opacity) : 0.0;
 }

@@ -20,7 +20,9 @@ float absorbed(float depth) {
     r = fma(n, -2.12194440e-4, r);
     float q = r * (1.0 + r * (0.5 + r * (0.166666667 + r * (0.0416666667 + r * (0.00833333333 + r * (0.00138888889 + r * 0.000198412698))))));
     float scale = intBitsToFloat((127 - int(n)) << 23);
-    return (1.0 - scale) - scale * q;
+    precise float rest = 1.0 - scale;
+    precise float found = rest - scale * q;
+    return found;
 }
 
 // The opacity of a slab that is `units` opacity unit distances long.

@@ -9,7 +9,7 @@ struct Class {
 };
 
 bool is_valid(float s) {
-    return !MAY_BE_INVALID || abs(s) <= 3e38; // NaN compares false
+    return !MAY_BE_INVALID || is_number(s);
 }
 
 Class class_at(float s) {
@@ -48,7 +48,7 @@ void absorb_next(inout vec4 sum, inout int low, inout int high, bool rises, floa
     ++run_iterations;
     if (rises) low = end;
     else high = begin;
-    if (!(passed.x > 0.0LF)) return;
+    if (passed.x <= 0.0LF) return;
     double per = 1.0LF / passed.x;
     dvec3 mean = passed.yzw * per;
     dvec3 moment = (sums[2 * end + 1].xyz - sums[2 * begin + 1].xyz - at_begin.x * passed.yzw) * per * per;

@@ -10,7 +10,7 @@ void take_slab(inout vec4 sum, Class front, Class back, float units, Place place
     if (max(front.s, back.s) < buckets.w || (front.segment == back.segment && front.kappa == vec3(0.0))) return;
     vec3 gradient = gradient_at(place.brick, place.cell, beyond);
     // Between two valid ends, the midpoint's cell may still have an invalid corner: there is no gradient.
-    if (MAY_BE_INVALID && !(abs(gradient.x) + abs(gradient.y) + abs(gradient.z) <= 3e38)) gradient = vec3(0.0);
+    if (MAY_BE_INVALID && !all(are_numbers(vec4(gradient, 0.0)))) gradient = vec3(0.0);
     vec4 slab = integrated(front, back, units * faded(gradient));
     sum += (1.0 - sum.a) * lit(slab, gradient, place, beyond, true);
 }

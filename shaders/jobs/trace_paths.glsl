@@ -47,7 +47,7 @@ vec3 colour(float scalar) {
 
 // Extinction per world unit; 0 where the scalar is NaN.
 float extinction(float scalar) {
-    if (isnan(scalar)) return 0.0;
+    if (!is_number(scalar)) return 0.0;
     int begin = 0, end = opacities_size().x;
     while (begin < end) {
         int middle = (begin + end) / 2;

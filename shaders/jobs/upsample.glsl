@@ -16,9 +16,9 @@ void kernel(ivec3 at) {
             for (int x = taps.x; x < taps.y; ++x) {
                 ivec3 tap = ivec3(x, y, z) - 1, nearest = clamp(tap, ivec3(0), far);
                 float value = voxel_at(cell + tap);
-                if (!(abs(value) <= 3e38)) {
+                if (!is_number(value)) {
                     value = voxel_at(cell + nearest);
-                    missing = missing || !(abs(value) <= 3e38);
+                    missing = missing || !is_number(value);
                 }
                 sum += weight * weights_at(ivec3(x, part.x, 0)) * (value - base);
             }

@@ -79,7 +79,7 @@ double to_face(dvec3 position, dvec3 along, out int axis) {
 }
 
 bool is_valid(float s) {
-    return abs(s) <= 3e38;
+    return is_number(s);
 }
 
 // Refractive index above that outside, and its derivative; 0 where a voxel is invalid.

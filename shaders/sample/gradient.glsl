@@ -2,7 +2,7 @@
 // They are central differences. Where a neighbour lies outside of the volume, or is invalid, they are one-sided ones of three voxels, as exact
 // as the others: of the two derivatives at the ends of an edge, the mean is then the edge's own slope.
 bvec4 invalid(vec4 voxels) {
-    return not(lessThanEqual(abs(voxels), vec4(3e38)));
+    return not(are_numbers(voxels));
 }
 
 // Derivatives at both ends of an edge, from its own and from central differences, all of two voxels' length.

@@ -13,7 +13,7 @@ ivec3 spline_cell(ivec3 cell, vec3 beyond) {
 vec4 spline_row(int brick, ivec3 at, int y, int z, vec4 row, float base) {
     if (MAY_BE_INVALID) {
         vec2 corners = pair_at(brick, at + ivec3(0, clamp(y, 0, 1), clamp(z, 0, 1)));
-        row = mix(corners.xxyy, row, lessThanEqual(abs(row), vec4(3e38)));
+        row = mix(corners.xxyy, row, are_numbers(row));
     }
     return row - base;
 }

@@ -11,6 +11,7 @@ uniform vec3 low, high;        // of the brick
 
 vec4 buckets = frame.buckets;
 #include "slices.glsl"
+#include "numbers.glsl"
 #include "opacity.glsl"
 #include "transfer.glsl"
 #include "records_storage.glsl"
@@ -40,7 +41,7 @@ void main() {
     colour = vec4(1.0);
     if (COUNTED) return;
     float s = scalar_at(position - dvec3(low)), thick = float(thickness_of(lens.x, lens.y));
-    if (!(s >= buckets.w)) discard; // NaN compares false
+    if (!is_number(s) || s < buckets.w) discard;
     Segment segment = segment_at(s);
     colour = slab_opacity(segment.unit_opacity, thick * frame.optics.x) * vec4(segment.colour, 1.0);
 }

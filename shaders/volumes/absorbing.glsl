@@ -16,9 +16,9 @@ void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, double middle
     if (first || second) {
         vec3 beyond = here.beyond + float(at) * stride, later = here.beyond + float(at + 1) * stride;
         float s = scalar_at(here.brick, here.cell, beyond), t = ABREAST ? scalar_at(here.brick, here.cell, later) : 0.0;
-        // Nothing is visible below, and NaN compares false.
-        first = first && s >= buckets.w;
-        second = second && t >= buckets.w;
+        // Nothing is visible below.
+        first = first && s >= buckets.w && (!MAY_BE_INVALID || is_number(s));
+        second = second && t >= buckets.w && (!MAY_BE_INVALID || is_number(t));
         if (first || second) {
             if (first) mix_in(mixed, absorption(s, beyond, length), NUMBER);
             if (second) mix_in(next, absorption(t, later, 1.0), NUMBER);
