@@ -13,6 +13,7 @@ layout(std430, binding = 3) readonly buffer OffsetsBlock { int brick_offset[]; }
 ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 
 #include <LATTICE>
+#include "numbers.glsl"
 #include "ray.glsl"
 #include <CLIP>
 #include <GEOMETRY>

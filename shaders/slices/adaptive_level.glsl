@@ -74,7 +74,7 @@ void kernel(ivec3 at) {
     if (levels.w != 0 ? is_due : level == coarsest || own.x < float(2 << level)) {
         vec3 place = position_of(at.xy), inside = clamp(place, vec3(0.0), vec3(voxels_size() - 1)), outside = abs(place - inside);
         float found = distances_at(clamp(ivec3(inside * per_block), ivec3(0), distances_size() - 1));
-        found = is_number(found) ? clamp(found, 1.0, 65536.0) : 1.0;
+        found = (floatBitsToUint(found) & 0x7fffffffu) > 0x7f800000u ? 1.0 : clamp(found, 1.0, 65536.0); // NaN by its bits
         own = vec2(found + max(outside.x, max(outside.y, outside.z)) * per_distance, scalar_at(inside));
         if (max(outside.x, max(outside.y, outside.z)) <= 1e-3) samples_set(at, samples_at(at) + 1);
     }

@@ -58,7 +58,6 @@ class AdaptivePicture:
 
 
 @kernel(
-    "numbers.glsl",
     "adaptive_level.glsl",
     writes=("finer", "passed", "rgba", "samples"),
     vectors=("finer", "coarser", "passed", "rgba", "spans", "table"),
