@@ -38,7 +38,9 @@ def command(
         str | None,
         typer.Option("--break", metavar="FILE:LINE", help="Look before this line; without it, a session starts."),
     ] = None,
-    condition: Annotated[str, typer.Option("--if", metavar="EXPRESSION", help="Count visits where this holds.")] = "",
+    condition: Annotated[
+        str, typer.Option("--if", metavar="EXPRESSION", help="Count visits where this holds; s is the data's value.")
+    ] = "",
     visit: Annotated[int, typer.Option(min=1, metavar="N", help="Look at each pixel's N-th visit in a dispatch.")] = 1,
     watch: Annotated[
         list[str] | None, typer.Option("--watch", metavar="EXPRESSION,…", help="What to look at (may be repeated).")
@@ -102,13 +104,16 @@ def command(
         if "rank" in other:
             each.append(look(frame.draws(other["rank"]), probes, ways[0], only))
     results = each[0][0]
+    shown = _in_data(results, frame)
     if "visit" in other:
-        results = _differences(results, each[0][1])
+        results, shown = (_differences(*pair) for pair in ((results, each[0][1]), (shown, _in_data(each[0][1], frame))))
     if "rank" in other:
-        results = _differences(results, each[-1][0])
+        results, shown = (
+            _differences(*pair) for pair in ((results, each[-1][0]), (shown, _in_data(each[-1][0], frame)))
+        )
     report: dict[str, Any] = {"break": break_at, "visit": visit, "by": by, "ranks": ranks, "rank": rank}
     report["size"] = list(opened.image.size)
-    report["watches"] = [_summary(one, pixels, histogram) for one in results]
+    report["watches"] = [_summary(one, pixels, histogram) for one in shown]
     if by == "both":
         report["difference"] = [_summary(one, [], False) for one in _differences(each[0][0], each[1][0])]
         report["same_pixels"] = bool((each[0][0][0].reached == each[1][0][0].reached).all())
@@ -167,6 +172,10 @@ def _print(report: dict[str, Any], histogram: bool) -> None:
                 print(f"  at {one['pixel'][0]},{one['pixel'][1]}: {'  '.join(values) or 'not reached'}")
     if "same_pixels" in report:
         print("both reach the same pixels" if report["same_pixels"] else "they reach different pixels")
+
+
+def _in_data(watches: Sequence[Watched], frame: Frame) -> list[Watched]:
+    return [one for each in watches for one in each.in_data(frame.clim)]
 
 
 def _differences(first: Sequence[Watched], second: Sequence[Watched]) -> list[Watched]:

@@ -124,6 +124,11 @@ class Frame:
         tree = build_tree(plan.cost, ranks)
         return cls(plan, leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward), bricks)
 
+    @property
+    def clim(self) -> tuple[float, float] | None:
+        """Values of the data at which the field's scalars are 0 and 1; None if there is not one volume."""
+        return self.plan.transfer.domain if self.plan.content is None else None
+
     def draws(self, rank: int) -> Iterator[Draw]:
         """Yield the draws of a rank; each has to be executed on its own buffers before the next is asked for.
 
@@ -141,7 +146,7 @@ class Frame:
         for dispatch in recorded(self.plan, {index: self.bricks[index] for index in shown}, pieces):
             source = dispatch.source
             if source not in shaders:
-                shaders[source] = Shader(source)
+                shaders[source] = Shader(source, self.clim)
             yield Draw.of(dispatch, shaders[source], self.plan.view.size)
 
 

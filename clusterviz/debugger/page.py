@@ -143,7 +143,8 @@ class Page:
             stack.add_row(level.function, escaped(f"{level.file}:{level.line}"), loops)
         parts: list[Any] = [Panel(self._source(), title=self._title(), title_align="left"), stack, self._states()]
         if self._now:
-            parts.append(self._table(list(self._now.values())))
+            clim = session.draw.shader.clim
+            parts.append(self._table([one for each in self._now.values() for one in each.in_data(clim)]))
             shown = [watch for watch in self._now.values() if len(watch.names) == 1 or watch.is_colour]
             parts += [Text(shown[-1].text), half_blocks(shown[-1].picture())] if shown else []
         self._console.print(Group(*parts, *(Text(fault, style="red") for fault in session.faults)))

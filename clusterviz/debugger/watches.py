@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.scene.colormaps import named_colour_points
-from clusterviz.spmd.probe import scalars_of
+from clusterviz.spmd.probe import SCALAR, scalars_of
 from clusterviz.spmd.types import Type
 
 Floats = NDArray[np.float64]
@@ -56,6 +56,15 @@ class Watched:
         for number, value in enumerate(values):
             picture[y, x, number] = value[reached]
         return cls(text, kind.name, tuple(name for name, _ in scalars_of(kind)), picture, mask)
+
+    def in_data(self, clim: tuple[float, float] | None) -> list[Watched]:
+        """Return the watch, and one in units of the data behind it if it is the field's scalar."""
+        if clim is None or self.type != "float" or not SCALAR.fullmatch(self.text):
+            return [self]
+        return [
+            self,
+            replace(self, text=f"{self.text} of the data", values=clim[0] + (clim[1] - clim[0]) * self.values),
+        ]
 
     def at(self, x: int, y: int) -> dict[str, float] | None:
         """Return the scalars at a pixel; None if it has none."""

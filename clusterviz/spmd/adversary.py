@@ -32,7 +32,7 @@ from typing import Any
 from clusterviz.spmd.analysis import children, root
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.emitter import Emitter, Part, constant
-from clusterviz.spmd.ir import Assign, BuiltIn, Call, Declare, Expression, Function, Name, Operation, Program, Variable
+from clusterviz.spmd.ir import Assign, BuiltIn, Declare, Expression, Function, Name, Operation, Program, Variable
 from clusterviz.spmd.variables import Parts
 
 
@@ -207,7 +207,7 @@ class AdversarialEmitter(Emitter):
         return super().binary(">>", super().binary("*", bits, constant("i", -1640531535)), constant("u", 20))
 
     def wrong(self, part: Part, ulps: int, of: Part | None = None) -> Part:
-        """Return a float32 with an error of so many units in the last place, and twice `of` more; 0, infinities and NaN stay."""
+        """Return a float32 with an error of so many units in the last place, and twice `of` more; but 0, inf and NaN."""
         whole = super().binary
         bits = self.bits(part, "i")
         least = whole("&", self._mixed(part), constant("i", 1))

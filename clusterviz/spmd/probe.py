@@ -10,8 +10,9 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
@@ -26,8 +27,10 @@ from clusterviz.spmd.interpreter import DTYPES, Array, Interpreter, Mask, Value
 from clusterviz.spmd.ir import Block, Declare, Expression, Function, If, Loop, Memory, Statement, Variable
 from clusterviz.spmd.parser import parse, parse_expression
 from clusterviz.spmd.tokens import tokens_of
-from clusterviz.spmd.types import BOOL, Type
+from clusterviz.spmd.types import BOOL, FLOAT, Type
 
+SCALAR = re.compile(r"(?<![\w.])(?:\w+\.)*s(?![\w.(])")
+"""The field's scalars in the shaders, `s` and `front.s`, in units of clim: 0 at its low end and 1 at its high one."""
 NEAREST = 4
 """Lines that a message offers in place of one without a statement."""
 
@@ -56,10 +59,11 @@ class Shader:
     Parameters
     ----------
     source : assembled
+    clim : the data's values at which the field's scalars are 0 and 1; None if there is not one volume
     """
 
-    def __init__(self, source: ShaderSource) -> None:
-        self.source, self.program = source, parse(source)
+    def __init__(self, source: ShaderSource, clim: tuple[float, float] | None = None) -> None:
+        self.source, self.program, self.clim = source, parse(source), clim
         self._tokens, self._positions = tokens_of(source)
 
     @cached_property
@@ -115,7 +119,7 @@ class Shader:
         ----------
         where : FILE:LINE
         watches : expressions of the variables in scope there, without calls of the shader's functions
-        condition : counts visits where it holds; "": all
+        condition : counts visits where it holds, with the field's scalars in units of the data; "": all
         visit : that is looked at, from 1
 
         Raises
@@ -127,6 +131,7 @@ class Shader:
 
     def probe_at(self, places: Sequence[Place], watches: tuple[str, ...], condition: str = "", visit: int = 1) -> Probe:
         """Return a probe of statements; see `probe`."""
+        condition = self._in_data(condition, places[0].names)
         points = []
         for place in places:
             held = self.expression(place, condition, "--if") if condition else None
@@ -136,6 +141,13 @@ class Shader:
             if _elements(points[0]) != _elements(points[-1]):
                 raise InputError("the watches have other types in another part of the file", where="--watch")
         return Probe(tuple(points), condition, watches, visit)
+
+    def _in_data(self, text: str, names: Mapping[str, Variable | Memory]) -> str:
+        """Return an expression in which the field's scalars are values of the data."""
+        if self.clim is None or ("s" in names and names["s"].type is not FLOAT):
+            return text
+        low, high = map(float, self.clim)
+        return SCALAR.sub(lambda found: f"({low!r} + {high - low!r} * {found[0]})", text)
 
     def _places_in(self, function: Function) -> Iterator[Place]:
         at = function.body.at if function.body else 0

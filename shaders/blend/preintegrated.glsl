@@ -18,7 +18,8 @@ void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place
     for (int at = from; at < to; at += TWO_AT_ONCE ? 2 : 1) {
         float s = scalar_at(place.brick, place.cell, place.beyond + (float(at) + 0.5) * slab);
         float t = TWO_AT_ONCE ? scalar_at(place.brick, place.cell, place.beyond + min(float(at) + 1.5, float(to) - 0.5) * slab) : s;
-        if (front.s < buckets.w && s < buckets.w && t < buckets.w) {
+        bool are_valid = is_valid(front.s) && is_valid(s) && is_valid(t);
+        if (are_valid && front.s < buckets.w && s < buckets.w && t < buckets.w) {
             front.s = t; // of the same class
             continue;
         }

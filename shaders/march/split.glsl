@@ -123,7 +123,7 @@ void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         while (s < leave) {
             double to = min(floor(s) + 1.0LF, leave);
             float s_back = scalar_at(start, place.cell, place.beyond + float(min(to, far) - counted_from) * slab);
-            if (front.s < buckets.w && s_back < buckets.w) {
+            if (is_valid(front.s) && is_valid(s_back) && front.s < buckets.w && s_back < buckets.w) {
                 front.s = s_back; // of the same class
             } else {
                 Class back = class_at(s_back);

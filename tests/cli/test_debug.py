@@ -48,6 +48,22 @@ def test_numbers_pictures_and_json_agree(cli: Callable[..., Any], tmp_path: Path
     assert np.array_equal(picture[..., 3] > 0, np.isfinite(numbers))
 
 
+def test_the_field_is_shown_and_compared_in_units_of_the_data(cli: Callable[..., Any]) -> None:
+    lines = shader_file("samples.glsl").read_text().splitlines()
+    place = f"samples.glsl:{next(n for n, line in enumerate(lines, 1) if 'bool both' in line)}"
+    options = ("--break", place, "--watch", "s", "--json", "-D", "clim=[-1,3]")
+    found = []
+    for condition in ("s > 0.7", "s > 0.2"):
+        of_clim, of_data = json.loads(cli("debug", *SMALL, *options, "--if", condition).out)["watches"]
+        assert (of_clim["expression"], of_data["expression"]) == ("s", "s of the data")
+        ((low, high),) = ((one["min"], one["max"]) for one in of_clim["scalars"])
+        ((least, most),) = ((one["min"], one["max"]) for one in of_data["scalars"])
+        assert (least, most) == pytest.approx((4 * low - 1, 4 * high - 1), abs=1e-6)
+        assert least > float(condition[4:])
+        found.append(of_data["pixels"])
+    assert 0 < found[0] < found[1]
+
+
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("file", "text", "watches"),

@@ -42,6 +42,8 @@ from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.values import Cluster, Scene
 from clusterviz.spmd import machine_code
+from clusterviz.spmd.adversary import DRIVERS
+from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE
 
 
 @dataclass(frozen=True)
@@ -412,6 +414,25 @@ NARROW = [*(width for width in WIDTHS if width.lanes != 16), Width(1, "one lane"
 @pytest.mark.parametrize("row", NARROWER, ids=str)
 def test_narrower_vectors_draw_the_same(row: Row, width: Width, tmp_path: Path) -> None:
     check(None, row, tmp_path, width=width)
+
+
+ADVERSE = [
+    *NARROWER,
+    *(Row(name, dtype="float32", extreme="invalid voxels") for name in ("maximum", "average", "first-hit", "split")),
+    Row("cubic", dtype="float32", extreme="invalid voxels"),
+    Row("surfaces within", dtype="float64", extreme="invalid voxels"),
+]
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+@pytest.mark.parametrize("row", ADVERSE, ids=str)
+def test_adversarial_drivers_draw_the_reference(
+    row: Row, driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(ADVERSARY_VARIABLE, driver)
+    compiled_variant.cache_clear()
+    check(None, row, tmp_path)
+    compiled_variant.cache_clear()
 
 
 @pytest.mark.parametrize("row", NARROWER, ids=str)

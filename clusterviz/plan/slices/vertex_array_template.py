@@ -22,7 +22,6 @@ import numpy as np
 from clusterviz.plan.slices.contract import Cuts, Flags, Floats, Polygons
 from clusterviz.plan.slices.marching_cubes_table import marching_cubes_table
 
-
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
 """Share of the largest coordinate of a box or its template by which a polygon that is moved may be off."""
 
