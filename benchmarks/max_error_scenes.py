@@ -125,8 +125,8 @@ def tried(number: int, size: int) -> Tried:
     told = number, kind, dtype, function, volumes, lit, clipped, bound
     try:
         drawn = frame_of(scene, sources)
-    except SceneError as error:
-        if "out of reach" not in str(error):
+    except SceneError as refusal:
+        if "out of reach" not in str(refusal):
             raise
         return Tried(*told, 0.0, 0.0, 0.0, True, 1.0, "none", 0.0, process_time() - began)
     seconds = process_time() - began
