@@ -7,7 +7,6 @@ choice is adapted. If it has changed much, or anything else has changed, all set
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,11 +14,13 @@ from functools import partial
 from time import perf_counter
 
 from clusterviz.auto.calibration import LEAST_PIXELS, Calibration, SmallPicture, calibrate, chosen, covered_pixels
+from clusterviz.comm import mark_agreed
 from clusterviz.composite import rounding_bound
 from clusterviz.errors import SceneError
 from clusterviz.frame.run import Run
 from clusterviz.partition import Piece
 from clusterviz.plan.accuracy import Aim, Picked, has_strayed, make_aim, pick_pixel
+from clusterviz.plan.estimate import Trial
 from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Accuracy
 from clusterviz.scene.diff import check_same_volume
@@ -42,7 +43,6 @@ class ErrorBoundController:
         self._anew: Calibration | None = None
         self._last: Calibration | None = None
         self._followed_for = 0
-        self._warned = False
 
     def settle(self, run: Run, scene: Scene) -> tuple[Scene, Accuracy]:
         """Return the scene with settings that keep its `quality.max_error`; collective.
@@ -50,17 +50,20 @@ class ErrorBoundController:
         Parameters
         ----------
         scene : completed, with a volume and the bound
+
+        Raises
+        ------
+        SceneError
+            On every rank: no settings keep the bound for certain.
         """
         began, aim = perf_counter(), make_aim(scene)
         found, samples = self._found(run, scene, aim)
         trial, error, residual = found.choice.trial, found.choice.error, _for_the_step(aim, found.filter).residual
         settings = (trial.step, trial.classification, found.filter.value, residual, "float32")
         cost = (found.pixels if samples else 0, samples, perf_counter() - began)
-        reached = error <= aim.bound
-        accuracy = Accuracy(aim.bound, error, reached, *settings, *cost, _reasons(found, reached), found.verified)
-        if accuracy.warning and not self._warned and run.channel.rank == 0:
-            warnings.warn(accuracy.warning, stacklevel=6)
-        self._warned = bool(accuracy.warning)
+        if error > aim.bound:
+            raise mark_agreed(_out_of_reach(aim.bound, error, trial))
+        accuracy = Accuracy(aim.bound, error, *settings, *cost, _reasons(found), found.verified)
         return chosen(scene, trial, residual, found.filter.value), accuracy
 
     def _found(self, run: Run, scene: Scene, aim: Aim) -> tuple[Calibration, int]:
@@ -133,12 +136,16 @@ def _for_the_step(aim: Aim, filter: Picked) -> Aim:
     return replace(aim, bound=aim.bound - filter.error) if filter.error else aim
 
 
-def _reasons(found: Calibration, reached: bool) -> dict[str, str]:
+def _out_of_reach(bound: float, error: float, trial: Trial) -> SceneError:
+    nearest = f"about {error:.2g} at the settings that come nearest, step {trial.step:.3g}, {trial.classification}"
+    allowed = f"at least {error:.2g}, or null and settings of your own"
+    return SceneError(f"{bound:.3g} is out of reach", where="quality.max_error", found=nearest, allowed=allowed)
+
+
+def _reasons(found: Calibration) -> dict[str, str]:
     """Return the reason for each setting."""
     return {
-        "step": "the longest that is expected to hold the bound"
-        if reached
-        else "nothing that is tried holds the bound",
+        "step": "the longest that is expected to hold the bound",
         "classification": found.choice.reason,
         "filter": found.filter.reason,
         "early_termination": "an eighth of the bound is for rays that end early",

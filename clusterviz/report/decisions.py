@@ -16,7 +16,6 @@ class Accuracy:
     ----------
     max_error : the bound asked for
     error : the largest error expected, an estimate
-    reached : whether the estimate is within the bound
     step : sampling distance, voxels
     classification, filter, early_termination, pixel : as in the scene
     reasons : setting -> reason in words
@@ -27,7 +26,6 @@ class Accuracy:
 
     max_error: float
     error: float
-    reached: bool
     step: float
     classification: str
     filter: str
@@ -46,16 +44,6 @@ class Accuracy:
         return (
             f"{text}, {self.classification}, {self.filter}, {self.pixel}; estimated {how}, with "
             f"{self.pilot_samples:,} samples in {self.pilot_seconds:.2f} s; {CONFIDENCE}"
-        )
-
-    @property
-    def warning(self) -> str:
-        """Warning that the bound cannot be reached, or ""."""
-        if self.reached:
-            return ""
-        return (
-            f"quality.max_error {self.max_error:.3g} is out of reach: the error may be about {self.error:.2g} at the "
-            f"settings that come nearest, step {self.step:.3g} and {self.classification} classification"
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -69,7 +68,6 @@ def test_the_bound_is_held(field: str, opacity: str, bound: float) -> None:
     source = open_source(f"field:{field}:16", None)
     truth = render_reference(rendered.scene, source.grid, source.read((0, 0, 0), source.grid.shape_zyx), 1 / 100)
     difference = compare(rendered.image.astype(np.float64), truth)  # type: ignore[union-attr]
-    assert accuracy.reached
     assert difference.max <= accuracy.error <= bound
     assert rendered.scene.quality.step == accuracy.step
     assert rendered.scene.quality.max_error is None
@@ -90,16 +88,16 @@ def test_what_is_chosen_depends_neither_on_ranks_nor_on_bricks() -> None:
 
 
 @pytest.mark.gl
-def test_a_bound_out_of_reach_is_drawn_as_well_as_can_be_and_told_once() -> None:
-    scene = scene_of("hydrogen", JUMP, 1e-7)
-    with FrameLoop(scene, LoopbackChannel()) as loop:
-        with pytest.warns(UserWarning, match=r"max_error 1e-07 is out of reach: the error may be about"):
-            first = loop.frame()
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            loop.frame(number=1)
-    assert not accuracy_of(first).reached
-    assert accuracy_of(first).error < 0.1
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_a_bound_out_of_reach_is_refused_on_every_rank(ranks: int) -> None:
+    def refused(channel: Channel) -> str:
+        with pytest.raises(
+            SceneError, match=r"quality.max_error: 1e-07 is out of reach; found about .* at least"
+        ) as caught:
+            render_frame(scene_of("hydrogen", JUMP, 1e-7), channel)
+        return str(caught.value)
+
+    assert len(set(run_loopback(ranks, refused))) == 1
 
 
 def test_what_draws_without_frames_refuses_to_choose() -> None:

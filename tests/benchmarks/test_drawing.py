@@ -22,7 +22,7 @@ from clusterviz.scene.values import Cluster, ImageSettings
 def test_a_bound_is_kept_or_refused(number: int) -> None:
     one = max_error_scenes.tried(number, 48)
     assert one.function in ("peaks", "jumps")
-    assert one.warned or one.error <= one.expected + one.known_to <= one.bound + one.known_to
+    assert one.refused or one.error <= one.expected + one.known_to <= one.bound + one.known_to
     assert one.known_to < one.bound
 
 

@@ -79,6 +79,8 @@ INVISIBLE = 2 * LEVEL
 """Error that is hardly visible on an 8-bit screen."""
 MAX_DRIFT = 1.15
 """Largest ratio of two measurements of one setting on an idle machine."""
+LEAST_NOISE = 1.05
+"""Least ratio of two times that counts as a difference."""
 GREY: RGB = (0.5, 0.5, 0.5)
 """Background of transparent pictures for SSIM, on which dark and light parts are visible."""
 
@@ -200,7 +202,10 @@ def verdict(rated: Sequence[RatedSetting], truth: GroundTruth, drift: float = 1.
     if same and faster(same, scene, drift):
         sentences.append(f"With {same.setting} it is {ratio(scene, same)} faster at no larger error.")
     else:
-        sentences.append("No setting that was tried is faster at no larger error.")
+        noise = f"{100 * (noise_of(scene, drift) - 1):.0f} %"
+        sentences.append(
+            f"No setting that was tried is faster at no larger error by more than the noise of the times, {noise}."
+        )
     hidden = fastest_within(rated, INVISIBLE, truth)
     if hidden is None:
         exact = min(rated, key=lambda one: error_of(one, truth))
@@ -248,10 +253,14 @@ def ratio(slow: RatedSetting, fast: RatedSetting) -> str:
     return f"{slow.cost.total_seconds / fast.cost.total_seconds:.2g} times"
 
 
+def noise_of(one: RatedSetting, drift: float) -> float:
+    """Return the noise of a time as a ratio: of two measurements, or of the median frame to the fastest."""
+    return max(LEAST_NOISE, drift, one.cost.total_seconds / one.cost.total_seconds_min)
+
+
 def faster(one: RatedSetting, other: RatedSetting, drift: float) -> bool:
-    """Return whether the median of one is below the fastest frame of the other, and the gain exceeds the drift."""
-    gain = max(1.05, drift)
-    return one.cost.total_seconds < min(other.cost.total_seconds_min, other.cost.total_seconds / gain)
+    """Return whether one is faster than the other by more than the noise of the other's time."""
+    return one.cost.total_seconds * noise_of(other, drift) < other.cost.total_seconds
 
 
 def _grey(rgba: NDArray[np.float32], background: RGB | None) -> NDArray[np.float64]:
