@@ -28,7 +28,7 @@ def _by_opengl(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 STAGES = [
     ("scene", 1, "clusterviz.cli.render:open_scene"),
     ("output", 0, "clusterviz.cli.render:check_writable"),
-    ("open", 1, "clusterviz.frame.opening:open_volume"),
+    ("open", 1, "clusterviz.frame.opening:open_first_parts"),
     ("read", 1, "clusterviz.frame.opening:read_bricks"),
     ("summarise", 1, "clusterviz.frame.opening:summarise"),
     ("plan", 1, "clusterviz.frame.opening:make_plan"),

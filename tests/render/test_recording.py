@@ -52,7 +52,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "jittered uint16": (
         "uint16",
         {"jitter": True},
-        "composite entries fixed_step gradient_none groups jitter linear march opacity over pixels ray "
+        "composite entries fixed_step gradient_none groups groups_of_bricks jitter linear march opacity over pixels ray "
         "records_storage samples segment transfer unfaded unlit unnoted unsplit voxel_u16 whole_slab",
     ),
     "lit, clipped": (
@@ -60,7 +60,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
         LIT | {"clip": clip_of(GRID), "lights": lights_in(GRID)},
         "ambient cells clip gradient kept lights lights_near linear_u8 phong units unjittered voxel_u8",
     ),
-    "maximum of float32": ("float32", {"blending": "maximum"}, "extreme voxel_f32"),
+    "maximum of float32": ("float32", {"blending": "maximum"}, "extreme numbers voxel_f32"),
     "average of slices": ("uint8", {"blending": "average", "renderer": "slices"}, "slices sum"),
     "first hit": ("uint8", {"blending": "first-hit"}, "first_hit"),
     "local maximum": ("uint8", {"blending": "local-maximum"}, "local_maximum"),
@@ -96,7 +96,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "adaptive step": ("uint8", {"adaptive": 0.01, "step": 1.0}, "adaptive_step"),
     "coherent": ("uint8", {"frame_coherence": True}, "planes starts"),
     "layers of bricks": ("uint8", {"early_termination": 0.05}, ""),
-    "two volumes": ("uint8", INTEGRATED, "absorbing_ramp densest layers_none multi_volume volume_layer"),
+    "two volumes": ("uint8", INTEGRATED, "absorbing_ramp densest groups_of_domain layers_none multi_volume volume_layer"),
     "two volumes, surfaces": (
         "uint8",
         LIT | SURFACES | STEEP | {"detail": {"level": 1}},
