@@ -18,8 +18,10 @@ bool is_ahead(int kind, ivec4 of, Hit hit) {
     if (!TRIANGLES || kind != TRIANGLE) return away >= 0.0;
     vec3 a = vertex[of.x].xyz, b = vertex[of.y].xyz, c = vertex[of.z].xyz;
     if (abs(away) > 1e-3 * (abs(a.z - eye) + abs(b.z - eye) + abs(c.z - eye))) return away > 0.0;
-    dvec3 at = dvec3(a), normal = cross(dvec3(b) - at, dvec3(c) - at);
-    return dot(normal, at - geometry.eye.yzx) * dot(normal, dvec3(dvec2(ray_slope), 1.0LF)) > 0.0LF;
+    dvec3 at = dvec3(a), to_b = dvec3(b) - at, to_c = dvec3(c) - at, normal = cross(to_b, to_c), way = at - geometry.eye.yzx;
+    double side = dot(normal, way), reach = dot(way, way) + dot(to_b, to_b) + dot(to_c, to_c);
+    // Within the rounding of the corners the eye is on the triangle, and all rays see it.
+    return side * side <= 2.5e-13LF * reach * dot(normal, normal) || side * dot(normal, dvec3(dvec2(ray_slope), 1.0LF)) > 0.0LF;
 }
 
 // Find a fragment that lies in a brick of this box, and its key.
@@ -27,6 +29,7 @@ bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     Hit hit;
     found = uvec2(0u);
     if (!meets(kind, corner[row], side, hit) || !is_ahead(kind, corner[row], hit)) return false;
+    hit.depth = max(hit.depth, float(geometry.eye.x));
     found = uvec2(sorted_bits(hit.depth), 2u * uint(row) + uint(side));
     double position = position_of(hit.depth);
     if (position < ray.kept.x || position > ray.kept.y) return false;
