@@ -371,10 +371,8 @@ def test_pictures_are_those_of_the_reference(context: moderngl.Context, row: Row
 @pytest.mark.gl
 @pytest.mark.parametrize("name", MODES)
 def test_where_nothing_is_to_be_seen_the_picture_is_empty(context: moderngl.Context, name: str, tmp_path: Path) -> None:
-    flat = [(1, 9, 9), (9, 1, 9), (9, 9, 1), (1, 1, 9), (1, 1, 1)]
-    if name != "composite":  # one is enough, since compiling for each takes seconds
-        flat = [flat[len(name) % 5]]
-    for shape, value, keys in (*((shape, 0.5, {}) for shape in flat), (SHAPE, np.nan, {}), (SHAPE, 0.5, NOTHING_LEFT)):
+    # Volumes with one sample along an axis have a thickness: failures/test_extremes.py.
+    for shape, value, keys in ((SHAPE, np.nan, {}), (SHAPE, 0.5, NOTHING_LEFT)):
         scene, *_ = made(Row(name, dtype="float32", keys=keys), tmp_path)
         voxels = np.full(shape, value, np.float32)
         prepared = prepare(scene, voxels, brick=7)

@@ -13,6 +13,7 @@ from render.looks import PATHS
 from render.scenes import Counted, Prepared, noise, rotation
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.data import override_grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Options, Run, prepare
@@ -164,7 +165,11 @@ def drawn(where: Any, scene: Scene, parts: tuple[Part, ...], leaves: int = 1, **
 
 
 def expected(scene: Scene, parts: tuple[Part, ...]) -> np.ndarray:
-    return render_reference(scene, [part[2] for part in parts], [part[1] for part in parts])
+    sources = [
+        override_grid(ArraySource(voxels, grid), volume) for volume, voxels, grid in parts
+    ]  # single layers are thick
+    shown = [(each.grid, each.read((0, 0, 0), each.grid.shape_zyx)) for each in sources]
+    return render_reference(scene, [grid for grid, _ in shown], [voxels for _, voxels in shown])
 
 
 def wrong(found: np.ndarray, right: np.ndarray, bound: float = 1e-5) -> float:

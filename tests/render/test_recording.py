@@ -96,7 +96,11 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "adaptive step": ("uint8", {"adaptive": 0.01, "step": 1.0}, "adaptive_step"),
     "coherent": ("uint8", {"frame_coherence": True}, "planes starts"),
     "layers of bricks": ("uint8", {"early_termination": 0.05}, ""),
-    "two volumes": ("uint8", INTEGRATED, "absorbing_ramp densest groups_of_domain layers_none multi_volume volume_layer"),
+    "two volumes": (
+        "uint8",
+        INTEGRATED,
+        "absorbing_ramp densest groups_of_domain layers_none multi_volume volume_layer",
+    ),
     "two volumes, surfaces": (
         "uint8",
         LIT | SURFACES | STEEP | {"detail": {"level": 1}},

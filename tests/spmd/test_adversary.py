@@ -108,5 +108,7 @@ def test_halves_are_rounded_as_the_driver_likes(driver: str) -> None:
 
 def test_a_driver_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(ADVERSARY_VARIABLE, "kind")
-    with pytest.raises(InputError, match="CLUSTERVIZ_ADVERSARY: no such driver; found kind; allowed saturating, wrapping"):
+    with pytest.raises(
+        InputError, match="CLUSTERVIZ_ADVERSARY: no such driver; found kind; allowed saturating, wrapping"
+    ):
         run(shown("x < 1.0"), 1.0)
