@@ -207,7 +207,7 @@ class AdversarialEmitter(Emitter):
         return super().binary(">>", super().binary("*", bits, constant("i", -1640531535)), constant("u", 20))
 
     def wrong(self, part: Part, ulps: int, of: Part | None = None) -> Part:
-        """Return a float32 with an error of so many units in the last place, and twice `of` more; but 0, inf and NaN."""
+        """Return a float32 with an error of so many units in the last place, and twice `of` more; not 0, inf, NaN."""
         whole = super().binary
         bits = self.bits(part, "i")
         least = whole("&", self._mixed(part), constant("i", 1))

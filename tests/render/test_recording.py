@@ -52,8 +52,8 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "jittered uint16": (
         "uint16",
         {"jitter": True},
-        "composite entries fixed_step gradient_none groups groups_of_bricks jitter linear march opacity over pixels ray "
-        "records_storage samples segment transfer unfaded unlit unnoted unsplit voxel_u16 whole_slab",
+        "composite entries fixed_step gradient_none groups groups_of_bricks jitter linear march opacity over pixels "
+        "ray records_storage samples segment transfer unfaded unlit unnoted unsplit voxel_u16 whole_slab",
     ),
     "lit, clipped": (
         "uint8",

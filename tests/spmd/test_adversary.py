@@ -75,7 +75,7 @@ def test_subnormal_numbers_are_zero(driver: str) -> None:
 
 
 def test_conversions_out_of_range_saturate_or_wrap(driver: str) -> None:
-    signed, unsigned = ("float f(float x) {{ return float({}(x) >> 1); }}".format(kind) for kind in ("int", "uint"))
+    signed, unsigned = (f"float f(float x) {{ return float({kind}(x) >> 1); }}" for kind in ("int", "uint"))
     found = run(signed, 1e30, -1e30, 3e9).tolist(), run(unsigned, -2.0, 7.9).tolist()
     if DRIVERS[driver].saturates:
         assert found == ([2.0**30, -(2.0**30), 2.0**30], [0.0, 3.0])
