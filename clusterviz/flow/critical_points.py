@@ -31,7 +31,7 @@ from clusterviz.comm.channel import Channel
 from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.data.vectors import VectorSource, world_from_index
 from clusterviz.flow.cells import Cells
-from clusterviz.flow.resting import Region, regions_of_runs, regions_of_vertices, resting_runs
+from clusterviz.flow.resting import SAME, Region, regions_of_runs, regions_of_vertices, resting_runs
 from clusterviz.image.replace import replacing
 
 Array = NDArray[np.float64]
@@ -40,8 +40,6 @@ TYPES_3D = ("sink", "saddle 1", "saddle 2", "source")
 TYPES_2D = ("sink", "saddle", "source")
 FLAT = 1e-6
 """Of the largest eigenvalue: smaller real or imaginary parts count as zero."""
-SAME = 1e-6
-"""Samples, or share of a tetrahedron, within which two points are one."""
 _HALVINGS, _MOST_BOXES, _LAYERS, _NEWTON_STEPS = 4, 64, 16, 30
 _AT_ONCE = 2048
 """Cells that are halved at once: they become up to 4096 boxes each."""

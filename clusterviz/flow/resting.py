@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Resting = Callable[[Array], NDArray[np.bool_]]
 """Whether places (n, 3), by the index or in the world, lie on regions at rest."""
-NEAR = 1e-6
-"""Samples, or share of the cells' box, within which a place is on a sample."""
+SAME = 1e-6
+"""Samples, or share of a tetrahedron, within which two places are one."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def regions_of_runs(runs: Whole, grid: Grid) -> tuple[tuple[Region, ...], Restin
 
     def is_resting(places: Array) -> NDArray[np.bool_]:
         # All samples that have a part in the vectors there.
-        low, high = np.floor(places + NEAR).astype(np.int64), np.ceil(places - NEAR).astype(np.int64)
+        low, high = np.floor(places + SAME).astype(np.int64), np.ceil(places - SAME).astype(np.int64)
         every = np.ones(len(places), bool)
         for n in range(8):
             at = np.where([n & 1, n >> 1 & 1, n >> 2], high, low)
@@ -105,9 +105,9 @@ def regions_of_vertices(cells: Cells) -> tuple[tuple[Region, ...], Resting]:
 
     def is_resting(at: Array) -> NDArray[np.bool_]:
         # A vertex, since tetrahedra with two of a region are flat.
-        cell = {tuple(key) for key in np.rint(still / (size * NEAR)).astype(np.int64).tolist()}
+        cell = {tuple(key) for key in np.rint(still / (size * SAME)).astype(np.int64).tolist()}
         return np.array(
-            [tuple(key) in cell for key in np.rint(at / (size * NEAR)).astype(np.int64).tolist()], bool
+            [tuple(key) in cell for key in np.rint(at / (size * SAME)).astype(np.int64).tolist()], bool
         ).reshape(len(at))
 
     return regions, is_resting
