@@ -28,7 +28,8 @@ BRICK = 16
 # groups, the frame.
 BUFFERS = 7
 ALWAYS = (
-    "raycast pixels buffers ray opacity transfer words pitch units records_uniform march groups no_prefetch no_profile"
+    "raycast pixels buffers ray numbers opacity transfer words pitch units records_uniform march groups "
+    "groups_of_bricks no_prefetch no_profile"
 )
 PLAIN = (
     "composite linear_u8 cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered "
