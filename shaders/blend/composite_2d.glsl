@@ -1,6 +1,6 @@
 // Emission and absorption of a slab with a 2-D transfer function of scalar and gradient magnitude, or with a user's look.
 bool is_seen(float s) {
-    return s >= buckets.w && (!MAY_BE_INVALID || is_number(s)); // nothing is visible below
+    return s >= buckets.w && is_valid(s); // nothing is visible below
 }
 
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {

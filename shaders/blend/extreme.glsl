@@ -1,6 +1,6 @@
 // Maximum and minimum projection: (scalar, 0, 0, 1), or zeros for a ray without samples.
 bool is_seen(float s) {
-    return !MAY_BE_INVALID || is_number(s);
+    return is_valid(s);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {

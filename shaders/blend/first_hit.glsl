@@ -1,6 +1,6 @@
 // First hit: (scalar, 0, 0, 1) of the ray's first scalar not below a threshold, or zeros.
 bool is_seen(float s) {
-    return s >= frame.optics.z && (!MAY_BE_INVALID || is_number(s));
+    return s >= frame.optics.z && is_valid(s);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {

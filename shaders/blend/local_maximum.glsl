@@ -15,7 +15,7 @@ vec4 merged(vec4 front, vec4 behind) {
 }
 
 bool is_seen(float s) {
-    return !MAY_BE_INVALID || is_number(s);
+    return is_valid(s);
 }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {

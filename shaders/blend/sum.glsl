@@ -1,6 +1,6 @@
 // Average and sum projection: opacity times scalar, clamped to clim, times slabs; and the number of slabs with a sample.
 bool is_seen(float s) {
-    return !MAY_BE_INVALID || is_number(s);
+    return is_valid(s);
 }
 
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {

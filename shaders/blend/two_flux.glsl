@@ -4,7 +4,7 @@
 const float THICKEST = 1e15; // K d and S d
 
 bool is_seen(float s) {
-    return s >= buckets.w && (!MAY_BE_INVALID || is_number(s)); // nothing absorbs or scatters below
+    return s >= buckets.w && is_valid(s); // nothing absorbs or scatters below
 }
 
 const vec4 NOTHING_IN_FRONT = vec4(0.0, 0.0, 1.0, 0.0);

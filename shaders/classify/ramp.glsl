@@ -8,10 +8,6 @@ struct Class {
     vec3 colour, change; // straight: at x = 0, and to x = 1
 };
 
-bool is_valid(float s) {
-    return !MAY_BE_INVALID || is_number(s);
-}
-
 Class class_at(float s) {
     int segment = segment_of(is_valid(s) ? s : 0.0);
     vec4 a = part_of(segment, 0), b = part_of(segment, 1), c = part_of(segment, 2);

@@ -78,10 +78,6 @@ double to_face(dvec3 position, dvec3 along, out int axis) {
     return nearest;
 }
 
-bool is_valid(float s) {
-    return is_number(s);
-}
-
 // Refractive index above that outside, and its derivative; 0 where a voxel is invalid.
 vec2 index_at(float s) {
     if (!is_valid(s)) return vec2(0.0);

@@ -21,5 +21,5 @@ float scalar_at(int slot, ivec3 cell, vec3 beyond) {
     vec3 t = beyond - vec3(at - cell);
     float found = spline_at(slot, at, t);
     // The texture unit spreads an invalid voxel over all fetches around it, so validity is decided voxel by voxel.
-    return MAY_BE_INVALID && !is_number(found) ? spline_of_voxels(slot, at, t) : found;
+    return !is_valid(found) ? spline_of_voxels(slot, at, t) : found;
 }

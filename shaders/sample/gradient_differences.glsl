@@ -1,7 +1,7 @@
 // Gradient of a hardware-filtered field, in units of clim per voxel: as in gradient.glsl, from samples of the field. The central difference of
 // samples equals the interpolated difference of voxels. Next to an invalid voxel the difference is one-sided.
 bool is_missing(float s) {
-    return MAY_BE_INVALID && !is_number(s);
+    return !is_valid(s);
 }
 
 float along(int brick, ivec3 at, vec3 w, ivec3 axis, bool begins, bool ends) {

@@ -1,8 +1,8 @@
 // Gradient at the nearest voxel, in units of clim per voxel: central differences, one-sided if a neighbour is outside of the volume or invalid.
 float along(int brick, ivec3 at, ivec3 axis, float here, bool begins, bool ends) {
     float before = stored_at(brick, at - axis), after = stored_at(brick, at + axis);
-    bool none_before = begins || (MAY_BE_INVALID && !is_number(before));
-    bool none_after = ends || (MAY_BE_INVALID && !is_number(after));
+    bool none_before = begins || !is_valid(before);
+    bool none_after = ends || !is_valid(after);
     float difference = (none_after ? here : after) - (none_before ? here : before);
     return none_before == none_after ? 0.5 * difference : difference;
 }

@@ -17,8 +17,8 @@ void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, double middle
         vec3 beyond = here.beyond + float(at) * stride, later = here.beyond + float(at + 1) * stride;
         float s = scalar_at(here.brick, here.cell, beyond), t = ABREAST ? scalar_at(here.brick, here.cell, later) : 0.0;
         // Nothing is visible below.
-        first = first && s >= buckets.w && (!MAY_BE_INVALID || is_number(s));
-        second = second && t >= buckets.w && (!MAY_BE_INVALID || is_number(t));
+        first = first && s >= buckets.w && is_valid(s);
+        second = second && t >= buckets.w && is_valid(t);
         if (first || second) {
             if (first) mix_in(mixed, absorption(s, beyond, length), NUMBER);
             if (second) mix_in(next, absorption(t, later, 1.0), NUMBER);

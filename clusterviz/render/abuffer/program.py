@@ -118,11 +118,11 @@ class GeometryVariant:
             "buckets": f"{grid}.buckets",
             "FIRST_BUCKET": f"{grid}.first_bucket",
             "FURTHER_STARTS": f"{grid}.further_starts",
-            "MAY_BE_INVALID": "false",
         }
         # A tetrahedron that is cut has to look as if it were not.
         macros["AS_ONE"] = "0.125LF"
         begin = glsl_array("grid", GRIDS_BINDING, GRID, self.grids) + "int own_grid = 0;\n"
+        begin += "bool is_valid_of_cells(float s) { return true; }\n"
         integrate: tuple[str, ...] = ("transfer.glsl", "front_to_back.glsl", "ramp.glsl")
         if self.kbuffer and self.kbuffer.integration == "table":
             integrate = ("integration_table.glsl",)
