@@ -20,13 +20,25 @@ import moderngl
 
 def run_compute(program: moderngl.ComputeShader, groups: tuple[int, ...]) -> None:
     """Run `groups` work groups of a program of the thread's current context, and wait until they are done."""
+    queue_compute(program, groups)
+    if isinstance(program, moderngl.ComputeShader):
+        _functions()[2]()
+
+
+def queue_compute(program: moderngl.ComputeShader, groups: tuple[int, ...]) -> None:
+    """Queue `groups` work groups of a program of the thread's current context."""
     if not isinstance(program, moderngl.ComputeShader):  # the draw is recorded
         program.run(*groups)
         return
-    use, dispatch, finish = _functions()
+    use, dispatch, _ = _functions()
     use(program.glo)
     dispatch(*(*groups, 1, 1)[:3])
-    finish()
+
+
+def finish(context: moderngl.Context) -> None:
+    """Wait until all that a current context has queued is done."""
+    if isinstance(context, moderngl.Context):  # a draw that is recorded does not queue
+        _functions()[2]()
 
 
 def gl_function(name: str, *arguments: Any) -> Any:
