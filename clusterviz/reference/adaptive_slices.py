@@ -21,7 +21,7 @@ from clusterviz.reference.fields import SAMPLERS
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.pyramid import convolve
 from clusterviz.reference.rays import Floats, camera_frame, camera_rays, inside, to_index_space
-from clusterviz.scene.complete import transfer_function
+from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.values import Scene
 
 FARTHEST = 65536.0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.reference.fields import SAMPLERS
 from clusterviz.reference.rays import Floats
-from clusterviz.scene.complete import transfer_function
+from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.values import Scene, Volume
 
 

@@ -35,9 +35,8 @@ from clusterviz.reference.fragments import Fragments
 from clusterviz.reference.intersections import near_pairs
 from clusterviz.reference.lighting import Material, lit
 from clusterviz.reference.rays import Floats, Rays
-from clusterviz.scene.complete import transfer_function
+from clusterviz.reference.transfer import TransferFunction, transfer_function
 from clusterviz.scene.grids import GridSection
-from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Clip, Scene
 
 Indices = NDArray[np.int64]

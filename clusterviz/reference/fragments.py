@@ -23,10 +23,9 @@ from clusterviz.reference.intersections import Hits, Primitives, Segments, Spher
 from clusterviz.reference.layers import unit
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, kept
+from clusterviz.reference.transfer import colour_points, interpolate, opacity_points
 from clusterviz.scene.background import background_rgb
-from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
-from clusterviz.scene.transfer import interpolate, opacity_points
 from clusterviz.scene.values import Scene
 
 SectionGeometry = tuple[MeshSection, Mesh] | tuple[LinesSection, Lines] | tuple[PointsSection, Points]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Grid
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.sample import Flags, nearest_voxel, trilinear_cell
-from clusterviz.scene.complete import transfer_function
+from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.values import Clip, Light, Scene, Volume
 
 

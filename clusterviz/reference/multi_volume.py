@@ -42,7 +42,7 @@ from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.rays import Floats, Rays, inside, kept, on_slices, to_index_space
 from clusterviz.reference.slabs import Slab, slabs_in
 from clusterviz.reference.surfaces import Crossings, RayField
-from clusterviz.scene.complete import transfer_function
+from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.flow_content import LicVolume
 from clusterviz.scene.values import Scene, Volume
 

@@ -24,8 +24,7 @@ from clusterviz.reference.layers import HalfOpacity, gradient_normals
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, inside, kept
 from clusterviz.reference.slabs import in_brick, pieces_of, slabs
-from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.transfer import TransferFunction
+from clusterviz.reference.transfer import TransferFunction, transfer_function
 from clusterviz.scene.values import Scene
 
 NODES = (np.polynomial.legendre.leggauss(8)[0] + 1) / 2

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.reference.rays import Floats
+from clusterviz.reference.transfer import TransferFunction
 from clusterviz.reference.two_flux import TwoFlux
 from clusterviz.scene.background import RGB
-from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Volume
 
 Flags = NDArray[np.bool_]

@@ -41,8 +41,8 @@ from clusterviz.reference.rays import (
 from clusterviz.reference.refraction import Bent
 from clusterviz.reference.slabs import slabs
 from clusterviz.reference.surfaces import march_surfaces
+from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.background import background_rgb
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene
 
 RAYS_AT_ONCE = 1 << 14  # all temporaries of one slab together stay near 5 MB: cache, not memory

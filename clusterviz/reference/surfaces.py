@@ -30,7 +30,7 @@ from clusterviz.reference.layers import HalfOpacity, gradient_normals
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.slabs import Slab, in_brick, pieces_of, slabs
-from clusterviz.scene.complete import transfer_function
+from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.values import Scene
 
 HALVINGS = 48  # of an interval between two extrema, to the last digits of float64

@@ -30,9 +30,9 @@ from clusterviz.image.spectral.illuminate import illuminate
 from clusterviz.image.spectral.lights import illuminant
 from clusterviz.image.spectral.picture import SpectralPicture
 from clusterviz.image.spectral.two_flux import Fluxes, stacked
+from clusterviz.reference.transfer import TransferFunction
 from clusterviz.scene.background import RGB
 from clusterviz.scene.optics import OpticalFunction, Optics, optical_function
-from clusterviz.scene.transfer import TransferFunction
 
 Floats = NDArray[np.float64]
 THICKEST = 1.0
