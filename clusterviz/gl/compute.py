@@ -17,6 +17,9 @@ from typing import Any
 
 import moderngl
 
+STORAGE, R32UI, RED_INTEGER, UNSIGNED_INT = 0x90D2, 0x8236, 0x8D94, 0x1405
+"""Numbers of OpenGL: a buffer's target, and the kind of its words."""
+
 
 def run_compute(program: moderngl.ComputeShader, groups: tuple[int, ...]) -> None:
     """Run `groups` work groups of a program of the thread's current context, and wait until they are done."""
@@ -41,11 +44,29 @@ def finish(context: moderngl.Context) -> None:
         _functions()[2]()
 
 
+def clear_buffer(context: moderngl.Context, buffer: moderngl.Buffer, size: int, offset: int) -> None:
+    """Queue that a part of a buffer becomes zeros."""
+    if not isinstance(context, moderngl.Context):
+        buffer.write(bytes(size), offset=offset)
+        return
+    bind, clear = _clearing()
+    bind(STORAGE, buffer.glo)
+    clear(STORAGE, R32UI, offset, size, RED_INTEGER, UNSIGNED_INT, None)
+
+
 def gl_function(name: str, *arguments: Any) -> Any:
     """Return an OpenGL function without a result, given the ctypes types of its arguments; calls release the lock."""
     egl = ctypes.CDLL(find_library("EGL") or "libEGL.so.1")
     address = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)(("eglGetProcAddress", egl))
     return ctypes.CFUNCTYPE(None, *arguments)(address(name.encode()))
+
+
+@cache
+def _clearing() -> tuple[Any, Any]:
+    """Return glBindBuffer, glClearBufferSubData."""
+    number, size = ctypes.c_uint, ctypes.c_ssize_t
+    clear = gl_function("glClearBufferSubData", number, number, size, size, number, number, ctypes.c_void_p)
+    return gl_function("glBindBuffer", number, number), clear
 
 
 @cache

@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.compute import finish, queue_compute
+from clusterviz.gl.compute import clear_buffer, finish, queue_compute
 
 Kind = Literal["storage", "uniform"]
 LEAST_BYTES = 16
@@ -52,7 +52,7 @@ class _Held:
     """A buffer or a table, and what was last given to it, if that is known."""
 
     made: Any
-    capacity: int | tuple[int, ...]
+    capacity: Any
     given: NDArray[Any] | bytes | None = None
 
 
@@ -70,7 +70,7 @@ class Device:
     """
 
     def __init__(self, context: moderngl.Context) -> None:
-        self.context, self.counts = context, Counts()
+        self.context, self.counts, self._is_busy = context, Counts(), False
         self._held: dict[tuple[str, int], _Held] = {}
 
     def give(self, binding: int, data: NDArray[Any], kind: Kind = "storage") -> moderngl.Buffer:
@@ -94,11 +94,27 @@ class Device:
         self.counts.uploaded += data.nbytes
         return buffer
 
-    def reserve(self, binding: int, size: int) -> moderngl.Buffer:
-        """Bind a storage buffer of at least `size` bytes, whose contents are those of earlier draws or undefined."""
-        held = self._at_least("storage", binding, size)
+    def reserve(self, binding: int, size: int, *, keeps: bool = False) -> moderngl.Buffer:
+        """Bind a storage buffer of at least `size` bytes, whose contents are those of earlier draws or undefined.
+
+        Parameters
+        ----------
+        keeps : a buffer that grows keeps its contents
+        """
+        held = self._at_least("storage", binding, size, keeps=keeps)
         held.given = None
         return self._bound(held, "storage", binding, size)
+
+    def write(self, buffer: moderngl.Buffer, data: NDArray[Any], offset: int = 0) -> None:
+        """Write a part of a buffer that `reserve` has returned, behind all that is queued."""
+        if data.nbytes:
+            buffer.write(data.tobytes(), offset=offset)
+            self.counts.uploaded += data.nbytes
+
+    def clear(self, buffer: moderngl.Buffer, size: int, offset: int = 0) -> None:
+        """Fill `size` bytes with zeros on the device; both are multiples of 4."""
+        if size:
+            clear_buffer(self.context, buffer, size, offset)
 
     def table(self, unit: int, texels: NDArray[np.float32]) -> moderngl.Texture:
         """Bind a texture of float32 (h, w, 4), read without filtering; known again as by `give`."""
@@ -123,12 +139,15 @@ class Device:
         queue_compute(program, groups)
         self.context.memory_barrier()
         self.counts.dispatches += 1
+        self._is_busy = True
 
     def read(self, buffer: moderngl.Buffer, size: int = -1, offset: int = 0) -> bytes:
-        """Wait until all that is queued is done, without Python's lock, and return bytes of a buffer."""
-        finish(self.context)
+        """Return bytes of a buffer; wait before until what is queued is done, without Python's lock."""
+        if self._is_busy:
+            finish(self.context)
+            self.counts.waits += 1
+            self._is_busy = False
         data = buffer.read(size, offset=offset)
-        self.counts.waits += 1
         self.counts.read += len(data)
         return data
 
@@ -138,14 +157,17 @@ class Device:
             held.made.release()
         self._held.clear()
 
-    def _at_least(self, kind: Kind, binding: int, size: int) -> _Held:
+    def _at_least(self, kind: Kind, binding: int, size: int, *, keeps: bool = False) -> _Held:
         """Return the buffer of a binding, made again if it is too small."""
         held = self._held.get((kind, binding))
-        if held is None or held.capacity < size:  # type: ignore[operator]
-            capacity = max(LEAST_BYTES, size if held is None else int(GROWTH * size))
+        if held is None or held.capacity < size:
+            capacity = max(LEAST_BYTES, size if held is None else int(GROWTH * size) + 3 & ~3)
+            made = self.context.buffer(reserve=capacity)
             if held:
+                if keeps:
+                    self.context.copy_buffer(made, held.made, held.capacity)
                 held.made.release()
-            held = self._held[kind, binding] = _Held(self.context.buffer(reserve=capacity), capacity)
+            held = self._held[kind, binding] = _Held(made, capacity)
             self.counts.made += 1
         return held
 

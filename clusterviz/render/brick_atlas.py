@@ -31,6 +31,8 @@ from clusterviz.scene.transfer import TransferFunction
 Index = tuple[int, int, int]
 TEXEL_TYPE = {"u8": "f1", "u16": "nu2", "f32": "f4"}  # moderngl's names; integers are normalised
 TEXTURE_BYTES = 1 << 30
+ABSENT = -3
+"""Offset of a brick that is stored when a ray comes to it, see main/pixels.glsl."""
 
 
 class BrickAtlas:
@@ -126,21 +128,29 @@ class BrickAtlas:
 
         Parameters
         ----------
-        bricks : int64 (m, 3), bricks to draw, all of this atlas and in the box
+        bricks : int64 (m, 3), bricks to draw, all in the box
 
         Returns
         -------
-        offsets : int32, one for each brick of the box: first word (buffer) or slot number (texture), −1 for none
+        offsets : int32, one for each brick of the box: first word (buffer) or slot number (texture), −1 for none, and
+            `ABSENT` for a brick that is not in this atlas
         groups : uint32, `slot.group_words` for each brick of the box; int32 of several volumes, as `skips_in_box`
         """
+        offsets = np.full(box.shape_zyx, -1, np.int32)
+        groups = np.zeros((*box.shape_zyx, self._slot.group_words), np.uint32)
+        is_here = np.array([(z, y, x) in self.slots for z, y, x in bricks.tolist()], np.bool_)
+        absent = tuple((bricks[~is_here] - box.begin_zyx).T)
+        # Anything may be visible there.
+        offsets[absent], groups[absent] = ABSENT, 0xFFFFFFFF
+        bricks = bricks[is_here]
+        if not len(bricks):
+            return offsets, groups
         numbers = np.array([self.slots[z, y, x] for z, y, x in bricks.tolist()])
         places = tuple((bricks - box.begin_zyx).T)
-        offsets = np.full(box.shape_zyx, -1, np.int32)
         offsets[places] = numbers if self._slot.textured else numbers * self._slot.words
         if self._slot.group_box:
             each = [self._ranges[number] for number in numbers.tolist()]
             return offsets, skips_in_box(plan, self._slot.group_box, bricks, each, far=False)
-        groups = np.zeros((*box.shape_zyx, self._slot.group_words), np.uint32)
         words = visibility_bits(self._stacked(numbers), plan, self._slot)
         if self._bends is not None:
             words = np.concatenate([words, self._stretches(plan)[numbers]], axis=1)
@@ -322,7 +332,7 @@ class BrickPool:
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Read bricks back from the GPU."""
         wanted = set(bricks)
-        self._fetch(wanted)
+        self.fetch(np.array(sorted(wanted)).reshape(-1, 3))
         for atlas in self._atlases:
             yield from atlas.stored(sorted(wanted & atlas.slots.keys()))
 
@@ -335,19 +345,37 @@ class BrickPool:
             for index in wanted & atlas.slots.keys():
                 atlas.drop(index)
 
-    def parts(self, plan: Plan, bricks: NDArray[np.int64]) -> Iterator[tuple[BrickAtlas, NDArray[np.int64]]]:
+    def holds_in_one(self, bricks: NDArray[np.int64]) -> bool:
+        """Return True if all of the bricks (m, 3) are in one atlas, or would be."""
+        return len(self._atlases) <= 1 and len(self.bricks | {*map(tuple, bricks.tolist())}) <= self._capacity
+
+    def fetch(self, bricks: NDArray[np.int64]) -> int:
+        """Upload those of the bricks (m, 3) that are in host memory, and return their number."""
+        wanted = self._waiting.keys() & {(z, y, x) for z, y, x in bricks.tolist()}
+        self.put({index: self._waiting.pop(index) for index in wanted}, lambda _, make: make())
+        return len(wanted)
+
+    def parts(
+        self, plan: Plan, bricks: NDArray[np.int64], waits: bool = False
+    ) -> Iterator[tuple[BrickAtlas, NDArray[np.int64]]]:
         """Yield bricks by atlas, in parts that can be drawn one behind the other.
 
         Parameters
         ----------
         bricks : int64 (m, 3), indices (z, y, x), m at least 1; no ray leaves them for others and returns
+        waits : leave those in host memory, as `holds_in_one` allows
 
         Raises
         ------
         KeyError
             A brick is not in the pool.
         """
-        self._fetch({(z, y, x) for z, y, x in bricks.tolist()})
+        if unknown := {(z, y, x) for z, y, x in bricks.tolist()} - self.bricks:
+            raise KeyError(min(unknown))
+        if not waits:
+            self.fetch(bricks)
+        if not self._atlases:
+            self._atlases.append(BrickAtlas(self._context, self._slot, 1))
         if len(self._atlases) == 1:
             yield self._atlases[0], bricks
             return
@@ -365,10 +393,6 @@ class BrickPool:
         for atlas in self._atlases:
             atlas.release()
         self._atlases, self._waiting = [], {}
-
-    def _fetch(self, bricks: set[Index]) -> None:
-        """Upload those of the bricks that are in host memory."""
-        self.put({index: self._waiting.pop(index) for index in bricks & self._waiting.keys()}, lambda _, make: make())
 
     def _with_free_slots(self, bricks: int) -> BrickAtlas:
         """Return an atlas with free slots: the last one, enlarged, or a new one."""

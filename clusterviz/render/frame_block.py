@@ -38,10 +38,12 @@ FRAME = np.dtype(
         ("last_segment", "i4"),
         ("base", "i4"),  # integer subtracted from 16-bit voxels
         ("first_box", "i4"),  # 1: pixels are empty; 2: pixels are empty, and no other box follows
-        ("first_dispatch", "i4"),  # 1: no ray has begun in this box; 2: only find out if any ray reaches it
+        ("first_dispatch", "i4"),  # 1: no ray has begun in this box
+        # Words of `progress`: set if a ray has to go on in this box; the same of the box before it; the first of the
+        # bricks' words, set where a ray has come to a brick. -1: none.
+        ("notes", "i4", 4),
     ]
 )
-ASK = 2
 ONLY = 2
 LONGEST_BATCH = 64  # slabs
 WHOLE_RAY = 1 << 20  # slabs of a batch without voxels
@@ -82,6 +84,7 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     residual = plan.march.residual or -1.0
     if plan.content and any(layer.opaque for layer in plan.content.geometry):
         residual = max(residual, BEHIND_OPAQUE)
+    record["notes"] = -1
     record["optics"][0, :3] = plan.march.slab_units, residual, plan.blend_mode.threshold
     return record
 

@@ -1,18 +1,17 @@
 """Single-pass ray casting of one rank's bricks in OpenGL.
 
-With early ray termination, bricks are divided into layers from front to back, so that opaque layers hide those behind
-them.
+All dispatches of a piece are queued, and the host waits once, for the picture. With early ray termination, bricks are
+stored on the device when a ray comes to them: the ray stops, and the next dispatch continues.
 
 References
 ----------
 M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, sections 3.3.1,
-3.3.2 (early ray termination, here for whole bricks) and 5.3.3.
+3.3.2 (early ray termination, here for whole bricks, too) and 5.3.3.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from operator import length_hint
 from time import perf_counter
@@ -23,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import compile_compute
+from clusterviz.gl.device import Counts, Device
 from clusterviz.image.partial import PartialImage, Rect, blank
-from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
+from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.discarding import HIDDEN, HIDDEN_BINDING, HiddenPixels, LastEnds, prepare_discarding
 from clusterviz.render.abuffer.fills import ManyFragmentsError, Pools, with_fill
@@ -35,15 +34,14 @@ from clusterviz.render.abuffer.primitives import TableCache
 from clusterviz.render.abuffer.program import find_variants
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS
 from clusterviz.render.abuffer.tiles import TileLists
-from clusterviz.render.brick_atlas import BrickPool, capacity
+from clusterviz.render.brick_atlas import BrickAtlas, BrickPool, capacity
 from clusterviz.render.cells.table import walk_planes
 from clusterviz.render.content_bricks import store_as
-from clusterviz.render.frame_block import ASK, ONLY, frame_block
+from clusterviz.render.frame_block import ONLY, frame_block
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
-from clusterviz.render.passes import Passes
+from clusterviz.render.passes import Passes, is_reached
 from clusterviz.render.refraction import CarriedRays, Paths, rays_block
 from clusterviz.render.render_result import (
-    PROGRESS_SECONDS,
     SQUARE,
     PartOf,
     Progress,
@@ -60,11 +58,15 @@ from clusterviz.report.kbuffer_counts import KBufferCounts
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXEL_BYTES = 16
+PIXELS, PROGRESS = 1, 2  # bindings
 ITERATIONS = (1 << 16, 3600)
 """Of the loops of a ray in a dispatch, on GPUs and on llvmpipe, which silently leaves all loops after 65535 in total:
 sixteen lanes that diverge may take sixteen times the iterations that each of them counts."""
-MOST_PIXELS_AT_ONCE, FIRST_BAND_PIXELS = 1 << 18, 1 << 15
-"""Larger pictures are drawn in bands, with progress reports; the first band measures the speed."""
+MOST_PIXELS_AT_ONCE, BAND_SECONDS = 1 << 18, 0.5
+"""Of a device whose speed is not known yet; from then on, pictures that would take longer are drawn in bands, with
+progress reports, and so that no driver takes the device for lost."""
+MOST_QUEUED = 64
+"""Boxes of bricks whose dispatches are queued without a wait."""
 Index = tuple[int, int, int]
 Rays = Starts | CarriedRays
 
@@ -78,7 +80,7 @@ class Raycaster:
     plan : the first plan to draw, which decides the variant, the slots and the encoding of bricks
     block_bytes : largest size of a GPU buffer, for tests
     limit_bytes : GPU memory beyond which no free slots are added; None: no limit
-    band_pixels : larger pictures are drawn in bands; None: `MOST_PIXELS_AT_ONCE`
+    band_pixels : larger pictures are drawn in bands; None: by the speed of the device
 
     Attributes
     ----------
@@ -94,7 +96,8 @@ class Raycaster:
         limit_bytes: int | None = None,
         band_pixels: int | None = None,
     ) -> None:
-        self._context, self._band_pixels = context, band_pixels or MOST_PIXELS_AT_ONCE
+        self._context, self._device = context, Device(context)
+        self._band_pixels, self._has_fixed_bands = band_pixels or MOST_PIXELS_AT_ONCE, band_pixels is not None
         self.slot = slot_of(plan)
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
@@ -106,6 +109,11 @@ class Raycaster:
         """Forget what earlier draws have found; it changes the dispatches of a draw."""
         self._last_frame.forget()
         self._pools, self._last_ends = Pools(), LastEnds()
+
+    @property
+    def counts(self) -> Counts:
+        """Calls of OpenGL since the caster was made, without those that store bricks."""
+        return self._device.counts
 
     @property
     def renderer(self) -> str:
@@ -164,9 +172,7 @@ class Raycaster:
         if bricks:
             self._primitives = TableCache()
             self._last_frame.forget()
-        # With early ray termination, a brick of one volume is uploaded only if a ray reaches it.
-        later = plan.march.residual > 0 and plan.blend_mode.traits.composited and plan.content is None
-        put = self.pool.put_later if later else self.pool.put
+        put = self.pool.put_later if waits_for_rays(plan) else self.pool.put
         put(bricks, store_as(plan, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
@@ -197,244 +203,288 @@ class Raycaster:
         -------
         drawn : one result for each piece; its partial image is the footprint of the piece
         """
-        variant = self.variant_of(plan)
-        with Buffers(self._context) as buffers:
-            table, rows, sums = all_segments(plan)
-            buffers.bind(4, table)
-            records = buffers.make(_padded(rows, variant.block_bytes))
-            records.bind_to_uniform_block(1) if variant.block_bytes else records.bind_to_storage_buffer(5)
-            if sums is not None:
-                buffers.bind(0, sums)
-            for binding, block in content_blocks(plan.content) if plan.content else ():
-                buffers.make(block).bind_to_uniform_block(binding)
-            for binding, texels in content_tables(plan.content) if plan.content else ():
-                buffers.table(texels).use(binding)
-            if len(plan.clip):
-                buffers.make(plan.clip).bind_to_uniform_block(3)
-            if plan.blend_mode.surfaces:
-                buffers.make(plan.blend_mode.surface_block()).bind_to_uniform_block(4)
-            if plan.blend_mode.shading:
-                buffers.make(plan.blend_mode.shading.block()).bind_to_uniform_block(2)
-            if plan.blend_mode.grading:
-                buffers.make(plan.blend_mode.grading.block()).bind_to_uniform_block(5)
-                if plan.blend_mode.grading.table is not None:
-                    buffers.table(plan.blend_mode.grading.table).use(1)
-            return self._draw_pieces(plan, pieces, progress, carried, passes)
-
-    def _draw_pieces(
-        self,
-        plan: Plan,
-        pieces: Iterable[Piece],
-        progress: Progress,
-        carried: Sequence[CarriedRays],
-        passes: Passes | None,
-    ) -> list[RenderResult]:
-        """Draw pieces; consecutive ones with the same bricks share their tables."""
+        self._give_constants(plan)
         drawn: list[RenderResult] = []
         count = length_hint(pieces)
         if not carried:
             self._last_frame.next_frame()
             self._last_ends.next_frame()
-        with ExitStack() as last:
-            tables: _Tables | None = None
-            for number, piece in enumerate(pieces):
-                started, rect = perf_counter(), footprint(plan, piece)
-                parts = passes.parts(piece) if passes else [piece]
-                layers = [(one, layer) for one in parts for layer in layers_of(plan, one)]
-                part = PartOf(progress, number, count)
-                part(0.0)
-                if not layers or not rect.pixels:
-                    drawn.append(RenderResult(blank()))
-                    continue
-                starts: Rays | None = carried[number] if carried else None
-                if plan.march.frame_coherence is not None:
-                    starts = Starts.of(self._last_frame, plan, piece, rect)
-                if len(layers) > 1:
-                    drawn.append(self._draw_layers(plan, rect, layers, started, starts, passes))
-                else:
-                    if passes:
-                        passes.load(piece)
-                    if tables is None or not piece.shows_bricks_of(tables.piece):
-                        last.close()
-                        tables = last.enter_context(_Tables(self._context, self.pool, plan, piece))
-                    hidden = self._last_ends.begin(plan, piece, rect)
-                    drawn.append(self._draw_bands(plan, rect, tables, started, starts, hidden, part))
-                    if hidden:
-                        self._last_ends.finish(plan, piece, rect, hidden)
-                        counts = hidden.counts(drawn[-1].fragments)
-                        drawn[-1] = replace(drawn[-1], early_discarding=counts)
-                if isinstance(starts, Starts):
-                    drawn[-1] = replace(drawn[-1], frame_coherence=starts.finish(drawn[-1].partial.rgba[..., 3]))
+        tables: _Tables | None = None
+        for number, piece in enumerate(pieces):
+            rect, part = footprint(plan, piece), PartOf(progress, number, count)
+            part(0.0)
+            if not len(piece.members(plan.cost > 0)) or not rect.pixels:
+                drawn.append(RenderResult(blank()))
+                continue
+            starts: Rays | None = carried[number] if carried else None
+            if plan.march.frame_coherence is not None:
+                starts = Starts.of(self._last_frame, plan, piece, rect)
+            parts = passes.parts(piece) if passes else [piece]
+            if len(parts) > 1 and passes:
+                drawn.append(self._draw_parts(plan, rect, parts, starts, passes))
+            else:
+                if passes:
+                    passes.load(piece)
+                if tables is None or not piece.shows_bricks_of(tables.piece):
+                    tables = _Tables(self._device, self.pool, plan, piece)
+                hidden = self._last_ends.begin(plan, piece, rect)
+                drawn.append(self._draw_bands(plan, rect, tables, starts, hidden, part))
+                if hidden:
+                    self._last_ends.finish(plan, piece, rect, hidden)
+                    counts = hidden.counts(drawn[-1].fragments)
+                    drawn[-1] = replace(drawn[-1], early_discarding=counts)
+            if isinstance(starts, Starts):
+                drawn[-1] = replace(drawn[-1], frame_coherence=starts.finish(drawn[-1].partial.rgba[..., 3]))
         return drawn
+
+    def _give_constants(self, plan: Plan) -> None:
+        """Bind what is the same for all pieces."""
+        give, table, mode = self._device.give, self._device.table, plan.blend_mode
+        buckets, rows, sums = all_segments(plan)
+        give(4, buckets)
+        padded = self.variant_of(plan).block_bytes
+        give(1 if padded else 5, _padded(rows, padded), "uniform" if padded else "storage")
+        if sums is not None:
+            give(0, sums)
+        for binding, block in content_blocks(plan.content) if plan.content else ():
+            give(binding, block, "uniform")
+        for unit, texels in content_tables(plan.content) if plan.content else ():
+            table(unit, texels)
+        if len(plan.clip):
+            give(3, plan.clip, "uniform")
+        if mode.surfaces:
+            give(4, mode.surface_block(), "uniform")
+        if mode.shading:
+            give(2, mode.shading.block(), "uniform")
+        if mode.grading:
+            give(5, mode.grading.block(), "uniform")
+            if mode.grading.table is not None:
+                table(1, mode.grading.table)
 
     def _draw_bands(
         self,
         plan: Plan,
         rect: Rect,
         tables: _Tables,
-        started: float,
         starts: Rays | None,
         hidden: HiddenPixels | None,
         progress: Progress,
     ) -> RenderResult:
-        """Draw a large picture from top to bottom, in bands that take about `PROGRESS_SECONDS` each."""
+        """Draw a picture that takes long from top to bottom, in bands of about `BAND_SECONDS`."""
         drawn: list[RenderResult] = []
-        top, rows = rect.y_begin, rect.height
-        if rect.pixels > self._band_pixels:
-            rows = max(TILE, FIRST_BAND_PIXELS // rect.width // TILE * TILE)
+        top, most = rect.y_begin, rect.pixels
         while top < rect.y_end:
-            began, band = perf_counter(), replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
+            began, rows = perf_counter(), max(TILE, min(self._band_pixels, most) // rect.width // TILE * TILE)
+            band = replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
             within = top - rect.y_begin, band.y_end - rect.y_begin
             own = starts and starts.rows(*within), hidden and hidden.rows(*within)
             try:
-                drawn.append(self._draw_piece(plan, band, _only(tables), started, *own, ONLY if tables.alone else 1))
+                drawn.append(self._draw_piece(plan, band, lambda: [tables], *own, first=ONLY if tables.alone else 1))
             except ManyFragmentsError:
-                rows = max(TILE, band.height // 2 // TILE * TILE)
+                most = band.pixels // 2
                 continue
-            started = perf_counter()
             progress((band.y_end - rect.y_begin) / rect.height)
-            top, rows = band.y_end, max(TILE, int(rows * PROGRESS_SECONDS / (started - began)) // TILE * TILE)
-        return joined_bands(rect, drawn)
+            top, seconds = band.y_end, perf_counter() - began
+            if not self._has_fixed_bands:
+                self._band_pixels = int(band.pixels * BAND_SECONDS / seconds)
+        return replace(joined_bands(rect, drawn), bricks=tables.reached, occluded=tables.occluded)
 
-    def _draw_layers(
-        self,
-        plan: Plan,
-        rect: Rect,
-        layers: Sequence[tuple[Piece, Piece]],
-        started: float,
-        starts: Rays | None,
-        passes: Passes | None,
+    def _draw_parts(
+        self, plan: Plan, rect: Rect, parts: Sequence[Piece], starts: Rays | None, passes: Passes
     ) -> RenderResult:
-        """Draw layers of parts from front to back, without those that no ray reaches, whose bricks are not uploaded."""
-        loading = passes.seconds if passes else 0.0
+        """Draw parts of a piece whose bricks are loaded one part after the other, without those that no ray reaches."""
+        loading, drawn_parts = passes.seconds, dict[BrickBox, _Tables]()
 
-        def reached(march: March) -> Iterator[_Tables]:
-            for number, (part, layer) in enumerate(layers):
-                if number == 0 or march.reaches(frame_block(plan, layer.box, rect, self.slot)):
-                    if passes:
-                        passes.load(part, layer)
-                    with _Tables(self._context, self.pool, plan, layer) as tables:
-                        yield tables
+        def loaded() -> Iterator[_Tables]:
+            for number, part in enumerate(parts):
+                # With other modes, what is in front hides nothing.
+                hides = number > 0 and plan.blend_mode.traits.composited
+                if not hides or is_reached(plan, part, rect, self._pixels_of(rect)[..., 3]):
+                    passes.load(part)
+                    tables = drawn_parts[part.box] = _Tables(self._device, self.pool, plan, part)
+                    yield tables
 
-        drawn = self._draw_piece(plan, rect, reached, started, starts)
-        shown = sum(len(layer.members(plan.cost > 0)) for _, layer in layers)
-        seconds = drawn.seconds_render - (passes.seconds - loading if passes else 0.0)
-        return replace(drawn, occluded=shown - drawn.bricks, seconds_render=seconds)
+        drawn = self._draw_piece(plan, rect, loaded, starts)
+        bricks = sum(tables.reached for tables in drawn_parts.values())
+        occluded = sum(len(part.members(plan.cost > 0)) for part in parts) - bricks
+        seconds = drawn.seconds_render - (passes.seconds - loading)
+        return replace(drawn, bricks=bricks, occluded=occluded, seconds_render=seconds)
 
     def _draw_piece(
         self,
         plan: Plan,
         rect: Rect,
-        layers: Callable[[March], Iterator[_Tables]],
-        started: float,
+        parts: Callable[[], Iterable[_Tables]],
         starts: Rays | None = None,
         hidden: HiddenPixels | None = None,
         first: int = 1,
     ) -> RenderResult:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
+        began = perf_counter()
         plan = with_fill(plan, self._pools)
-        groups, bricks = (-(-rect.width // TILE), -(-rect.height // TILE)), dict[BrickBox, int]()
-        tiles = dict[BrickBox, TileLists]()
-        ahead, squares = 1 + rect.pixels, groups[0] * groups[1]
-        content = plan.content.layers if plan.content else ()
-        fragments = np.zeros((rect.height, rect.width) if content else (0, 0), np.int32)
-        counts = list[KBufferCounts]()
-        with Buffers(self._context) as buffers:
-            pixels = buffers.reserve(1, 2 * PIXEL_BYTES * rect.pixels)
-            if isinstance(starts, CarriedRays):
-                pixels.write(starts.pixels.tobytes())
-            planes = starts.planes if starts else np.zeros(0, np.float32)
-            walks = np.zeros(walk_planes(plan.content) * rect.pixels, np.uint32)
-            parts = np.zeros(ahead + squares, np.uint32), planes.view(np.uint32).ravel(), walks
-            progress = buffers.bind(2, np.concatenate(parts))
-            march = March(self._context, self._program(self.variant_of(plan)), buffers, progress, groups)
-            for again in (False, True) if starts or hidden else (False,):
-                if hidden:
-                    if not again:
-                        hidden.begin()
-                    kept = buffers.bind(HIDDEN_BINDING, hidden.pixels)
-                    first = 0 if again else first
-                if starts:
-                    buffers.make(rays_block(plan, again)).bind_to_uniform_block(BINDING)
-                    # Rays that are drawn again begin with the zeros that were kept.
-                    first = 0 if again or isinstance(starts, CarriedRays) else 1
-                for tables in layers(march):
-                    bricks[tables.piece.box] = tables.bricks
-                    for box in tables.bind_each():
-                        block = frame_block(plan, box, rect, self.slot)
-                        block["first_box"], first = first, 0
-                        block["optics"][0, 3] = ITERATIONS["llvmpipe" in self.renderer]
-                        if table := self._primitives.table(content, *tables.primitives_of(box)):
-                            buffers.make(block).bind_to_uniform_block(0)
-                            limits = hidden.limits if hidden else None
-                            tiles[box] = list_primitives(self._context, plan, table, rect, limits, tiles.get(box))
-                            given = plan, table, tiles[box], rect, buffers.make, self._pools
-                            found = bind_fragments(self._context, self._passes, *given)
-                            fragments += found[0]
-                            for size in found[2]:
-                                found[1].write(np.uint32(size).tobytes(), offset=4 * DRAWN_CLASS)
-                                program = self._program(of_size(self.variant_of(plan), size))
-                                replace(march, program=program).through(block)
-                            if plan.content and plan.content.kbuffer:
-                                counted = np.frombuffer(found[1].read(), np.uint32).reshape(-1, 2)[: rect.pixels]
-                                counts.append(KBufferCounts.of(counted))
-                                fragments += counted[:, 0].astype(np.int32).reshape(fragments.shape)
-                        else:
-                            march.through(block)
-                if hidden:
-                    hidden.pixels[:] = np.frombuffer(kept.read(), HIDDEN).reshape(hidden.pixels.shape)
-                read = np.frombuffer(progress.read(offset=4 * ahead), np.uint32)
-                if hidden and (again or not hidden.draw_again()):
-                    break
-                if starts and not starts.keep(
-                    read[squares:][: planes.size].view(np.float32).reshape(-1, rect.height, rect.width)
-                ):
-                    break
-            rendered = perf_counter()
-            rgba = np.frombuffer(pixels.read(PIXEL_BYTES * rect.pixels), np.float32).reshape(rect.height, rect.width, 4)
-            if isinstance(starts, Paths):
-                starts.pixels[:] = np.frombuffer(pixels.read(), np.float32).reshape(starts.pixels.shape)
-            work = read[:squares].reshape(groups[::-1])
-            taken = int(work.sum(dtype=np.int64))
-            cut_short = int(read[squares + planes.size :].reshape(-1, rect.pixels)[1:2].sum())
-        seconds = rendered - started, perf_counter() - rendered
-        partial, shown = PartialImage(rect, rgba), sum(bricks.values())
+        groups = -(-rect.width // TILE), -(-rect.height // TILE)
+        planes = starts.planes if starts else np.zeros(0, np.float32)
+        words = rect.pixels, groups[0] * groups[1], planes.size, walk_planes(plan.content) * rect.pixels
+        pixels = self._device.reserve(PIXELS, 2 * PIXEL_BYTES * rect.pixels)
+        if isinstance(starts, CarriedRays):
+            self._device.write(pixels, starts.pixels)
+        march = March(self._device, self._program(self.variant_of(plan)), words, groups)
+        march.begin(planes)
+        found = _Found(rect, bool(plan.content and plan.content.layers))
+        for again in (False, True) if starts or hidden else (False,):
+            if hidden:
+                if not again:
+                    hidden.begin()
+                kept = self._device.begin(HIDDEN_BINDING, hidden.pixels)
+                first = 0 if again else first
+            if starts:
+                self._device.give(BINDING, rays_block(plan, again), "uniform")
+                # Rays that are drawn again begin with the zeros that were kept.
+                first = 0 if again or isinstance(starts, CarriedRays) else 1
+            for tables in parts():
+                draw = self._draw_content if found.has_content else self._draw_boxes
+                draw(plan, rect, march, tables, first, found, hidden)
+                first = 0
+            if hidden:
+                read = self._device.read(kept, hidden.pixels.nbytes)
+                hidden.pixels[:] = np.frombuffer(read, HIDDEN).reshape(hidden.pixels.shape)
+            if hidden and (again or not hidden.draw_again()):
+                break
+            if starts and not starts.keep(march.planes().reshape(-1, rect.height, rect.width)):
+                break
+        work, cut_short = march.work(), march.cut_short()
+        rendered = perf_counter()
+        rgba = self._pixels_of(rect)
+        if isinstance(starts, Paths):
+            read = self._device.read(pixels, starts.pixels.nbytes)
+            starts.pixels[:] = np.frombuffer(read, np.float32).reshape(starts.pixels.shape)
         return RenderResult(
-            partial,
-            taken,
-            shown,
-            *seconds,
-            work,
-            fragments=fragments,
+            PartialImage(rect, rgba),
+            int(work.sum(dtype=np.int64)),
+            seconds_render=rendered - began,
+            seconds_readback=perf_counter() - rendered,
+            work=work,
+            fragments=found.fragments,
             cut_short=cut_short,
-            kbuffer=all_counts(counts),
+            kbuffer=all_counts(found.kbuffer),
         )
+
+    def _pixels_of(self, rect: Rect) -> NDArray[np.float32]:
+        """Return the pixels of a rectangle that was drawn last, float32 (h, w, 4)."""
+        size = PIXEL_BYTES * rect.pixels
+        read = self._device.read(self._device.reserve(PIXELS, 2 * size), size)
+        return np.frombuffer(read, np.float32).reshape(rect.height, rect.width, 4)
+
+    def _draw_boxes(self, plan: Plan, rect: Rect, march: March, tables: _Tables, first: int, *_: object) -> None:
+        """Draw boxes of bricks; where a ray waits for a brick, store the bricks that were noted, and go on."""
+        blocks = [frame_block(plan, part.box, rect, self.slot) for part in tables.parts]
+        for block in blocks:
+            block["first_box"], first = first, 0
+            block["optics"][0, 3] = self._iterations
+        at, goes_on = 0, False
+        while at < len(blocks):
+            march.begin_turn(tables.bricks_in_box if tables.waits else 0)
+            queued = range(at, min(at + MOST_QUEUED, len(blocks)))
+            for number in queued:
+                tables.bind(number)
+                march.queue(blocks[number], number - at, begins=not (goes_on and number == at), notes=tables.waits)
+            stopped = march.stopped(len(queued))
+            goes_on, at = stopped is not None, queued.stop if stopped is None else at + stopped
+            if tables.waits:
+                tables.store(march.noted(tables.bricks_in_box))
+
+    def _draw_content(
+        self,
+        plan: Plan,
+        rect: Rect,
+        march: March,
+        tables: _Tables,
+        first: int,
+        found: _Found,
+        hidden: HiddenPixels | None,
+    ) -> None:
+        """Draw boxes of bricks with primitives or tetrahedra, found before."""
+        assert plan.content, "there is content"
+        for number, part in enumerate(tables.parts):
+            tables.bind(number)
+            block = frame_block(plan, part.box, rect, self.slot)
+            block["first_box"], first = first, 0
+            block["optics"][0, 3] = self._iterations
+            members = part.bricks, part.atlas.primitives, part.atlas.cells
+            table = self._primitives.table(plan.content.layers, *members)
+            if not table:
+                march.through(block)
+                continue
+            self._device.give(0, block, "uniform")
+            limits, own = hidden.limits if hidden else None, found.tiles.get(part.box)
+            found.tiles[part.box] = list_primitives(self._context, plan, table, rect, limits, own)
+            with Buffers(self._context) as buffers:
+                given = plan, table, found.tiles[part.box], rect, buffers.make, self._pools
+                fragments, lists, sizes = bind_fragments(self._context, self._passes, *given)
+                found.fragments += fragments
+                for size in sizes:
+                    lists.write(np.uint32(size).tobytes(), offset=4 * DRAWN_CLASS)
+                    program = self._program(of_size(self.variant_of(plan), size))
+                    replace(march, program=program).through(block)
+                if plan.content.kbuffer:
+                    counted = np.frombuffer(lists.read(), np.uint32).reshape(-1, 2)[: rect.pixels]
+                    found.kbuffer.append(KBufferCounts.of(counted))
+                    found.fragments += counted[:, 0].astype(np.int32).reshape(found.fragments.shape)
+
+    @property
+    def _iterations(self) -> int:
+        """Iterations of a ray's loops, after which it has done its share of a dispatch."""
+        return ITERATIONS["llvmpipe" in self.renderer]
 
     def release(self) -> None:
         """Free all GPU resources."""
         self.pool.release()
+        self._device.release()
         for program in (*self._programs.values(), *self._passes.values()):
             program.release()
 
 
-class _Tables:
-    """Offsets and visible groups of the bricks of a piece, in GPU buffers."""
+def waits_for_rays(plan: Plan) -> bool:
+    """Return True if a brick is stored on the device when a ray comes to it, and never if all end in front of it."""
+    is_alone = plan.content is None and not plan.refraction and plan.blend_mode.traits.composited
+    # Slabs that are split at borders need the bricks behind them.
+    return bool(plan.march.residual > 0 and is_alone and not plan.march.split)
 
-    def __init__(self, context: moderngl.Context, pool: BrickPool, plan: Plan, piece: Piece) -> None:
-        self.piece, self._buffers = piece, Buffers(context)
-        members = piece.members(plan.cost > 0)
-        self.bricks = len(members)
-        self._parts = []
-        self._members: dict[BrickBox, tuple[NDArray[np.int64], Callable[..., Any], Callable[..., Any]]] = {}
-        for atlas, part in pool.parts(plan, members) if self.bricks else ():
-            box = bounding_box(part)
-            offsets, visible = map(self._buffers.make, atlas.tables(plan, box, part))
-            self._parts.append((atlas, box, offsets, visible))
-            self._members[box] = part, atlas.primitives, atlas.cells
-        if plan.refraction and len(self._parts) > 1:
+
+class _Found:
+    """What draws of one piece have found, beside the pixels."""
+
+    def __init__(self, rect: Rect, has_content: bool) -> None:
+        self.has_content = has_content
+        self.fragments = np.zeros((rect.height, rect.width) if has_content else (0, 0), np.int32)
+        self.kbuffer: list[KBufferCounts] = []
+        self.tiles: dict[BrickBox, TileLists] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Bricks of one atlas in a box, and their tables."""
+
+    atlas: BrickAtlas
+    box: BrickBox
+    bricks: NDArray[np.int64]
+    offsets: NDArray[Any]
+    visible: NDArray[Any]
+
+
+class _Tables:
+    """Offsets and visible groups of the bricks of a piece, in parts from front to back."""
+
+    def __init__(self, device: Device, pool: BrickPool, plan: Plan, piece: Piece) -> None:
+        self.piece, self._device, self._pool, self._plan = piece, device, pool, plan
+        self._members = piece.members(plan.cost > 0)
+        self.waits = waits_for_rays(plan) and pool.holds_in_one(self._members)
+        self._reached = np.zeros(len(self._members), np.bool_)
+        self.parts = self._made()
+        if plan.refraction and len(self.parts) > 1:
             # A ray that bends may come back to what lies in another buffer.
             found, allowed = (
-                f"bricks in {len(self._parts)} buffers",
+                f"bricks in {len(self.parts)} buffers",
                 "one; set cluster.memory_limit to load them in turn",
             )
             raise InputError(
@@ -444,30 +494,43 @@ class _Tables:
     @property
     def alone(self) -> bool:
         """True if all bricks are in one box."""
-        return len(self._parts) == 1
+        return len(self.parts) == 1
 
-    def bind_each(self) -> Iterator[BrickBox]:
-        """Yield the boxes of bricks from front to back, each bound for drawing."""
-        for atlas, box, offsets, visible in self._parts:
-            offsets.bind_to_storage_buffer(3)
-            visible.bind_to_storage_buffer(6)
-            atlas.bind()
-            yield box
+    @property
+    def bricks_in_box(self) -> int:
+        """Bricks of the only box, those of others and of nobody included."""
+        return self.parts[0].offsets.size
 
-    def primitives_of(self, box: BrickBox) -> tuple[NDArray[np.int64], Callable[..., Any], Callable[..., Any]]:
-        """Return the bricks of a box, and functions that find their primitives and tetrahedra."""
-        return self._members[box]
+    def bind(self, number: int) -> None:
+        """Bind the bricks of a part."""
+        part = self.parts[number]
+        self._device.give(3, part.offsets)
+        self._device.give(6, part.visible)
+        part.atlas.bind()
 
-    def __enter__(self) -> _Tables:
-        return self
+    def store(self, noted: NDArray[np.bool_]) -> None:
+        """Store those bricks of the only box that rays have come to."""
+        (part,) = self.parts
+        self._reached |= noted.reshape(part.offsets.shape)[tuple((self._members - part.box.begin_zyx).T)]
+        if self._pool.fetch(self._members[self._reached]):
+            self.parts = self._made()
 
-    def __exit__(self, *error: object) -> None:
-        self._buffers.__exit__(*error)
+    @property
+    def reached(self) -> int:
+        """Number of bricks that rays have come to, as far as that is known."""
+        return int(self._reached.sum()) if self.waits else len(self._members)
 
+    @property
+    def occluded(self) -> int:
+        """Number of bricks in front of which all rays have ended."""
+        return len(self._members) - self.reached
 
-def _only(tables: _Tables) -> Callable[[March], Iterator[_Tables]]:
-    """Return the layers of a piece that has only one."""
-    return lambda march: iter([tables])
+    def _made(self) -> list[_Part]:
+        found = []
+        for atlas, bricks in self._pool.parts(self._plan, self._members, self.waits):
+            box = bounding_box(bricks)
+            found.append(_Part(atlas, box, bricks, *atlas.tables(self._plan, box, bricks)))
+        return found
 
 
 def _padded(records: NDArray[Any], size: int) -> NDArray[np.uint8]:
@@ -475,32 +538,6 @@ def _padded(records: NDArray[Any], size: int) -> NDArray[np.uint8]:
     data = np.zeros(max(size, records.nbytes), np.uint8)
     data[: records.nbytes] = records.view(np.uint8)
     return data
-
-
-MOST_LAYERS = 64
-LEAST_BRICKS = 2
-"""Least bricks of a layer; each layer costs a test of all rays."""
-
-
-def layers_of(plan: Plan, piece: Piece) -> list[Piece]:
-    """Return the visible bricks of a piece in disjoint boxes, from front to back.
-
-    There is only one layer if no ray ends early, with geometry or grids, or if the piece is a part of the screen that
-    shares its bricks with others.
-    """
-    members = piece.members(plan.cost > 0)
-    count = min(MOST_LAYERS, len(members) // LEAST_BRICKS)
-    if plan.content and plan.content.layers:
-        count = min(1, len(members))
-    if count < 2 or not plan.march.residual or not plan.blend_mode.traits.composited or piece.rect is not None:
-        return [piece] if len(members) else []
-    box = bounding_box(members)
-    present = np.zeros(box.shape_zyx)
-    present[tuple((members - box.begin_zyx).T)] = 1.0
-    tree = build_tree(present, count)
-    order = front_to_back(tree, plan.eye_in_bricks(box.begin_zyx), plan.view.forward)
-    found = [np.argwhere(present[tree.leaves[leaf].box.slices]) + tree.leaves[leaf].box.begin_zyx for leaf in order]
-    return [piece.part(bricks + box.begin_zyx) for bricks in found if len(bricks)]
 
 
 class Buffers:
@@ -543,38 +580,85 @@ class Buffers:
 
 @dataclass(frozen=True)
 class March:
-    """Dispatches for the pixels of a piece.
+    """Dispatches for the pixels of a piece, and their words in `progress`: of each pixel, work groups, planes, walks.
 
     Attributes
     ----------
-    context, program, buffers : those of the caster
-    progress : buffer with the progress of each pixel, bound
+    device, program : those of the caster
+    words : number of each kind
     groups : number of work groups in x and y
     """
 
-    context: moderngl.Context
+    device: Device
     program: moderngl.ComputeShader
-    buffers: Buffers
-    progress: moderngl.Buffer
+    words: tuple[int, int, int, int]
     groups: tuple[int, int]
 
+    def begin(self, planes: NDArray[np.float32]) -> None:
+        """Begin all rays, with planes that the host gives."""
+        buffer = self._progress()
+        first = self._offset(1)
+        self.device.clear(buffer, self._offset(4) - first, first)
+        self.device.write(buffer, planes, self._offset(2))
+
+    def begin_turn(self, bricks: int = 0) -> None:
+        """Clear the notes of dispatches that are queued together, and of bricks."""
+        buffer = self._progress(bricks)
+        self.device.clear(buffer, 4)
+        self.device.clear(buffer, 4 * (MOST_QUEUED + bricks), self._offset(4))
+
+    def queue(self, block: NDArray[np.void], number: int, *, begins: bool = True, notes: bool = False) -> None:
+        """Queue the dispatch of a box, the `number`-th of a turn."""
+        first = sum(self.words)
+        block["first_dispatch"] = begins
+        block["notes"] = first + number, first + number - 1 if number else -1, first + MOST_QUEUED if notes else -1, -1
+        self._dispatch(block)
+
+    def stopped(self, queued: int) -> int | None:
+        """Wait, and return the first box of a turn in which a ray has to go on; None: all are done."""
+        if not self._is_unfinished():
+            return None
+        return int(np.flatnonzero(self._read(self._offset(4), queued))[0])
+
+    def noted(self, bricks: int) -> NDArray[np.bool_]:
+        """Return the bricks of the box that rays have come to in this turn."""
+        return self._read(self._offset(4) + 4 * MOST_QUEUED, bricks).astype(np.bool_)
+
     def through(self, block: NDArray[np.void]) -> None:
-        """Dispatch until all rays are done; rays of more than some thousand slabs take several dispatches."""
-        block["first_dispatch"] = 1
-        while self._dispatch(block):
-            block["first_dispatch"] = 0
+        """Dispatch until all rays are done."""
+        block["first_dispatch"], block["notes"] = 1, -1
+        goes_on = True
+        while goes_on:
+            self.device.clear(self._progress(), 4)
+            self._dispatch(block)
+            block["first_dispatch"], goes_on = 0, self._is_unfinished()
 
-    def reaches(self, block: NDArray[np.void]) -> bool:
-        """Return True if any ray that meets the block's box has not ended in front of it."""
-        block["first_dispatch"] = ASK
-        # Behind an opaque pixel nothing matters, even if rays do not end early.
-        block["optics"][0, 1] = max(0.0, block["optics"][0, 1])
-        return self._dispatch(block)
+    def work(self) -> NDArray[np.uint32]:
+        """Return the samples of each work group, (rows, columns)."""
+        return self._read(self._offset(1), self.words[1]).reshape(self.groups[::-1])
 
-    def _dispatch(self, block: NDArray[np.void]) -> bool:
-        """Run the program once; return True if a ray is not done."""
-        self.buffers.make(block).bind_to_uniform_block(0)
-        self.progress.write(b"\0\0\0\0")
-        run_compute(self.program, self.groups)
-        self.context.memory_barrier()
-        return bool(np.frombuffer(self.progress.read(4), np.uint32)[0])
+    def planes(self) -> NDArray[np.float32]:
+        """Return the planes."""
+        return self._read(self._offset(2), self.words[2]).view(np.float32)
+
+    def cut_short(self) -> int:
+        """Return the number of walks through grids that were ended."""
+        pixels, walks = self.words[0], self.words[3]
+        return int(self._read(self._offset(3) + 4 * pixels, pixels).sum()) if walks else 0
+
+    def _dispatch(self, block: NDArray[np.void]) -> None:
+        self.device.give(0, block, "uniform")
+        self.device.dispatch(self.program, self.groups)
+
+    def _is_unfinished(self) -> bool:
+        return bool(self._read(0, 1)[0])
+
+    def _progress(self, bricks: int = 0) -> moderngl.Buffer:
+        return self.device.reserve(PROGRESS, self._offset(4) + 4 * (MOST_QUEUED + bricks), keeps=True)
+
+    def _offset(self, kind: int) -> int:
+        """Return where the words of a kind begin, in bytes; behind the flag of rays that are unfinished."""
+        return 4 * (1 + sum(self.words[:kind]))
+
+    def _read(self, offset: int, words: int) -> NDArray[np.uint32]:
+        return np.frombuffer(self.device.read(self._progress(), 4 * words, offset), np.uint32)

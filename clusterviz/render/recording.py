@@ -153,7 +153,7 @@ class _Context:
             textures = {n: each.contents for n, each in self.textures.items()}
             raise _Reached(Dispatch(source, groups, uniforms, buffers, textures))
         for number, data in self.outcomes[self.number].items():
-            self.buffers[number].data[:] = data
+            self.buffers[number].data[: len(data)] = data  # buffers may have grown since
         self.number += 1
 
     def copy_buffer(self, to: _Buffer, source: _Buffer, size: int) -> None:

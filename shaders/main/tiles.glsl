@@ -17,6 +17,10 @@ bool has_done_share(int iterations, int k) {
     return k >= share_end;
 }
 
+bool is_awaited(int brick) {
+    return false;
+}
+
 int squares_across() {
     return (frame.rect.z + SQUARE - 1) / SQUARE;
 }

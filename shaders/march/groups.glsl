@@ -5,7 +5,7 @@ const int WHOLE_BRICK = -1; // a skip
 // own included.
 int skip_at(int brick, ivec3 group) {
     int bit = (group.z * GROUPS.y + group.y) * GROUPS.x + group.x, words = brick * GROUP_WORDS + (bit >> 5);
-    if (brick_offset[brick] < 0) return WHOLE_BRICK;
+    if (brick_offset[brick] == -1) return WHOLE_BRICK;
     doublings_in(words, bit & 31);
     return int(~group_visible[words] >> (bit & 31) & 1u);
 }

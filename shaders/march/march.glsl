@@ -36,6 +36,7 @@ int doublings_in(int words, int bit);
 int long_slab(int k, int slabs);
 
 ivec3 brick_begin; // first cell of the brick that was found last
+int brick_found;   // its number in the box
 const float TO_LEVEL = 1.0, FROM_LEVEL = 1.0; // voxels are those of the finest level (levels.glsl)
 
 // Place of the midpoint of a slab: a run in a visible group of cells, or an invisible group or brick.
@@ -47,6 +48,7 @@ Place place_at(dvec3 position, vec3 slab) {
     ivec3 first = number * BRICK, at = number - bricks_begin;
     brick_begin = first;
     int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
+    brick_found = brick;
     take_pitch(brick);
     vec3 beyond = vec3(position - dvec3(cell));
     cell -= first;
@@ -126,6 +128,9 @@ uint taken(int slabs) {
     return found;
 }
 
+// Whether the voxels of the brick that was found last, in which a ray takes its next slab, are not stored yet, and the ray waits.
+bool is_awaited(int brick);
+
 // March from slab `k` until the ray ends or this dispatch has done its share; k becomes the slab to continue with, or the number of slabs.
 void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     vec3 slab = vec3(ray.slab);
@@ -133,6 +138,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     run_iterations = 0;
     if (ENTRY_CUTS && k == 0 && last > 0) {
         Place place = place_of(ray, 0, slab);
+        if (place.brick != GAP && place.brick != OUTSIDE && is_awaited(place.brick)) return;
         if (place.brick >= 0) {
             in_front = sum.high.a;
             vec4 share = last_of(ray, 0, place, slab, ray.first_share);
@@ -173,6 +179,7 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
         }
         if (is_done(sum)) k = ray.slabs;
         else if (place.brick == OUTSIDE) k = last; // by rounding, the last slab may be this box's again
+        else if (is_awaited(place.brick)) break;
         if (k >= until) break;
         int slabs = long_slab(k, min(min(place.slabs, first + slabs_in_batch - k), last - k));
         // Grids have no use for bricks.
@@ -197,7 +204,8 @@ void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
     put_behind(sum, batch);
     if (k >= last) {
         Place place = place_of(ray, min(k, last), slab);
-        if (!LAST_IN_RUN && place.brick >= 0 && k == last && ray.end == ray.slabs && !is_done(sum)) {
+        if (!LAST_IN_RUN && place.brick != GAP && place.brick != OUTSIDE && k == last && ray.end == ray.slabs && !is_done(sum)) {
+            if (is_awaited(place.brick)) return;
             in_front = sum.high.a;
             vec4 share = last_of(ray, k, place, slab, ray.last_share);
             float begin = k > 0 ? -0.5 : 0.5 - ray.first_share;

@@ -65,7 +65,23 @@ def test_a_table_is_uploaded_when_it_changes(device):
     assert _counted(device, lambda: device.table(1, texels[:1])).made == 1
 
 
-def test_only_reads_wait(device):
+def test_only_the_first_read_behind_a_dispatch_waits(device, context):
+    text = "#version 430\nlayout(local_size_x = 1) in;\nlayout(std430, binding = 2) buffer B { uint n[]; };\n"
+    program = context.compute_shader(text + "void main() { n[gl_WorkGroupID.x] += 10u; }")
     buffer = device.begin(2, SMALL)
-    counts = _counted(device, lambda: device.read(buffer, 8))
-    assert (counts.waits, counts.read, counts.dispatches) == (1, 8, 0)
+    device.clear(buffer, 8, 4)
+    before = replace(device.counts)
+    device.dispatch(program, (4,))
+    device.dispatch(program, (2,))
+    found = np.frombuffer(device.read(buffer, SMALL.nbytes), np.uint32)
+    device.read(buffer, 8)
+    assert found.tolist() == [20, 20, 10, 13, 4, 5, 6, 7]
+    counts = device.counts.since(before)
+    assert (counts.waits, counts.dispatches, counts.read, counts.made) == (1, 2, SMALL.nbytes + 8, 0)
+    program.release()
+
+
+def test_a_buffer_that_grows_keeps_its_contents_if_asked_to(device):
+    device.write(device.reserve(2, SMALL.nbytes), SMALL)
+    grown = device.reserve(2, 4 * SMALL.nbytes, keeps=True)
+    assert np.frombuffer(device.read(grown, SMALL.nbytes), np.uint32).tolist() == SMALL.tolist()

@@ -192,14 +192,14 @@ def test_dispatches_may_end_within_a_walk(
     grids, volumes, meshes, keys, _, _ = CASES[name]
     given = prepared(scene_of(grids, "outside", volumes, meshes, **keys), grids, volumes, meshes)
     monkeypatch.setattr(raycast, "ITERATIONS", (20, 20))
-    ended, dispatch = [0], raycast.March._dispatch
+    ended, is_unfinished = [0], raycast.March._is_unfinished
 
-    def counted(self: raycast.March, block: np.ndarray) -> bool:
-        found = dispatch(self, block)
+    def counted(self: raycast.March) -> bool:
+        found = is_unfinished(self)
         ended[0] += found
         return found
 
-    monkeypatch.setattr(raycast.March, "_dispatch", counted)
+    monkeypatch.setattr(raycast.March, "_is_unfinished", counted)
     (found, count), (on_cpu, own_count) = (scenes.drawn(where, given) for where in (context, None))
     assert ended[0] > 4
     assert np.abs(found - on_cpu).max() <= 3e-6

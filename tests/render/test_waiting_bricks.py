@@ -1,4 +1,4 @@
-"""Bricks behind what is opaque: neither drawn nor stored, and not missed."""
+"""Bricks wait until a ray comes to them; those behind what is opaque are neither drawn nor stored, and not missed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.partition.pieces import Piece
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render import raycast
-from clusterviz.render.raycast import MOST_LAYERS, Raycaster, layers_of
+from clusterviz.render.raycast import Raycaster
 from clusterviz.render.render_result import RenderResult
 from clusterviz.scene import VolumeInfo, complete_scene, scene_of_data
 
@@ -56,7 +56,7 @@ def test_occluded_bricks_are_neither_drawn_nor_stored_and_the_picture_is_the_sam
     assert found.bricks + found.occluded == len(bricks) == len(caster.pool.bricks)
     assert found.occluded > len(bricks) / 2
     assert caster.pool.voxels <= found.bricks * 9**3 < 125 * 9**3
-    monkeypatch.setattr(raycast.March, "reaches", lambda *_: True)
+    monkeypatch.setattr(raycast, "waits_for_rays", lambda _: False)
     all_drawn, _ = drawn(plan, bricks)
     assert (all_drawn.bricks, all_drawn.occluded) == (len(bricks), 0)
     assert found.samples == all_drawn.samples
@@ -83,16 +83,3 @@ def test_a_brick_that_waits_is_stored_when_another_view_reaches_it() -> None:
     assert caster.pool.voxels > 2 * found.bricks
     caster.drop(list(bricks)[:5])
     assert len(caster.pool.bricks) == len(bricks) - 5
-
-
-def test_layers_are_disjoint_hold_every_brick_and_come_from_front_to_back() -> None:
-    plan, bricks = planned(OPAQUE)
-    layers = layers_of(plan, whole(plan))
-    assert 2 <= len(layers) <= MOST_LAYERS
-    members = [tuple(index) for layer in layers for index in layer.members(plan.cost > 0).tolist()]
-    assert sorted(members) == sorted(bricks)
-    nearest = [layer.box.begin_zyx[0] for layer in layers]
-    assert nearest[0] == 0
-    assert nearest[-1] > 0
-    never, _ = planned(OPAQUE, 0.0)
-    assert len(layers_of(never, whole(never))) == 1
