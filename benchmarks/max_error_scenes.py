@@ -9,7 +9,7 @@ changed last is how well it is known.
 
 With `--hard` the scenes are small and adversarial: crops of the head's CT or like one, specks, rods, balls, shells and
 noise of 10 to 18 voxels a side, peaks of 0.5 to 2 % of the range, flanks just below what counts as a jump, ramps and
-boxes of opacities to 0.99, parallel and perspective views, pictures of 64 to 96 pixels, every blend mode that takes a
+boxes of opacities to 0.99, parallel and perspective views, pictures of 64 to 160 pixels, every blend mode that takes a
 bound, and bounds from 1/512 to 0.05. A sample takes seconds.
 
 Prints a line for each scene, then how many bounds were held, refused, and broken silently.
@@ -165,7 +165,7 @@ def hard_scene(number: int) -> tuple[Scene, list[ArraySource], tuple[Any, ...]]:
     camera = camera_of(away / np.linalg.norm(away), [source], rng)
     if rng.random() < 1 / 3:
         camera["parallel_scale"] = float(np.linalg.norm(np.ptp(source.grid.corners, axis=0))) / 2
-    size = tuple(int(n) for n in rng.integers(64, 97, 2))
+    size = tuple(int(n) for n in rng.integers(64, 161, 2))
     planes = [[centre_of([source]).tolist(), (-away).tolist()]] if clipped else []
     scene = scene_of([entry], size, camera, bound, planes)
     return scene, [source], (number, kind, dtype, function, 1, entry["shade"], clipped, bound)
