@@ -10,7 +10,7 @@ changed last is how well it is known.
 With `--hard` the scenes are small and adversarial: crops of the head's CT or like one, specks, rods, balls, shells and
 noise of 10 to 18 voxels a side, peaks of 0.5 to 2 % of the range, flanks just below what counts as a jump, ramps and
 boxes of opacities to 0.99, parallel and perspective views, pictures of 64 to 160 pixels, every blend mode that takes a
-bound, and bounds from 1/512 to 0.05. A sample takes seconds.
+bound, and bounds from 1/512 to 0.05. A scene takes about a second.
 
 Prints a line for each scene, then how many bounds were held, refused, and broken silently.
 """

@@ -3,8 +3,8 @@
 The error of a step depends on the field, the transfer function and the view, and bounds from slopes alone are wrong by
 an order of magnitude. So the scene is drawn with few rays at steps of 2, 1, ½, … voxels, until the errors that
 `estimate.py` finds in these pictures are within the bound. Both classifications converge to the same picture, so only
-the one that is likely to be cheaper is refined, unless they disagree. From frame to frame, pictures around the last
-step, with the last classification, show if it still holds.
+the one that is likely to be cheaper is refined, unless they disagree. The choice is then verified in all pixels. From
+frame to frame, pictures around the last step, with the last classification, show if it still holds.
 
 An eighth of the bound is for early ray termination, the rest for the step. docs/measurements/accuracy.md says how often
 the choice was right.
