@@ -186,10 +186,8 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
     worse = 1.0
     if aim.jumps or not followed:
         left = replace(aim, bound=aim.bound - (0.0 if followed else picked.error))
-        # Below a sixteenth of the bound a quotient says nothing of errors near the bound.
-        estimated = max(choice.error - picked.error - left.residual, left.target / 16)
-        choice, first, taken = _verified(scene, choice, left, channel, draw)
-        worse = max(worse, (first - left.residual) / estimated)
+        choice = replace(choice, error=choice.error - picked.error)
+        choice, worse, taken = _verified(scene, choice, left, channel, draw)
         choice, samples = replace(choice, error=choice.error + picked.error), samples + taken
     return Calibration(scene, choice, covered, pixels, samples, picked, aim.jumps or not followed, worse)
 
@@ -224,11 +222,13 @@ def _verified(scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Dr
     Needed because a sample of pixels misses the errors of single pixels, which are far larger than all others where
     something jumps. Long steps without jumps are compared with shorter ones, all others with longer ones.
 
-    Returns the choice, the error of the first that was tried, and the samples taken.
+    Returns the choice, the error of the first that was tried over its estimate, at least 1, and the samples taken.
     """
     finest = max(choice.trial.level, COARSEST + 2)  # slabs are no longer than those of the coarsest
     trial, pictures, samples = choice.trial._replace(level=finest - 2), list[Image](), 0
     coarser, errors = 0 if aim.jumps else round(finest - choice.trial.level), list[float]()
+    # Below a sixteenth of the bound a quotient says nothing of errors near the bound.
+    estimated = max(choice.error - aim.residual, aim.target / 16)
     while True:
         drawn = draw(_small(scene, trial, 1.0))
         samples += drawn.samples
@@ -238,7 +238,7 @@ def _verified(scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Dr
             errors.append(channel.broadcast(verified(pictures, aim, coarser) if pictures else 0.0))
             if errors[-1] <= aim.bound or (coarser == 0 and trial.level + 1 > VERIFIED_FINEST):
                 found = replace(choice, trial=trial._replace(level=trial.level - coarser), error=errors[-1])
-                return found, errors[0], samples
+                return found, max(1.0, (errors[0] - aim.residual) / estimated), samples
             coarser -= 1
         trial, coarser = trial._replace(level=trial.level + 1), max(coarser, 0)
 
