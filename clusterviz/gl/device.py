@@ -86,8 +86,7 @@ class Device:
         if not _is_known(held.given, data):
             held.made.write(data.tobytes() or bytes(LEAST_BYTES))
             self.counts.uploaded += data.nbytes
-            small = data.nbytes <= COMPARED_BYTES
-            held.given = data.tobytes() if small else None if data.flags.writeable else data
+            held.given = _remembered(data)
         return self._bound(held, kind, binding, data.nbytes)
 
     def begin(self, binding: int, data: NDArray[Any]) -> moderngl.Buffer:
@@ -117,7 +116,7 @@ class Device:
         elif not _is_known(held.given, texels):
             held.made.write(texels.tobytes())
             self.counts.uploaded += texels.nbytes
-        held.given = texels.tobytes() if texels.nbytes <= COMPARED_BYTES else None if texels.flags.writeable else texels
+        held.given = _remembered(texels)
         held.made.use(unit)
         return held.made
 
@@ -172,6 +171,13 @@ class Device:
         else:
             held.made.bind_to_storage_buffer(binding, size=size)
         return held.made
+
+
+def _remembered(data: NDArray[Any]) -> NDArray[Any] | bytes | None:
+    """Return by what data are known again; None: they are not."""
+    if data.nbytes <= COMPARED_BYTES:
+        return data.tobytes()
+    return None if data.flags.writeable else data
 
 
 def _is_known(given: NDArray[Any] | bytes | None, data: NDArray[Any]) -> bool:
