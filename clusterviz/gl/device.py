@@ -6,6 +6,7 @@ did not change are not uploaded again. Dispatches are queued, and only `read` wa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -13,12 +14,12 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.compute import clear_buffer, finish, queue_compute
+from clusterviz.gl.compute import clear_buffer, queue_compute
+from clusterviz.gl.staging import GROWTH, Bytes, Copies, Part, Staging
 
 Kind = Literal["storage", "uniform"]
 LEAST_BYTES = 16
 """OpenGL has no buffers without bytes."""
-GROWTH = 1.25
 COMPARED_BYTES = 1 << 16
 """Larger data are known again only if they are one array that cannot be written."""
 
@@ -52,7 +53,7 @@ class _Held:
     """A buffer or a table, and what was last given to it, if that is known."""
 
     made: Any
-    capacity: Any
+    shape: tuple[int, ...] = ()
     given: NDArray[Any] | bytes | None = None
 
 
@@ -62,6 +63,7 @@ class Device:
     Parameters
     ----------
     context : a context that this thread has current, or that of a recording
+    is_mapped : as in `Staging`
 
     Attributes
     ----------
@@ -69,8 +71,9 @@ class Device:
     counts : what was done since the device was made
     """
 
-    def __init__(self, context: moderngl.Context) -> None:
-        self.context, self.counts, self._is_busy = context, Counts(), False
+    def __init__(self, context: moderngl.Context, is_mapped: bool | None = None) -> None:
+        self.context, self.counts = context, Counts()
+        self._staging = Staging(context, is_mapped)
         self._held: dict[tuple[str, int], _Held] = {}
 
     def give(self, binding: int, data: NDArray[Any], kind: Kind = "storage") -> moderngl.Buffer:
@@ -83,8 +86,7 @@ class Device:
         if not _is_known(held.given, data):
             held.made.write(data.tobytes() or bytes(LEAST_BYTES))
             self.counts.uploaded += data.nbytes
-            small = data.nbytes <= COMPARED_BYTES
-            held.given = data.tobytes() if small else None if data.flags.writeable else data
+            held.given = _remembered(data)
         return self._bound(held, kind, binding, data.nbytes)
 
     def begin(self, binding: int, data: NDArray[Any]) -> moderngl.Buffer:
@@ -119,7 +121,7 @@ class Device:
     def table(self, unit: int, texels: NDArray[np.float32]) -> moderngl.Texture:
         """Bind a texture of float32 (h, w, 4), read without filtering; known again as by `give`."""
         held = self._held.get(("table", unit))
-        if held is None or held.capacity != texels.shape:
+        if held is None or held.shape != texels.shape:
             if held:
                 held.made.release()
             made = self.context.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="f4")
@@ -130,7 +132,7 @@ class Device:
         elif not _is_known(held.given, texels):
             held.made.write(texels.tobytes())
             self.counts.uploaded += texels.nbytes
-        held.given = texels.tobytes() if texels.nbytes <= COMPARED_BYTES else None if texels.flags.writeable else texels
+        held.given = _remembered(texels)
         held.made.use(unit)
         return held.made
 
@@ -139,20 +141,29 @@ class Device:
         queue_compute(program, groups)
         self.context.memory_barrier()
         self.counts.dispatches += 1
-        self._is_busy = True
+
+    def copy(self, parts: Sequence[Part]) -> Copies:
+        """Queue copies of parts of buffers to the host, where `arrived` returns them."""
+        before = self._staging.made
+        copies = self._staging.copy(parts)
+        self.counts.made += self._staging.made - before
+        return copies
+
+    def arrived(self, copies: Copies) -> list[Bytes]:
+        """Wait, without Python's lock, and return the bytes of copies; they stay until two more have been queued."""
+        found = copies.wait()
+        self.counts.waits += 1
+        self.counts.read += sum(each.nbytes for each in found)
+        return found
 
     def read(self, buffer: moderngl.Buffer, size: int = -1, offset: int = 0) -> bytes:
-        """Return bytes of a buffer; wait before until what is queued is done, without Python's lock."""
-        if self._is_busy:
-            finish(self.context)
-            self.counts.waits += 1
-            self._is_busy = False
-        data = buffer.read(size, offset=offset)
-        self.counts.read += len(data)
-        return data
+        """Wait until all that is queued is done, without Python's lock, and return bytes of a buffer."""
+        size = buffer.size - offset if size < 0 else size
+        return self.arrived(self.copy([(buffer, offset, size)]))[0].tobytes()
 
     def release(self) -> None:
         """Free all buffers and tables."""
+        self._staging.release()
         for held in self._held.values():
             held.made.release()
         self._held.clear()
@@ -160,14 +171,13 @@ class Device:
     def _at_least(self, kind: Kind, binding: int, size: int, *, keeps: bool = False) -> _Held:
         """Return the buffer of a binding, made again if it is too small."""
         held = self._held.get((kind, binding))
-        if held is None or held.capacity < size:
-            capacity = max(LEAST_BYTES, size if held is None else int(GROWTH * size) + 3 & ~3)
-            made = self.context.buffer(reserve=capacity)
+        if held is None or held.made.size < size:
+            made = self.context.buffer(reserve=max(LEAST_BYTES, size if held is None else int(GROWTH * size) + 3 & ~3))
             if held:
                 if keeps:
-                    self.context.copy_buffer(made, held.made, held.capacity)
+                    self.context.copy_buffer(made, held.made, held.made.size)
                 held.made.release()
-            held = self._held[kind, binding] = _Held(made, capacity)
+            held = self._held[kind, binding] = _Held(made)
             self.counts.made += 1
         return held
 
@@ -179,6 +189,13 @@ class Device:
         else:
             held.made.bind_to_storage_buffer(binding, size=size)
         return held.made
+
+
+def _remembered(data: NDArray[Any]) -> NDArray[Any] | bytes | None:
+    """Return by what data are known again; None: they are not."""
+    if data.nbytes <= COMPARED_BYTES:
+        return data.tobytes()
+    return None if data.flags.writeable else data
 
 
 def _is_known(given: NDArray[Any] | bytes | None, data: NDArray[Any]) -> bool:

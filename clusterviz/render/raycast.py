@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.gl.context import compile_compute
+from clusterviz.gl.context import compile_compute, is_software
 from clusterviz.gl.device import Counts, Device
+from clusterviz.gl.staging import Bytes, Part
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
@@ -39,6 +40,7 @@ from clusterviz.render.cells.table import walk_planes
 from clusterviz.render.content_bricks import store_as
 from clusterviz.render.frame_block import ONLY, frame_block
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
+from clusterviz.render.packed_picture import PIXEL_BYTES, PictureReader
 from clusterviz.render.passes import Passes, is_reached
 from clusterviz.render.refraction import CarriedRays, Paths, rays_block
 from clusterviz.render.render_result import (
@@ -57,7 +59,6 @@ from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer_counts import KBufferCounts
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
-PIXEL_BYTES = 16
 PIXELS, PROGRESS = 1, 2  # bindings
 ITERATIONS = (1 << 16, 3600)
 """Of the loops of a ray in a dispatch, on GPUs and on llvmpipe, which silently leaves all loops after 65535 in total:
@@ -81,9 +82,11 @@ class Raycaster:
     block_bytes : largest size of a GPU buffer, for tests
     limit_bytes : GPU memory beyond which no free slots are added; None: no limit
     band_pixels : larger pictures are drawn in bands; None: by the speed of the device
+    packs : whether pictures are packed on the device before they are read; None: unless that is software
 
     Attributes
     ----------
+    reader : reads pictures back
     slot : layout of a brick
     pool : the bricks
     """
@@ -95,8 +98,12 @@ class Raycaster:
         block_bytes: int | None = None,
         limit_bytes: int | None = None,
         band_pixels: int | None = None,
+        packs: bool | None = None,
     ) -> None:
-        self._context, self._device = context, Device(context)
+        self._context = context
+        packs = not is_software(self.renderer) if packs is None else packs
+        self._device = Device(context, None if packs else False)
+        self.reader, self._ends_at_once = PictureReader(self._device, packs), False
         self._band_pixels, self._has_fixed_bands = band_pixels or MOST_PIXELS_AT_ONCE, band_pixels is not None
         self.slot = slot_of(plan)
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
@@ -189,6 +196,7 @@ class Raycaster:
         progress: Progress = no_progress,
         carried: Sequence[CarriedRays] = (),
         passes: Passes | None = None,
+        pixel: str = "float32",
     ) -> list[RenderResult]:
         """Draw one frame's pieces, whose visible bricks are loaded, unless `passes` does.
 
@@ -198,11 +206,13 @@ class Raycaster:
         progress : called with the part of the pieces that is drawn, in [0, 1], if their number is known
         carried : rays of each piece, which are written: of a plan that only finds crossings, or paths that bend
         passes : loads the bricks of the pieces part by part
+        pixel : format that partial images may have, if they are converted on the device anyway: float32, float16, uint8
 
         Returns
         -------
         drawn : one result for each piece; its partial image is the footprint of the piece
         """
+        self.reader.next_frame(pixel)
         self._give_constants(plan)
         drawn: list[RenderResult] = []
         count = length_hint(pieces)
@@ -299,7 +309,7 @@ class Raycaster:
             for number, part in enumerate(parts):
                 # With other modes, what is in front hides nothing.
                 hides = number > 0 and plan.blend_mode.traits.composited
-                if not hides or is_reached(plan, part, rect, self._pixels_of(rect)[..., 3]):
+                if not hides or is_reached(plan, part, rect, self._drawn_pixels(rect)[..., 3]):
                     passes.load(part)
                     tables = drawn_parts[part.box] = _Tables(self._device, self.pool, plan, part)
                     yield tables
@@ -320,16 +330,9 @@ class Raycaster:
         first: int = 1,
     ) -> RenderResult:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
-        began = perf_counter()
+        began, before = perf_counter(), self.counts.read
         plan = with_fill(plan, self._pools)
-        groups = -(-rect.width // TILE), -(-rect.height // TILE)
-        planes = starts.planes if starts else np.zeros(0, np.float32)
-        words = rect.pixels, groups[0] * groups[1], planes.size, walk_planes(plan.content) * rect.pixels
-        pixels = self._device.reserve(PIXELS, 2 * PIXEL_BYTES * rect.pixels)
-        if isinstance(starts, CarriedRays):
-            self._device.write(pixels, starts.pixels)
-        march = March(self._device, self._program(self.variant_of(plan)), words, groups)
-        march.begin(planes)
+        march = self._march(plan, rect, starts)
         found = _Found(rect, bool(plan.content and plan.content.layers))
         for again in (False, True) if starts or hidden else (False,):
             if hidden:
@@ -352,27 +355,41 @@ class Raycaster:
                 break
             if starts and not starts.keep(march.planes().reshape(-1, rect.height, rect.width)):
                 break
-        work, cut_short = march.work(), march.cut_short()
-        rendered = perf_counter()
-        rgba = self._pixels_of(rect)
+        picture = march.picture or march.read_picture()
         if isinstance(starts, Paths):
-            read = self._device.read(pixels, starts.pixels.nbytes)
+            read = self._device.read(self._pixels(rect), starts.pixels.nbytes)
             starts.pixels[:] = np.frombuffer(read, np.float32).reshape(starts.pixels.shape)
         return RenderResult(
-            PartialImage(rect, rgba),
-            int(work.sum(dtype=np.int64)),
-            seconds_render=rendered - began,
-            seconds_readback=perf_counter() - rendered,
-            work=work,
+            PartialImage(rect, picture.rgba),
+            int(picture.work.sum(dtype=np.int64)),
+            seconds_render=picture.drawn_at - began,
+            seconds_readback=perf_counter() - picture.drawn_at,
+            work=picture.work,
             fragments=found.fragments,
-            cut_short=cut_short,
+            cut_short=picture.cut_short,
             kbuffer=all_counts(found.kbuffer),
+            bytes_read=self.counts.read - before,
         )
 
-    def _pixels_of(self, rect: Rect) -> NDArray[np.float32]:
+    def _march(self, plan: Plan, rect: Rect, starts: Rays | None) -> March:
+        """Return the march of a rectangle's rays, begun with what is known of them."""
+        groups = -(-rect.width // TILE), -(-rect.height // TILE)
+        planes = starts.planes if starts else np.zeros(0, np.float32)
+        words = rect.pixels, groups[0] * groups[1], planes.size, walk_planes(plan.content) * rect.pixels
+        pixels = self._pixels(rect)
+        if isinstance(starts, CarriedRays):
+            self._device.write(pixels, starts.pixels)
+        march = March(self.reader, self._program(self.variant_of(plan)), rect, words, groups)
+        march.begin(planes)
+        return march
+
+    def _pixels(self, rect: Rect) -> moderngl.Buffer:
+        """Return the buffer of a rectangle's pixels, drawn last, and of what rays carry."""
+        return self._device.reserve(PIXELS, 2 * PIXEL_BYTES * rect.pixels)
+
+    def _drawn_pixels(self, rect: Rect) -> NDArray[np.float32]:
         """Return the pixels of a rectangle that was drawn last, float32 (h, w, 4)."""
-        size = PIXEL_BYTES * rect.pixels
-        read = self._device.read(self._device.reserve(PIXELS, 2 * size), size)
+        read = self._device.read(self._pixels(rect), PIXEL_BYTES * rect.pixels)
         return np.frombuffer(read, np.float32).reshape(rect.height, rect.width, 4)
 
     def _draw_boxes(self, plan: Plan, rect: Rect, march: March, tables: _Tables, first: int, *_: object) -> None:
@@ -381,17 +398,21 @@ class Raycaster:
         for block in blocks:
             block["first_box"], first = first, 0
             block["optics"][0, 3] = self._iterations
-        at, goes_on = 0, False
+        bricks = tables.bricks_in_box if tables.waits else 0
+        at = turns = 0
+        goes_on = False
         while at < len(blocks):
-            march.begin_turn(tables.bricks_in_box if tables.waits else 0)
+            march.begin_turn(bricks)
             queued = range(at, min(at + MOST_QUEUED, len(blocks)))
             for number in queued:
                 tables.bind(number)
                 march.queue(blocks[number], number - at, begins=not (goes_on and number == at), notes=tables.waits)
-            stopped = march.stopped(len(queued))
-            goes_on, at = stopped is not None, queued.stop if stopped is None else at + stopped
+            is_last = queued.stop == len(blocks)
+            stopped, noted = march.end_turn(bricks, reads=is_last and self._ends_at_once)
+            goes_on, at, turns = stopped is not None, queued.stop if stopped is None else at + stopped, turns + 1
             if tables.waits:
-                tables.store(march.noted(tables.bricks_in_box))
+                tables.store(noted)
+        self._ends_at_once = turns == 1
 
     def _draw_content(
         self,
@@ -439,6 +460,7 @@ class Raycaster:
     def release(self) -> None:
         """Free all GPU resources."""
         self.pool.release()
+        self.reader.release()
         self._device.release()
         for program in (*self._programs.values(), *self._passes.values()):
             program.release()
@@ -579,20 +601,38 @@ class Buffers:
 
 
 @dataclass(frozen=True)
+class _Picture:
+    """A drawn rectangle: pixels (h, w, 4); samples of each work group (rows, columns); walks that were ended; when."""
+
+    rgba: NDArray[Any]
+    work: NDArray[np.uint32]
+    cut_short: int
+    drawn_at: float
+
+
+@dataclass
 class March:
     """Dispatches for the pixels of a piece, and their words in `progress`: of each pixel, work groups, planes, walks.
 
     Attributes
     ----------
-    device, program : those of the caster
+    reader, program, rect : those of the caster and the piece
     words : number of each kind
     groups : number of work groups in x and y
+    picture : what was drawn, if it was read with the end of the last turn
     """
 
-    device: Device
+    reader: PictureReader
     program: moderngl.ComputeShader
+    rect: Rect
     words: tuple[int, int, int, int]
     groups: tuple[int, int]
+    picture: _Picture | None = None
+
+    @property
+    def device(self) -> Device:
+        """The device with the words."""
+        return self.reader.device
 
     def begin(self, planes: NDArray[np.float32]) -> None:
         """Begin all rays, with planes that the host gives."""
@@ -603,6 +643,7 @@ class March:
 
     def begin_turn(self, bricks: int = 0) -> None:
         """Clear the notes of dispatches that are queued together, and of bricks."""
+        self.picture = None
         buffer = self._progress(bricks)
         self.device.clear(buffer, 4)
         self.device.clear(buffer, 4 * (MOST_QUEUED + bricks), self._offset(4))
@@ -614,15 +655,27 @@ class March:
         block["notes"] = first + number, first + number - 1 if number else -1, first + MOST_QUEUED if notes else -1, -1
         self._dispatch(block)
 
-    def stopped(self, queued: int) -> int | None:
-        """Wait, and return the first box of a turn in which a ray has to go on; None: all are done."""
-        if not self._is_unfinished():
-            return None
-        return int(np.flatnonzero(self._read(self._offset(4), queued))[0])
+    def end_turn(self, bricks: int = 0, *, reads: bool = False) -> tuple[int | None, NDArray[np.bool_]]:
+        """Wait, and return the first box of the turn in which a ray has to go on, and the bricks that rays came to.
 
-    def noted(self, bricks: int) -> NDArray[np.bool_]:
-        """Return the bricks of the box that rays have come to in this turn."""
-        return self._read(self._offset(4) + 4 * MOST_QUEUED, bricks).astype(np.bool_)
+        Parameters
+        ----------
+        reads : the picture is read at the same time, and kept if no ray has to go on; None instead of that box
+        """
+        progress = self._progress(bricks)
+        parts = [(progress, 0, 4), (progress, self._offset(4), 4 * (MOST_QUEUED + bricks))]
+        if reads:
+            begun = self.reader.begin(self._pixels(), self.rect, [*parts, *self._results()])
+            rgba, (flag, notes, *results) = begun.finish()
+            if flag.any():
+                begun.discard()
+            else:
+                self.picture = self._picture(rgba, results, begun.drawn_at)
+        else:
+            flag, notes = self.device.arrived(self.device.copy(parts))
+        words = notes.view(np.uint32)
+        stopped = int(np.flatnonzero(words[:MOST_QUEUED])[0]) if flag.any() else None
+        return stopped, words[MOST_QUEUED:].astype(np.bool_)
 
     def through(self, block: NDArray[np.void]) -> None:
         """Dispatch until all rays are done."""
@@ -631,27 +684,34 @@ class March:
         while goes_on:
             self.device.clear(self._progress(), 4)
             self._dispatch(block)
-            block["first_dispatch"], goes_on = 0, self._is_unfinished()
-
-    def work(self) -> NDArray[np.uint32]:
-        """Return the samples of each work group, (rows, columns)."""
-        return self._read(self._offset(1), self.words[1]).reshape(self.groups[::-1])
+            block["first_dispatch"], goes_on = 0, bool(self._read(0, 1)[0])
 
     def planes(self) -> NDArray[np.float32]:
         """Return the planes."""
         return self._read(self._offset(2), self.words[2]).view(np.float32)
 
-    def cut_short(self) -> int:
-        """Return the number of walks through grids that were ended."""
-        pixels, walks = self.words[0], self.words[3]
-        return int(self._read(self._offset(3) + 4 * pixels, pixels).sum()) if walks else 0
+    def read_picture(self) -> _Picture:
+        """Wait, and return what was drawn."""
+        begun = self.reader.begin(self._pixels(), self.rect, self._results())
+        rgba, results = begun.finish()
+        return self._picture(rgba, results, begun.drawn_at)
+
+    def _picture(self, rgba: NDArray[Any], results: Sequence[Bytes], drawn_at: float) -> _Picture:
+        work, *walks = (each.view(np.uint32) for each in results)
+        return _Picture(rgba, work.reshape(self.groups[::-1]).copy(), sum(int(each.sum()) for each in walks), drawn_at)
+
+    def _results(self) -> list[Part]:
+        """Return the parts of `progress` with the samples of work groups and with walks that were ended."""
+        progress, pixels = self._progress(), self.words[0]
+        walks = [(progress, self._offset(3) + 4 * pixels, 4 * pixels)] if self.words[3] else []
+        return [(progress, self._offset(1), 4 * self.words[1]), *walks]
+
+    def _pixels(self) -> moderngl.Buffer:
+        return self.device.reserve(PIXELS, 2 * PIXEL_BYTES * self.rect.pixels)
 
     def _dispatch(self, block: NDArray[np.void]) -> None:
         self.device.give(0, block, "uniform")
         self.device.dispatch(self.program, self.groups)
-
-    def _is_unfinished(self) -> bool:
-        return bool(self._read(0, 1)[0])
 
     def _progress(self, bricks: int = 0) -> moderngl.Buffer:
         return self.device.reserve(PROGRESS, self._offset(4) + 4 * (MOST_QUEUED + bricks), keeps=True)

@@ -5,15 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clusterviz.errors import DeviceError
+from clusterviz.gl import staging
 from clusterviz.gl.device import COMPARED_BYTES, Device
 
 pytestmark = pytest.mark.gl
 SMALL, LARGE = np.arange(8, dtype=np.uint32), np.arange(COMPARED_BYTES, dtype=np.uint32)
 
 
-@pytest.fixture
-def device(context):
-    made = Device(context)
+@pytest.fixture(params=[True, False], ids=["mapped", "read"])
+def device(context, request):
+    made = Device(context, is_mapped=request.param)
     yield made
     made.release()
 
@@ -65,19 +67,19 @@ def test_a_table_is_uploaded_when_it_changes(device):
     assert _counted(device, lambda: device.table(1, texels[:1])).made == 1
 
 
-def test_only_the_first_read_behind_a_dispatch_waits(device, context):
+def test_only_reads_wait(device, context):
     text = "#version 430\nlayout(local_size_x = 1) in;\nlayout(std430, binding = 2) buffer B { uint n[]; };\n"
     program = context.compute_shader(text + "void main() { n[gl_WorkGroupID.x] += 10u; }")
     buffer = device.begin(2, SMALL)
-    device.clear(buffer, 8, 4)
-    before = replace(device.counts)
-    device.dispatch(program, (4,))
-    device.dispatch(program, (2,))
-    found = np.frombuffer(device.read(buffer, SMALL.nbytes), np.uint32)
-    device.read(buffer, 8)
-    assert found.tolist() == [20, 20, 10, 13, 4, 5, 6, 7]
-    counts = device.counts.since(before)
-    assert (counts.waits, counts.dispatches, counts.read, counts.made) == (1, 2, SMALL.nbytes + 8, 0)
+
+    def draw():
+        device.clear(buffer, 8, 4)
+        device.dispatch(program, (4,))
+        device.dispatch(program, (2,))
+        assert np.frombuffer(device.read(buffer, SMALL.nbytes), np.uint32).tolist() == [20, 20, 10, 13, 4, 5, 6, 7]
+
+    counts = _counted(device, draw)
+    assert (counts.waits, counts.dispatches, counts.read) == (1, 2, SMALL.nbytes)
     program.release()
 
 
@@ -85,3 +87,24 @@ def test_a_buffer_that_grows_keeps_its_contents_if_asked_to(device):
     device.write(device.reserve(2, SMALL.nbytes), SMALL)
     grown = device.reserve(2, 4 * SMALL.nbytes, keeps=True)
     assert np.frombuffer(device.read(grown, SMALL.nbytes), np.uint32).tolist() == SMALL.tolist()
+
+
+def test_parts_of_buffers_arrive_together_with_one_wait(device):
+    small, large = device.give(3, SMALL), device.give(4, LARGE)
+    parts = [(small, 4, 12), (large, 8, LARGE.nbytes - 8), (small, 28, 4)]
+    counts = _counted(device, lambda: [device.arrived(device.copy(parts)) for _ in range(2)])
+    again = _counted(device, lambda: device.arrived(device.copy(parts)))
+    found = [each.view(np.uint32).tolist() for each in device.arrived(device.copy(parts))]
+    assert found == [[1, 2, 3], LARGE[2:].tolist(), [7]]
+    assert (again.waits, again.made, again.read) == (1, 0, 12 + LARGE.nbytes - 8 + 4)
+    assert counts.waits == 2
+
+
+@pytest.mark.parametrize(("call", "answer", "message"), [("map", None, "no memory"), ("wait", 0x911D, "lost")])
+def test_a_driver_that_fails_is_named(context, monkeypatch, call, answer, message):
+    failing = replace(staging._functions(), **{call: lambda *_: answer})
+    monkeypatch.setattr(staging, "_functions", lambda: failing)
+    device = Device(context, is_mapped=True)
+    with pytest.raises(DeviceError, match=message):
+        device.read(device.give(3, SMALL), SMALL.nbytes)
+    device.release()
