@@ -20,7 +20,7 @@ from clusterviz.gl.staging import GROWTH, Bytes, Copies, Part, Staging
 Kind = Literal["storage", "uniform"]
 LEAST_BYTES = 16
 """OpenGL has no buffers without bytes."""
-COMPARED_BYTES = 1 << 16
+COMPARED_BYTES = 1 << 18
 """Larger data are known again only if they are one array that cannot be written."""
 
 

@@ -283,20 +283,23 @@ class Raycaster:
         """Draw a picture that takes long from top to bottom, in bands of about `BAND_SECONDS`."""
         drawn: list[RenderResult] = []
         top, most = rect.y_begin, rect.pixels
+        # Rays that are drawn again read the rounding errors that rays of the only box do not write.
+        first = ONLY if tables.alone and not hidden else 1
         while top < rect.y_end:
             began, rows = perf_counter(), max(TILE, min(self._band_pixels, most) // rect.width // TILE * TILE)
             band = replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
             within = top - rect.y_begin, band.y_end - rect.y_begin
             own = starts and starts.rows(*within), hidden and hidden.rows(*within)
             try:
-                drawn.append(self._draw_piece(plan, band, lambda: [tables], *own, first=ONLY if tables.alone else 1))
+                drawn.append(self._draw_piece(plan, band, lambda: [tables], *own, first=first))
             except ManyFragmentsError:
                 most = band.pixels // 2
                 continue
             progress((band.y_end - rect.y_begin) / rect.height)
             top, seconds = band.y_end, perf_counter() - began
             if not self._has_fixed_bands:
-                self._band_pixels = int(band.pixels * BAND_SECONDS / seconds)
+                by_speed = int(band.pixels * BAND_SECONDS / seconds)
+                self._band_pixels = by_speed if seconds > BAND_SECONDS else max(by_speed, self._band_pixels)
         return replace(joined_bands(rect, drawn), bricks=tables.reached, occluded=tables.occluded)
 
     def _draw_parts(

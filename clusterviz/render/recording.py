@@ -185,6 +185,10 @@ class _Buffer(moderngl.Buffer):
     def __del__(self) -> None:
         """Nothing is held."""
 
+    @property
+    def size(self) -> int:
+        return self.data.size
+
     def write(self, data: Any, offset: int = 0) -> None:
         given = np.frombuffer(np.ascontiguousarray(data) if isinstance(data, np.ndarray) else data, np.uint8)
         self.data[offset : offset + len(given)] = given
@@ -217,7 +221,7 @@ class _Texture(moderngl.Texture3D):
         """Nothing is held."""
 
     def write(self, data: Any, viewport: Any = None, alignment: int = 1) -> None:
-        x, y, z, width, height, depth = viewport
+        x, y, z, width, height, depth = viewport or (0, 0, 0, *self._size)
         part = np.frombuffer(np.ascontiguousarray(data), self._texels.dtype).reshape(depth, height, width, -1)
         self._texels[z : z + depth, y : y + height, x : x + width] = part
 
