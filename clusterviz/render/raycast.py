@@ -286,7 +286,7 @@ class Raycaster:
         # Rays that are drawn again read the rounding errors that rays of the only box do not write.
         first = ONLY if tables.alone and not hidden else 1
         while top < rect.y_end:
-            began, rows = perf_counter(), max(TILE, min(self._band_pixels, most) // rect.width // TILE * TILE)
+            began, rows = perf_counter(), -(-max(1, min(self._band_pixels, most)) // (TILE * rect.width)) * TILE
             band = replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
             within = top - rect.y_begin, band.y_end - rect.y_begin
             own = starts and starts.rows(*within), hidden and hidden.rows(*within)

@@ -221,8 +221,12 @@ class _Texture(moderngl.Texture3D):
         """Nothing is held."""
 
     def write(self, data: Any, viewport: Any = None, alignment: int = 1) -> None:
-        x, y, z, width, height, depth = viewport or (0, 0, 0, *self._size)
-        part = np.frombuffer(np.ascontiguousarray(data), self._texels.dtype).reshape(depth, height, width, -1)
+        part = np.frombuffer(data if isinstance(data, bytes) else np.ascontiguousarray(data), self._texels.dtype)
+        if viewport is None:
+            self._texels.reshape(-1)[:] = part
+            return
+        x, y, z, width, height, depth = viewport
+        part = part.reshape(depth, height, width, -1)
         self._texels[z : z + depth, y : y + height, x : x + width] = part
 
     @property
