@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import os
 import platform
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from json import dumps
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clusterviz.cli.console import print_document
+from clusterviz.cli.console import print_document, show_progress
 from clusterviz.cli.termination import launched_rank
 from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open_channel
 from clusterviz.comm.library import launcher, mpi_library
-from clusterviz.errors import ClustervizError, DeviceError, InputError
+from clusterviz.errors import ClustervizError, DeviceError, InputError, OutputError, guard
 from clusterviz.image.replace import remove_leftovers
-from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, memory
+from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, SelfTest, memory
+from clusterviz.scene.features import FEATURES
 from clusterviz.spmd.width import cpu_name
 
 if TYPE_CHECKING:
@@ -29,6 +32,9 @@ GIBIBYTE = 1 << 30
 
 def command(
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    gl: Annotated[
+        bool, typer.Option("--gl", help="Draw small pictures of all features by OpenGL, and say which are right.")
+    ] = False,
     clean: Annotated[
         bool, typer.Option("--clean", help="Remove what killed jobs left in this folder and in /dev/shm, and end.")
     ] = False,
@@ -46,6 +52,8 @@ def command(
     except InputError as error:  # a launcher of another MPI: each process is alone
         channel, mismatch = LoopbackChannel(), str(error)
     report = examine(channel, mismatch)
+    if gl:
+        report = replace(report, self_tests=self_tests(channel, report))
     if (launched_rank() or 0) == 0:
         _print_json(report) if json else _print_tables(report)
     found = problems_of(report)
@@ -79,7 +87,51 @@ def problems_of(report: MachineReport) -> list[str]:
     for problem, ranks in problems.items():
         who = "no rank" if len(ranks) == report.size else f"not all ranks (not {', '.join(map(str, ranks))})"
         found.append(f"{who} can draw with OpenGL: {problem}")
+    for test in report.self_tests:
+        if test.wrong:
+            alike: dict[str, list[str]] = {}
+            for name, problem in test.wrong.items():
+                alike.setdefault(problem, []).append(name)
+            wrong = "; ".join(f"{', '.join(names)}: {problem}" for problem, names in alike.items())
+            found.append(
+                f"{test.host}, {test.driver}: {len(test.wrong)} of {len(test.features)} features wrong: {wrong}"
+            )
     return found
+
+
+def self_tests(channel: Channel, report: MachineReport) -> tuple[SelfTest, ...]:
+    """Return the self-tests of all devices, on every rank, and keep what they find; collective.
+
+    The first rank of each device tests it, and so the ranks of a node do not test one at the same time.
+    """
+    sharing: dict[tuple[str, int], list[int]] = {}
+    for machine in report.ranks:
+        if machine.opengl and machine.egl_device is not None:
+            sharing.setdefault((machine.host, machine.egl_device), []).append(machine.rank)
+    mine = next((item for item in sharing.items() if item[1][0] == channel.rank), None)
+    with show_progress([each.name for each in FEATURES] if mine and channel.rank == 0 else ()) as progress:
+        with agree(channel, None, "doctor --gl"):
+            found = _test(*mine[0], tuple(mine[1]), progress) if mine else None
+        return tuple(each for each in channel.allgather(found) if each)
+
+
+def _test(host: str, egl_device: int, ranks: tuple[int, ...], progress: Callable[[str], None]) -> SelfTest:
+    """Test a device of this rank, and keep what is found."""
+    from clusterviz.gl.context import open_context
+    from clusterviz.gl.driver_record import driver_of, forget_record, keep_record, record_folder
+    from clusterviz.report.self_test import outcomes_of
+
+    context = open_context(device=egl_device)
+    driver = driver_of(context.info)
+    context.release()
+    with guard(OutputError, record_folder()):
+        forget_record(driver)  # what is known wrong would not be drawn
+    begun = perf_counter()
+    features = outcomes_of(egl_device, progress)
+    test = SelfTest(host, egl_device, driver, ranks, perf_counter() - begun, features)
+    with guard(OutputError, record_folder()):
+        keep_record(driver, test.wrong)
+    return test
 
 
 def _examine_rank(channel: Channel) -> RankMachine:
@@ -142,6 +194,10 @@ def _print_tables(report: MachineReport) -> None:
             console.print(f"[bold]{name:<11}[/]", end="")
             console.print(line, markup=False)
     console.print(_rank_table(report))
+    for test in report.self_tests:
+        ranks = f"rank{'s' * (len(test.ranks) > 1)} {', '.join(map(str, test.ranks))}"
+        console.print(f"{test.host}, device {test.egl_device}, {ranks}: {test.driver}", markup=False)
+        console.print(_feature_table(test))
     if report.warning:
         console.print("[bold white on red] WARNING [/]", end=" ")
         console.print(report.warning, markup=False)
@@ -182,4 +238,18 @@ def _rank_table(report: MachineReport) -> Table:
             f"{amount.available_bytes / GIBIBYTE:.1f} of {amount.total_bytes / GIBIBYTE:.1f}",
         )
     table.caption = "llvmpipe and numba: threads. device: the EGL device that the rank draws on."
+    return table
+
+
+def _feature_table(test: SelfTest) -> Table:
+    from rich.table import Table
+
+    table = Table("feature", "error", "bound", "")
+    for each in test.features:
+        error = "none" if each.error is None else f"{each.error:.1e}"
+        table.add_row(each.name, error, f"{each.bound:.0e}", "[bold red]wrong[/]" if each.problem else "right")
+    right = len(test.features) - len(test.wrong)
+    table.caption = (
+        f"{right} of {len(test.features)} right, in {test.seconds:.1f} s; errors are from the float64 reference."
+    )
     return table

@@ -33,6 +33,7 @@ from clusterviz.data.source import IDENTITY, Grid, Index
 from clusterviz.data.vectors import VectorArray, VectorSource
 from clusterviz.flow.noise import Noise
 from clusterviz.jobs.blocks import Blocks, make_blocks
+from clusterviz.jobs.device import current_device, on_device
 from clusterviz.jobs.kernel import kernel
 from clusterviz.scene.flows import Lic
 
@@ -151,8 +152,8 @@ _KERNELS = {
 class LicSource:
     """Line integral convolution of vectors as a volume; see `Source`.
 
-    Blocks are computed by all threads of the rank when they are first read, and kept as long as memory allows, the last
-    used ones longest.
+    Blocks are computed when they are first read, on the device of the thread that has made the source, and kept as long
+    as memory allows, the last used ones longest.
 
     Parameters
     ----------
@@ -176,6 +177,7 @@ class LicSource:
         self.name, self.grid = f"{vectors.name} (lic)", vectors.grid
         self.blocks = blocks_of(self.grid, self.lic, ranks)
         self.voxels_computed = self.halo_voxels = 0
+        self._device = current_device()
         self._cache_bytes, self._kept, self._lock = cache_bytes, OrderedDict[Index, Floats](), Lock()
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> Floats:
@@ -206,10 +208,11 @@ class LicSource:
     def _computed(self, begin_zyx: Index, end_zyx: Index) -> Floats:
         first, last = grown(self.grid, begin_zyx, end_zyx, halo_of(self.lic, self.grid, steps_of(self.lic)))
         field = read_field(self.vectors, noise_of(self.lic), first, last)
-        values = convolve_box(field, self.grid, self.lic, begin_zyx, end_zyx, self._speed)
-        self.voxels_computed += values.size
-        self.halo_voxels += field.values.size // 4 - values.size
-        return stretched(values, self.lic)
+        with on_device(self._device):
+            values = convolve_box(field, self.grid, self.lic, begin_zyx, end_zyx, self._speed)
+            self.voxels_computed += values.size
+            self.halo_voxels += field.values.size // 4 - values.size
+            return stretched(values, self.lic)
 
 
 def _slices(box: Box, origin: Index) -> tuple[slice, ...]:

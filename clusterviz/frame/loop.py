@@ -25,6 +25,7 @@ from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.compositing import Compositing, open_async_compositing
 from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.driver import with_right_device
 from clusterviz.frame.opening import Bricks, Given, Opened, complete, open_time_steps, open_volumes
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Image, Options, Progress, Run
@@ -133,7 +134,10 @@ class FrameLoop:
         self._several, self._warned = several, set[Change]()
         self._compositing = Compositing(several)
         with run.clock.stage("total", "open"):
+            if scene.flows:  # which are convolved as they are opened
+                run = with_right_device(run, scene, None)
             self.scene, opened, bricks = open_volumes(run, scene, source)
+            run = self._run = with_right_device(run, self.scene, opened)
             self._painter = open_painter(run, self.scene, opened)
         self._infos = opened.infos if opened else ()
         self._opened, self._is_given = opened, source is not None

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence, Set
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -33,6 +34,7 @@ from clusterviz.errors import DataError, InputError
 from clusterviz.flow.content import OpenedFlow, geometry_with_flows, open_flows
 from clusterviz.flow.lic_lines import LicOverRanks
 from clusterviz.frame.run import Run
+from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
 from clusterviz.plan.cell_bricks import KnownCells
@@ -312,7 +314,9 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
             return complete(None, scene), None, {}
     with run.local("open", "load"):
         given, geometries, unstructured, vectors = _divided(scene, source)
-        flows = open_flows(scene, vectors, run.channel)
+        device = run.options.device
+        with nullcontext() if device is None or not scene.flows else on_device(devices_of([device])[0]):
+            flows = open_flows(scene, vectors, run.channel)
         scene = with_flows(scene, [each.info for each in flows])
         given = [*given, *(volume for flow in flows for volume in flow.sources())]
         geometries = geometry_with_flows(scene, geometries, flows, run.channel)

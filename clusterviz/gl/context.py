@@ -35,19 +35,28 @@ def open_context(local_rank: int = 0, device: int | None = None) -> moderngl.Con
     Raises
     ------
     DeviceError
-        There is no EGL, or its OpenGL is older than 4.3 or lacks double precision.
+        There is no EGL, or its OpenGL is older than 4.3.
     """
     try:
-        index = choose_device(egl_devices(), local_rank, device)
-        settings: dict[str, Any] = {"backend": "egl", "device_index": index}
-        context = moderngl.create_context(require=430, standalone=True, **settings)
+        settings: dict[str, Any] = {"backend": "egl", "device_index": choose_device(egl_devices(), local_rank, device)}
+        return moderngl.create_context(require=430, standalone=True, **settings)
     except ClustervizError:
         raise
     except Exception as error:
-        raise DeviceError(f"no OpenGL context could be made through EGL: {error}; {HINT}") from error
-    if "GL_ARB_gpu_shader_fp64" not in context.extensions:
-        raise DeviceError(f"{context.info['GL_RENDERER']} has no double precision in shaders (GL_ARB_gpu_shader_fp64)")
-    return context
+        raise DeviceError(
+            f"no OpenGL context could be made through EGL: {_older(settings) or f'{error}; {HINT}'}"
+        ) from error
+
+
+def _older(settings: dict[str, Any]) -> str:
+    """Return which OpenGL a device has that is too old, in one text; "" if there is none."""
+    try:
+        context = moderngl.create_context(require=300, standalone=True, **settings)
+    except Exception:
+        return ""
+    found = f"{context.info['GL_RENDERER']} has {context.info['GL_VERSION']}"
+    context.release()
+    return f"{found}; allowed 4.3 and later, another device, or the CPU (--device cpu)"
 
 
 def is_software(renderer: str) -> bool:

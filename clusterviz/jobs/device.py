@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.errors import DeviceError, InputError
 from clusterviz.gl.compute import run_compute
-from clusterviz.gl.context import compile_compute, current_context_kept, open_context
+from clusterviz.gl.context import current_context_kept, open_context
 from clusterviz.gl.devices import ENVIRONMENT, choose_device, egl_devices, prefers_cpu
 from clusterviz.gl.shader import ShaderSource
+from clusterviz.spmd.driver_needs import compile_checked
 from clusterviz.spmd.machine_code import addresses, compiled
 from clusterviz.spmd.parser import parse
 from clusterviz.spmd.threads import run_threads
@@ -298,7 +299,7 @@ def _launch_on_gl(make: MakeProgram, grid: GridXyz, arguments: Arguments, egl: i
 def _compiled_by_driver(context: Any, program: Program) -> Any:
     parse(program.source)  # for the same messages as on CPUs; Mesa's have no names of files
     try:
-        return compile_compute(context, program.source)
+        return compile_checked(context, program.source)
     except DeviceError as error:
         raise InputError(str(error)) from None
 

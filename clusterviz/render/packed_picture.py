@@ -17,12 +17,12 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.context import compile_compute
 from clusterviz.gl.device import Device
 from clusterviz.gl.shader import assemble
 from clusterviz.gl.staging import Bytes, Copies, Part
 from clusterviz.image.partial import Rect
 from clusterviz.render.render_result import SQUARE
+from clusterviz.spmd.driver_needs import compile_checked
 
 PIXELS_BINDING, PACKED_BINDING = 1, 20
 TURNS = PACKED_BINDING, 22
@@ -124,7 +124,7 @@ class PictureReader:
         """Return the program of a format, compiled when it is first needed."""
         if pixel not in self._programs:
             source = assemble("packed.glsl", {"PIXEL": f"packed_{pixel}.glsl"})
-            self._programs[pixel] = compile_compute(self.device.context, source)
+            self._programs[pixel] = compile_checked(self.device.context, source)
         return self._programs[pixel]
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.gl.context import compile_compute, is_software
+from clusterviz.gl.context import is_software
 from clusterviz.gl.device import Counts, Device
 from clusterviz.gl.staging import Bytes, Part
 from clusterviz.image.partial import PartialImage, Rect, blank
@@ -57,6 +57,7 @@ from clusterviz.render.variant import Variant, of_size, variant_of
 from clusterviz.render.volume_layers import all_segments, content_blocks, content_tables
 from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer_counts import KBufferCounts
+from clusterviz.spmd.driver_needs import compile_checked
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
 PIXELS, PROGRESS = 1, 2  # bindings
@@ -161,12 +162,12 @@ class Raycaster:
         if plan.march.discard_margin is not None:
             prepare_discarding()
         variants = [self.variant_of(each) for each in ((plan, plan.crossing) if plan.layers else (plan,))]
-        return {variant: compile_compute(self._context, variant.source) for variant in variants}
+        return {variant: compile_checked(self._context, variant.source) for variant in variants}
 
     def _program(self, variant: Variant) -> moderngl.ComputeShader:
         """Return a program, compiled when it is first needed."""
         if variant not in self._programs:
-            self._programs[variant] = compile_compute(self._context, variant.source)
+            self._programs[variant] = compile_checked(self._context, variant.source)
         return self._programs[variant]
 
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:

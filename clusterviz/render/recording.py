@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.compute import run_compute
-from clusterviz.gl.context import compile_compute
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.raycast import Raycaster
+from clusterviz.spmd.driver_needs import compile_checked
 from clusterviz.spmd.interpreter import Dispatch, Texture
 from clusterviz.spmd.parser import parse
 
@@ -82,7 +82,7 @@ def run_on(context: moderngl.Context, dispatch: Dispatch, binding: int, size: in
     ----------
     binding, size : of the further buffer, in bytes
     """
-    program, further = compile_compute(context, dispatch.source), context.buffer(reserve=size or len(EMPTY))
+    program, further = compile_checked(context, dispatch.source), context.buffer(reserve=size or len(EMPTY))
     made, buffers = list[Any]([program, further]), dict[int, moderngl.Buffer]()
     further.clear()
     further.bind_to_storage_buffer(binding)

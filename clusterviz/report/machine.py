@@ -35,6 +35,50 @@ class OpenGL:
 
 
 @dataclass(frozen=True)
+class FeatureOutcome:
+    """Outcome of the self-test of one feature.
+
+    Attributes
+    ----------
+    name : of the feature
+    error : largest difference from the reference; None if there is no picture
+    bound : that the error may have
+    problem : what is wrong, in one line; "" if nothing is
+    """
+
+    name: str
+    error: float | None
+    bound: float
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """Self-test of one device.
+
+    Attributes
+    ----------
+    host, egl_device : the device
+    driver : its name with the driver's version
+    ranks : that draw on it; the first one has tested it
+    seconds : that this took
+    features : outcome of each
+    """
+
+    host: str
+    egl_device: int
+    driver: str
+    ranks: tuple[int, ...]
+    seconds: float
+    features: tuple[FeatureOutcome, ...]
+
+    @property
+    def wrong(self) -> dict[str, str]:
+        """Features that are wrong, by name, with what is wrong."""
+        return {each.name: each.problem for each in self.features if each.problem}
+
+
+@dataclass(frozen=True)
 class Memory:
     """Main memory usable by this process, and its free part, in bytes; 0 if unknown."""
 
@@ -83,6 +127,7 @@ class MachineReport:
     size, nodes : number of ranks and of nodes
     warning : the mismatch between launcher and MPI library, or ""
     ranks : index = rank
+    self_tests : of the devices, if they were asked for
     """
 
     clusterviz: str
@@ -93,6 +138,7 @@ class MachineReport:
     nodes: int
     warning: str
     ranks: tuple[RankMachine, ...]
+    self_tests: tuple[SelfTest, ...] = ()
 
 
 def memory(root: Path = Path("/")) -> Memory:

@@ -59,10 +59,16 @@ def test_driver_that_gives_no_context_says_why_and_what_to_install(
         open_context()
 
 
-def test_context_without_double_precision_is_refused(two_devices: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
-    poor = SimpleNamespace(extensions=set(), info={"GL_RENDERER": "pretended"}, release=lambda: None)
-    monkeypatch.setattr(moderngl, "create_context", lambda **_: poor)
-    with pytest.raises(DeviceError, match="pretended has no double precision"):
+def test_driver_that_is_too_old_is_named(two_devices: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    info = {"GL_RENDERER": "pretended", "GL_VERSION": "3.3 (Core Profile)"}
+
+    def create(*, require: int, **_: object) -> SimpleNamespace:
+        if require > 330:
+            raise Exception("eglCreateContext failed (0x3009)")
+        return SimpleNamespace(info=info, release=lambda: None)
+
+    monkeypatch.setattr(moderngl, "create_context", create)
+    with pytest.raises(DeviceError, match=r"pretended has 3.3 \(Core Profile\); allowed 4.3 and later"):
         open_context()
 
 

@@ -40,7 +40,7 @@ LEVELS = (
     ("auto",),
     ("frame",),
     ("report.output",),
-    ("report.scale", "report.tradeoff", "viewer", "debugger"),
+    ("report.scale", "report.self_test", "report.tradeoff", "viewer", "debugger"),
     ("report.profile", "report.complexity", "report.kbuffer"),
     ("cli",),
     ("__main__",),

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import re
-
 import moderngl
 import numpy as np
 import pytest
@@ -49,12 +47,3 @@ def test_records_that_do_not_fit_in_a_block_go_into_storage() -> None:
     size = plan.segments.records.nbytes
     assert "records_uniform.glsl" in variant_of(plan, slot, size).source.names
     assert "records_storage.glsl" in variant_of(plan, slot, size - 1).source.names
-
-
-@pytest.mark.parametrize("block_bytes", [0, 16384], ids=["records-in-storage", "records-in-a-block"])
-@pytest.mark.parametrize("preintegrated", [False, True], ids=["midpoints", "pre-integrated"])
-def test_no_variant_needs_more_storage_blocks_than_every_driver_has(preintegrated: bool, block_bytes: int) -> None:
-    slot = Slot((15, 16, 33), "f32", False, 2, 1, 2)
-    text = Variant("linear", slot, 33, 1, block_bytes, "composite", 1, 1, preintegrated=preintegrated).source.text
-    bindings = re.findall(r"layout\(std430, binding = (\d+)\)", text)
-    assert len(bindings) == len(set(bindings)) <= 8, "GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS may be 8"

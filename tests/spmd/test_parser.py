@@ -13,6 +13,7 @@ from clusterviz.errors import InputError
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.render.variant import Lanes, Variant
 from clusterviz.spmd.codegen import Generator
+from clusterviz.spmd.driver_needs import AMPLE, needs_of
 from clusterviz.spmd.parser import parse
 
 DISTINCT = {variant.source.names: (name, variant) for name, variant in (VARIANTS | CPU_VARIANTS).items()}
@@ -24,6 +25,9 @@ def test_every_combination_of_files_is_understood(name: str, variant: Variant) -
     assert program.functions["main"][0].body is not None
     assert program.local_size == (8, 8, 1)
     assert next(block for block in program.blocks if block.name == "frameBlock").binding == 0
+    needs = needs_of(program)
+    assert not needs.beyond(AMPLE)
+    assert needs.storage_blocks <= 8 or variant.profile, "GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS may be 8"
 
 
 def covering() -> dict[str, Variant]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.errors import DeviceError
 from clusterviz.gl.compute import run_compute
-from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.discarding import LEFT_OUT_BINDING
@@ -32,6 +31,7 @@ from clusterviz.render.abuffer.program import (
 from clusterviz.render.abuffer.resolves import classified, counts_of, is_sorted
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, TileLists, make_lists, prepare_tiles
 from clusterviz.render.cells.table import CELLS_BINDING, GRIDS_BINDING, grids_block
+from clusterviz.spmd.driver_needs import compile_checked
 
 LLVMPIPE_ITERATIONS = 65535
 """Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""
@@ -48,7 +48,7 @@ def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, m
     variants = find_variants(plan)
     if plan.content and plan.content.layers:
         prepare_tiles(plan)
-    return {variant: compile_compute(context, variant.source) for variant in variants}
+    return {variant: compile_checked(context, variant.source) for variant in variants}
 
 
 def list_primitives(
@@ -157,7 +157,7 @@ def bind_fragments(
         for binding, buffer in ((11, given), (8, keys), (16, links)):
             buffer.bind_to_storage_buffer(binding)
         if (variant := variants[step]) not in programs:
-            programs[variant] = compile_compute(context, variant.source)
+            programs[variant] = compile_checked(context, variant.source)
         run_compute(programs[variant], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
         context.memory_barrier()
         lists[:] = np.frombuffer(given.read(), np.uint32)
