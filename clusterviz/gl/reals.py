@@ -40,7 +40,7 @@ def chosen_reals(context: moderngl.Context, environment: Mapping[str, str] | Non
     if asked:
         if asked not in FORMS:
             raise InputError("no such form of numbers", where=ENVIRONMENT, found=asked, allowed=", ".join(FORMS))
-        return FORMS[FORMS.index(asked)]  # type: ignore[arg-type]
+        return FORMS[FORMS.index(asked)]
     fast = has_doubles(context) and FAST.search(str(context.info["GL_RENDERER"]))
     return "double" if fast else "integer"
 

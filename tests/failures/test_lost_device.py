@@ -34,7 +34,10 @@ LOSING, RANKS = 1, 3
 
 
 class LossyDevice:
-    """OpenGL whose device is lost on one rank, from its n-th call on; 0: never. `places`: of calls, with the last one."""
+    """OpenGL whose device is lost on one rank, from its n-th call on; 0: never.
+
+    `places` of calls have the number of the last call there.
+    """
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.lost_at, self.calls, self._own = 0, 0, threading.local()
