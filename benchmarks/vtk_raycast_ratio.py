@@ -67,11 +67,13 @@ def equivalent_scene(volume: Path, shape_zyx: tuple[int, ...], options: argparse
 
 def synthetic(size: int) -> Bytes:
     """uint8 (size, size, size): a ball of waves, about half of it visible."""
-    x = np.linspace(-1, 1, size, dtype=np.float32)
-    z, y, x = np.meshgrid(x, x, x, indexing="ij", sparse=True)
-    r = np.sqrt(x * x + y * y + z * z)
-    field = (0.55 + 0.45 * np.cos(9 * np.pi * r) * np.cos(5 * x) * np.cos(4 * y - z)) * np.exp(-((r / 0.9) ** 4))
-    return np.rint(255 * field).astype(np.uint8)
+    axis, found = np.linspace(-1, 1, size, dtype=np.float32), np.empty((size,) * 3, np.uint8)
+    y, x = axis[:, None], axis[None, :]
+    for slice_, z in zip(found, axis, strict=True):
+        r = np.sqrt(x * x + y * y + z * z)
+        field = (0.55 + 0.45 * np.cos(9 * np.pi * r) * np.cos(5 * x) * np.cos(4 * y - z)) * np.exp(-((r / 0.9) ** 4))
+        slice_[:] = np.rint(255 * field)
+    return found
 
 
 def alternate(volume: Path, folder: Path, options: argparse.Namespace) -> tuple[Rows, Rows, dict[str, Bytes]]:

@@ -4,7 +4,10 @@
 #include <CONSTANTS>
 layout(local_size_x = 8, local_size_y = 8) in;
 
+#include "reals_double.glsl"
 #include <FRAME>
+#include "vectors_double.glsl"
+#include "reals.glsl"
 layout(std430, binding = 16) buffer EarlyBlock { uvec2 early[]; };              // first fragments of each pixel, in no order
 layout(std430, binding = 9) readonly buffer TilesBlock { uint tile_begin[]; }; // of each tile in `tile_row`, and their end
 layout(std430, binding = 2) buffer ProgressBlock { uint unused; int progress[]; };

@@ -5,7 +5,9 @@
 #include <CONSTANTS>
 layout(local_size_x = 8, local_size_y = 8) in;
 
+#include <REALS>
 #include <FRAME>
+#include <VECTORS>
 #include "buffers.glsl"
 #include <WORDS>
 #include <PITCH>

@@ -77,6 +77,14 @@ def current_context_kept() -> Iterator[None]:
             egl.eglMakeCurrent(display, *surfaces, before)
 
 
+@contextmanager
+def own_context(context: moderngl.Context) -> Iterator[None]:
+    """Context in which an OpenGL context is this thread's current one; afterwards that is what it was before."""
+    with current_context_kept():
+        context.__enter__()  # whose exit would leave none current
+        yield
+
+
 @cache
 def _egl() -> ctypes.CDLL:
     """Return EGL's library, with the types of the functions for current contexts."""

@@ -11,6 +11,7 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, MutableMapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, TypeVar
 
@@ -18,6 +19,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.errors import DeviceError
 from clusterviz.gl.texels import read_box
 from clusterviz.partition import UNASSIGNED, BrickBox, Owners, bounding_box, build_tree, visible_groups
 from clusterviz.plan.cells import CellBrick
@@ -47,6 +49,11 @@ class BrickAtlas:
     Attributes
     ----------
     slots : the number of each brick's slot
+
+    Raises
+    ------
+    MemoryError
+        The card has no memory for them.
     """
 
     def __init__(self, context: moderngl.Context, slot: Slot, slot_count: int) -> None:
@@ -61,6 +68,9 @@ class BrickAtlas:
         self._voxels = (
             _texture(context, slot, slot_count) if slot.textured else context.buffer(reserve=slot_count * slot.bytes)
         )
+        if context.error == "GL_OUT_OF_MEMORY":
+            self._voxels.release()
+            raise MemoryError
 
     @property
     def free(self) -> int:
@@ -312,7 +322,7 @@ class BrickPool:
         self.release()
         for begin in range(0, bricks, self._capacity):
             slot_count = min(self._capacity, bricks - begin)
-            self._atlases.append(BrickAtlas(self._context, self._slot, slot_count))
+            self._atlases.append(self._atlas(slot_count))
 
     def put(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Add bricks; each is removed from the mapping, so that none is held twice for long."""
@@ -402,7 +412,26 @@ class BrickPool:
             if self._most is not None:
                 slot_count = min(slot_count, self._most - sum(other.slot_count for other in self._atlases[:-1]))
             slot_count = max(slot_count, last.slot_count - last.free + bricks)
-            self._atlases[-1] = last.grown(slot_count)
-        else:
-            self._atlases.append(BrickAtlas(self._context, self._slot, bricks))
+            # An atlas that grows is there twice for a while; where that does not fit, another one is drawn behind it.
+            with suppress(MemoryError):
+                self._atlases[-1] = last.grown(slot_count)
+                return self._atlases[-1]
+        self._atlases.append(self._atlas(bricks))
         return self._atlases[-1]
+
+    def _atlas(self, slot_count: int) -> BrickAtlas:
+        """Return a new atlas.
+
+        Raises
+        ------
+        DeviceError
+            The card has no memory for it.
+        """
+        try:
+            return BrickAtlas(self._context, self._slot, slot_count)
+        except MemoryError:
+            raise DeviceError(
+                f"{self._context.info['GL_RENDERER']} has no memory for {slot_count} more bricks; needed "
+                f"{slot_count * self._slot.bytes} bytes beside {self.bytes}; with a cluster.memory_limit below "
+                "what the card has, bricks are drawn in passes, and more ranks on other cards have fewer each"
+            ) from None

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_block
+from clusterviz.gl.reals import Reals
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.domain import Cut
@@ -52,6 +53,8 @@ WIDEST_BATCH = 128.0
 BEHIND_OPAQUE = 2.0**-23
 """Transparency that rounding may leave of an opaque surface."""
 FRAME_BLOCK = glsl_block("frame", 0, FRAME)
+FRAME_BLOCKS: dict[Reals, str] = {"double": FRAME_BLOCK, "integer": FRAME_BLOCK.replace("dvec4", "Column")}
+"""By the form of its columns of float64; `Column` is that of reals_integer.glsl."""
 
 
 def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.void]:

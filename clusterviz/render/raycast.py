@@ -21,9 +21,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
+from clusterviz.errors import DeviceError, InputError
 from clusterviz.gl.context import is_software
 from clusterviz.gl.device import Counts, Device
+from clusterviz.gl.reals import ENVIRONMENT, EXTENSION, chosen_reals, has_doubles
 from clusterviz.gl.staging import Bytes, Part
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
@@ -140,7 +141,14 @@ class Raycaster:
 
     def variant_of(self, plan: Plan) -> Variant:
         """Return the program that a plan needs on this context."""
-        return variant_of(plan, self.slot, int(self._context.info["GL_MAX_UNIFORM_BLOCK_SIZE"]))
+        info, reals = self._context.info, chosen_reals(self._context)
+        found = variant_of(plan, self.slot, int(info["GL_MAX_UNIFORM_BLOCK_SIZE"]), reals)
+        if found.reals == "double" and not has_doubles(self._context):
+            raise DeviceError(
+                f"{info['GL_RENDERER']} has no double precision in shaders ({EXTENSION}), "
+                f"which is needed by: {', '.join(found.needs_doubles) or ENVIRONMENT}"
+            )
+        return found
 
     def can_draw(self, plan: Plan) -> bool:
         """Return True if there are the programs of a plan."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.compute import run_compute
+from clusterviz.gl.reals import EXTENSION
 from clusterviz.gl.shader import ShaderSource
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
@@ -128,7 +129,7 @@ class _Reached(Exception):  # noqa: N818
 class _Context:
     """What the ray caster uses of a context; a dispatch that was executed before has its outcome again."""
 
-    info, error = LIMITS, "GL_NO_ERROR"
+    info, error, extensions = LIMITS, "GL_NO_ERROR", frozenset({EXTENSION})
 
     def __init__(self) -> None:
         self.number, self.outcomes = 0, list[Mapping[int, Bytes]]()

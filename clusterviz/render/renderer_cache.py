@@ -6,8 +6,9 @@ another transfer function may need another program, or bricks that were hidden b
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, MutableMapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Iterable, MutableMapping, Sequence
+from functools import wraps
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,22 @@ if TYPE_CHECKING:
     from clusterviz.render.raycast import Raycaster
 
 Index = tuple[int, int, int]
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def _on_own_context(method: Method) -> Method:
+    """Return a method that has the rank's OpenGL context current, if there is one, whatever other code made current."""
+
+    @wraps(method)
+    def run(self: RendererCache, *args: Any, **keys: Any) -> Any:
+        if self._context is None:
+            return method(self, *args, **keys)
+        from clusterviz.gl.context import own_context
+
+        with own_context(self._context):
+            return method(self, *args, **keys)
+
+    return cast("Method", run)
 
 
 class RendererCache:
@@ -64,10 +81,12 @@ class RendererCache:
         if self._prefers_cpu is None:
             self._prefers_cpu = prefers_cpu(device)
         if self._context is None and not self._prefers_cpu:
-            from clusterviz.gl.context import open_context
+            from clusterviz.gl.context import current_context_kept, open_context
 
-            self._context = open_context(local_rank, egl_device(device))
+            with current_context_kept():
+                self._context = open_context(local_rank, egl_device(device))
 
+    @_on_own_context
     def compile(self, plan: Plan) -> None:
         """Compile the program unless the last one suits; bricks that fit the plan's slots stay."""
         if self._caster is not None and not self._suits(plan):
@@ -77,6 +96,7 @@ class RendererCache:
         elif not self._caster.can_draw(plan):
             self._caster.compile(plan)
 
+    @_on_own_context
     def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
         """Upload bricks, removed from the mapping as they are stored; they replace those of the same indices."""
         if self._caster is not None:
@@ -84,6 +104,7 @@ class RendererCache:
             self._note(plan, bricks)
             self._caster.load(plan, bricks)
 
+    @_on_own_context
     def put(self, plan: Plan, bricks: MutableMapping[Index, Stored]) -> None:
         """Add bricks that another rank has stored for the same plan."""
         if self._caster is not None:
@@ -96,11 +117,13 @@ class RendererCache:
         """Indices of the stored bricks."""
         return set(self._caster.pool.bricks) if self._caster is not None else set()
 
+    @_on_own_context
     def keep(self, wanted: Collection[Index]) -> None:
         """Drop all other bricks."""
         if self._caster is not None:
             self._caster.drop(self._caster.pool.bricks - set(wanted))
 
+    @_on_own_context
     def drop(self, bricks: Collection[Index]) -> None:
         """Drop bricks."""
         if self._caster is not None:
@@ -111,15 +134,18 @@ class RendererCache:
         if self._caster is not None:
             self._caster.forget()
 
+    @_on_own_context
     def reserve(self, bricks: int) -> None:
         """Allocate GPU memory for so many bricks in all, at once; what was there is dropped if it is less."""
         if self._caster is not None:
             self._caster.pool.reserve(bricks)
 
+    @_on_own_context
     def stored(self, bricks: Collection[Index]) -> dict[Index, Stored]:
         """Read bricks back."""
         return {} if self._caster is None else dict(self._caster.pool.stored(bricks))
 
+    @_on_own_context
     def draw(
         self,
         plan: Plan,
@@ -142,6 +168,7 @@ class RendererCache:
         kept = plan.layers or plan.refraction or plan.march.frame_coherence is not None
         return caster.draw(plan, pieces, progress, passes=passes, pixel="float32" if kept else pixel)
 
+    @_on_own_context
     def find_layers(
         self,
         plan: Plan,
@@ -175,6 +202,7 @@ class RendererCache:
         counted = {"bricks": len(pool.bricks), "voxels": pool.voxels, "voxel_bytes": pool.bytes}
         return {"renderer": self._caster.renderer, "driver": self._caster.driver, **counted}
 
+    @_on_own_context
     def release(self) -> None:
         """Free all resources."""
         self._drop()

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
+from clusterviz.gl.reals import Reals
 from clusterviz.gl.shader import ShaderSource, assemble
 from clusterviz.plan.blend_mode import Lattice
 from clusterviz.plan.plan import Filter, Plan
@@ -18,7 +19,7 @@ from clusterviz.plan.segments import RECORD
 from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.abuffer.program import GeometryVariant, geometry_variant
 from clusterviz.render.crossing import PLANES
-from clusterviz.render.frame_block import FRAME_BLOCK
+from clusterviz.render.frame_block import FRAME_BLOCKS
 from clusterviz.render.frame_coherence import STARTS_BLOCK
 from clusterviz.render.refraction import REFRACTION_BLOCK
 from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, PACKETS, SIZES, SIZES_BINDING
@@ -115,6 +116,7 @@ class Variant:
     profile : what is found out about each pixel, besides its colour
     geometry : meshes, lines and points; None without any
     refraction : rays bend
+    reals : form of the numbers that decide which slabs a box owns
     """
 
     filter: Filter
@@ -143,6 +145,7 @@ class Variant:
     profile: Profile = ""
     geometry: GeometryVariant | None = None
     refraction: bool = False
+    reals: Reals = "double"
 
     @property
     def is_mixed(self) -> bool:
@@ -154,6 +157,18 @@ class Variant:
         """Name of its function on a CPU; those of variants that differ little are the same."""
         volumes = f"{len(self.volumes)}_volumes" if self.is_mixed else f"{self.slot.kind}_{self.filter}_{self.blending}"
         return f"cast_{volumes}_{self.cpu.lanes if self.cpu else 0}".replace("-", "_")
+
+    @property
+    def needs_doubles(self) -> tuple[str, ...]:
+        """What is shown that has only been written in double precision."""
+        uses = {
+            "several volumes, or geometry": self.is_mixed,
+            "pre-integrated slabs": self.preintegrated,
+            "frame coherence": self.frame_coherence,
+            "layers": self.crossing,
+            "refraction": self.refraction,
+        }
+        return tuple(name for name, is_used in uses.items() if is_used)
 
     @property
     def fetches_ahead(self) -> bool:
@@ -172,7 +187,9 @@ class Variant:
             run, sample = PREINTEGRATED_FILES, NOTHING
         density = density_files(self.preintegrated) if self.occlusion and not self.volumes else ()
         slots: dict[str, Files] = {
-            "FRAME": FRAME_BLOCK,
+            "REALS": f"reals_{self.reals}.glsl",
+            "FRAME": FRAME_BLOCKS[self.reals],
+            "VECTORS": (f"vectors_{self.reals}.glsl", "reals.glsl", f"bricks_{self.reals}.glsl"),
             "CONSTANTS": self.constants,
             "TRANSFER": "transfer.glsl",
             "RECORDS": records,
@@ -396,7 +413,7 @@ class Variant:
         return [
             f"const int BRICK = {self.brick}; // cells along its side",
             f"const int BRICK_SHIFT = {self.brick.bit_length() - 1};",
-            f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;",
+            *([f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;"] if self.reals == "double" else []),
             f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // cells of a stored brick",
             f"const ivec3 GROUPS = ivec3({gx}, {gy}, {gz}); // in a slot",
             f"const int VISIBILITY_WORDS = {self.slot.visibility_words}; // of bits, one a group",
@@ -486,12 +503,13 @@ def _without_size(slot: Slot) -> Slot:
     )
 
 
-def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
+def variant_of(plan: Plan, slot: Slot, uniform_bytes: int, reals: Reals = "double") -> Variant:
     """Return the variant of a plan.
 
     Parameters
     ----------
     uniform_bytes : the driver's largest uniform block
+    reals : form of numbers that the device prefers; what `needs_doubles` has none but double precision
     """
     grading = plan.blend_mode.grading
     volumes = volume_variants(plan.content, slot) if plan.content else ()
@@ -501,7 +519,7 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         else plan.segments.records.nbytes
     )
     fits = records <= uniform_bytes
-    return Variant(
+    found = Variant(
         plan.march.filter,
         replace(slot, group_box=None),
         plan.layout.brick,
@@ -527,3 +545,4 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int) -> Variant:
         geometry=geometry_variant(plan),
         refraction=plan.refraction is not None,
     )
+    return found if found.needs_doubles else replace(found, reals=reals)

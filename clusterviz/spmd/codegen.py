@@ -100,6 +100,8 @@ class Generator(Calls):
             chosen = node.then if condition.constant else node.otherwise
             if chosen is not None:
                 self._statement(chosen)
+                if emit.is_open and self._facts.leaves(chosen):
+                    self._remask()
             return
         if not condition.varying:
             then, otherwise, end = emit.label(), emit.label(), emit.label()

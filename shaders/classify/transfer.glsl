@@ -5,7 +5,7 @@ vec4 part_of(int segment, int part);
 int segment_of(float s) {
     float bucket = clamp((s - buckets.x) * buckets.y, 0.0, buckets.z);
     // Two words in one, as llvmpipe fetches 64 bits from a buffer as fast as 32.
-    uvec2 known = unpackDouble2x32(bucket_record[FIRST_BUCKET + int(bucket)]);
+    uvec2 known = words_of(bucket_record[FIRST_BUCKET + int(bucket)]);
     int segment = int(known.y);
     if (s < uintBitsToFloat(known.x)) return segment;
     ++segment;

@@ -10,12 +10,13 @@ uint hashed(uint x) {
     return x ^ (x >> 16);
 }
 
-double shift_of(ivec2 pixel, double entry) {
-    return double(hashed(hashed(uint(pixel.x)) + uint(pixel.y)) >> 8) / 16777216.0LF;
+Real shift_of(ivec2 pixel, Real entry, Real step_world) {
+    uint hash = hashed(hashed(uint(pixel.x)) + uint(pixel.y));
+    return quotient(real(int(hash >> 8)), real(1 << 24));
 }
 
-double thickness_of(double across, double above) {
-    return 1.0LF;
+Real thickness_of(Real across, Real above) {
+    return ONE;
 }
 
 void set_thickness(float of_ray) {}

@@ -40,17 +40,15 @@ int brick_found;   // its number in the box
 const float TO_LEVEL = 1.0, FROM_LEVEL = 1.0; // voxels are those of the finest level (levels.glsl)
 
 // Place of the midpoint of a slab: a run in a visible group of cells, or an invisible group or brick.
-Place place_at(dvec3 position, vec3 slab) {
+Place place_at(Real3 position, vec3 slab) {
     ivec3 cell = cell_of(position);
     if (!owned(cell)) return Place(OUTSIDE, ivec3(0), vec3(0.0), 0);
-    // Instead of integer division, which is slow without hardware support; exact.
-    ivec3 number = BRICK == 1 << BRICK_SHIFT ? cell >> BRICK_SHIFT : ivec3((dvec3(cell) + 0.5LF) * BRICKS_PER_CELL);
-    ivec3 first = number * BRICK, at = number - bricks_begin;
+    ivec3 number = brick_of(cell), first = number * BRICK, at = number - bricks_begin;
     brick_begin = first;
     int brick = (at.z * bricks_count.y + at.y) * bricks_count.x + at.x;
     brick_found = brick;
     take_pitch(brick);
-    vec3 beyond = vec3(position - dvec3(cell));
+    vec3 beyond = offset_from(cell, position);
     cell -= first;
     ivec3 low, high;
     bool visible = is_visible_at(brick, number, cell, low, high);
@@ -67,15 +65,15 @@ Place place_of(Ray ray, int k, vec3 slab) {
 }
 
 // Place of slab k on the lattice, in any brick; the last slab, and a first one cut by the entry, are not on the lattice.
-dvec3 on_lattice(Ray ray, int k) {
-    return fma(dvec3(k), ray.slab, ray.first);
+Real3 on_lattice(Ray ray, int k) {
+    return fused(k, ray.slab, ray.first);
 }
 
 // Place of slab k on the lattice, relative to the brick of another place.
 Place on_lattice(Ray ray, int k, Place place) {
-    dvec3 position = on_lattice(ray, k);
-    ivec3 cell = ivec3(floor(position));
-    return Place(place.brick, cell - brick_begin, vec3(position - dvec3(cell)), place.slabs);
+    Real3 position = on_lattice(ray, k);
+    ivec3 cell = floor_of(position);
+    return Place(place.brick, cell - brick_begin, offset_from(cell, position), place.slabs);
 }
 
 // Origin of a batch by its first slab. Where rays enter the volume, rounding must not put the end of a slab beyond its face.
@@ -133,7 +131,7 @@ bool is_awaited(int brick);
 
 // March from slab `k` until the ray ends or this dispatch has done its share; k becomes the slab to continue with, or the number of slabs.
 void march(Ray ray, inout Sum sum, inout int k, inout uint samples) {
-    vec3 slab = vec3(ray.slab);
+    vec3 slab = to_float(ray.slab);
     int last = min(ray.slabs - (LAST_IN_RUN ? 0 : 1), ray.end), iterations = 0;
     run_iterations = 0;
     if (ENTRY_CUTS && k == 0 && last > 0) {

@@ -1,68 +1,75 @@
 // Rays and their slabs in index space: positions in voxels along (x, y, z), ray parameters in world lengths.
 
 struct Ray {
-    dvec3 first;      // midpoint of slab 0
-    dvec3 slab;       // from one midpoint to the next
-    dvec3 last;       // midpoint of the last slab, which the exit may have cut short
-    dvec3 entered;    // midpoint of slab 0 where the entry has cut it short (jitter.glsl)
+    Real3 first;      // midpoint of slab 0
+    Real3 slab;       // from one midpoint to the next
+    Real3 last;       // midpoint of the last slab, which the exit may have cut short
+    Real3 entered;    // midpoint of slab 0 where the entry has cut it short (jitter.glsl)
     int slabs;        // 0 where the ray misses the volume
     int begin, end;   // those not clipped
-    dvec2 kept;       // unclipped part of the ray in slabs, with midpoints at integers
+    Real2 kept;       // unclipped part of the ray in slabs, with midpoints at integers
     float last_share; // length of the last slab over that of a full one, in (0, 1]
     float first_share; // the same of slab 0, where the entry cuts it
     float thickness; // length of a slab over the longest one's
 };
 
 // Entry and exit of a line between two planes, for one axis. A line between the planes and parallel to them never leaves.
-dvec2 between(double origin, double direction, double high) {
-    if (direction == 0.0) return origin >= 0.0 && origin <= high ? dvec2(-1e300LF, 1e300LF) : dvec2(1e300LF, -1e300LF);
-    double a = -origin / direction, b = (high - origin) / direction;
-    return dvec2(min(a, b), max(a, b));
+Real2 between(Real origin, Real direction, Real high) {
+    if (is_zero(direction)) {
+        bool is_inside = !is_less(origin, ZERO) && !is_less(high, origin);
+        return Real2(is_inside ? negated(ENDLESS) : ENDLESS, is_inside ? ENDLESS : negated(ENDLESS));
+    }
+    Real a = quotient(negated(origin), direction), b = quotient(difference(high, origin), direction);
+    return Real2(smaller(a, b), larger(a, b));
 }
 
 Ray ray_through(ivec2 pixel) {
-    double across = (double(pixel.x) + 0.5LF - frame.lens.y) * frame.lens.x;
-    double above = (frame.lens.z - double(pixel.y) - 0.5LF) * frame.lens.x;
-    dvec3 aside = across * frame.right.xyz + above * frame.up.xyz;
-    bool parallel = frame.lens.w != 0.0LF;
-    dvec3 origin = parallel ? frame.eye.xyz + aside : frame.eye.xyz;
-    dvec3 direction = parallel ? frame.forward.xyz
-                               : (frame.forward.xyz + aside) / sqrt(1.0LF + across * across + above * above);
+    Real across = product(difference(sum_of(real(pixel.x), HALF), frame.lens.y), frame.lens.x);
+    Real above = product(difference(difference(frame.lens.z, real(pixel.y)), HALF), frame.lens.x);
+    Real3 aside = sum_of(product(xyz_of(frame.right), across), product(xyz_of(frame.up), above));
+    Real3 origin = xyz_of(frame.eye), direction = xyz_of(frame.forward);
+    if (is_zero(frame.lens.w)) direction = quotient(sum_of(direction, aside), length_of_view_ray(across, above));
+    else origin = sum_of(origin, aside);
 
-    dvec2 x = between(origin.x, direction.x, frame.extent.x);
-    dvec2 y = between(origin.y, direction.y, frame.extent.y);
-    dvec2 z = between(origin.z, direction.z, frame.extent.z);
-    double entry = max(max(x.x, y.x), max(z.x, 0.0LF));
-    double leave = min(min(x.y, y.y), z.y);
+    Real3 extent = xyz_of(frame.extent);
+    Real entry = ZERO, leave = ENDLESS;
+    for (int axis = 0; axis < AXES; ++axis) {
+        Real2 part = between(along(origin, axis), along(direction, axis), along(extent, axis));
+        entry = larger(entry, part.x);
+        leave = smaller(leave, part.y);
+    }
 
-    double thick = thickness_of(across, above), step_world = frame.extent.w * thick, shift = shift_of(pixel, entry / step_world);
-    double length_in_slabs = (leave - entry) / step_world;
+    Real thick = thickness_of(across, above), step_world = product(frame.extent.w, thick), shift = shift_of(pixel, entry, step_world);
+    Real length_in_slabs = quotient(difference(leave, entry), step_world);
     Ray ray;
-    ray.slabs = length_in_slabs > 0.0LF ? int(ceil(length_in_slabs + shift)) : 0;
+    ray.slabs = is_less(ZERO, length_in_slabs) ? ceiling_of(sum_of(length_in_slabs, shift)) : 0;
     ray.begin = 0;
     ray.end = ray.slabs;
-    ray.kept = dvec2(-1e300LF, 1e300LF);
-    double begin_of_last = ray.slabs > 1 ? double(ray.slabs - 1) - shift : 0.0LF;
-    double last_share = length_in_slabs - begin_of_last;
-    ray.last_share = float(last_share);
-    ray.first_share = float(1.0LF - shift);
-    ray.thickness = float(thick);
-    ray.slab = direction * step_world;
-    ray.first = origin + direction * (entry + (0.5LF - shift) * step_world);
-    ray.last = origin + direction * (entry + (begin_of_last + 0.5LF * last_share) * step_world);
-    ray.entered = origin + direction * (entry + 0.5LF * (1.0LF - shift) * step_world);
+    ray.kept = Real2(negated(ENDLESS), ENDLESS);
+    Real begin_of_last = ray.slabs > 1 ? difference(real(ray.slabs - 1), shift) : ZERO;
+    Real first_share = difference(ONE, shift), last_share = difference(length_in_slabs, begin_of_last);
+    ray.last_share = to_float(last_share);
+    ray.first_share = to_float(first_share);
+    ray.thickness = to_float(thick);
+    ray.slab = product(direction, step_world);
+    Real first = product(difference(HALF, shift), step_world);
+    Real last = product(sum_of(begin_of_last, product(HALF, last_share)), step_world);
+    ray.first = sum_of(origin, product(direction, sum_of(entry, first)));
+    ray.last = sum_of(origin, product(direction, sum_of(entry, last)));
+    ray.entered = sum_of(origin, product(direction, sum_of(entry, product(product(HALF, first_share), step_world))));
     return ray;
 }
 
 // Midpoint of slab k: the only expression by which boxes decide which slabs they own.
-dvec3 midpoint(Ray ray, int k) {
+Real3 midpoint(Ray ray, int k) {
     if (k == ray.slabs - 1) return ray.last;
-    return ENTRY_CUTS && k == 0 ? ray.entered : fma(dvec3(k), ray.slab, ray.first);
+    if (ENTRY_CUTS && k == 0) return ray.entered;
+    return fused(k, ray.slab, ray.first);
 }
 
 // The cell that holds a midpoint; rounding may put one on the volume's far faces, which belong to the last cells.
-ivec3 cell_of(dvec3 position) {
-    return clamp(ivec3(floor(position)), ivec3(0), last_cell);
+ivec3 cell_of(Real3 position) {
+    return clamp(floor_of(position), ivec3(0), last_cell);
 }
 
 bool owned(ivec3 cell) {
@@ -72,7 +79,7 @@ bool owned(ivec3 cell) {
 // Whether a cell lies in front of a face by which a ray comes into the box.
 bool is_before(Ray ray, ivec3 cell) {
     for (int axis = 0; axis < 3; ++axis)
-        if (ray.slab[axis] >= 0.0LF ? cell[axis] < box_begin[axis] : cell[axis] >= box_end[axis]) return true;
+        if (!is_less(along(ray.slab, axis), ZERO) ? cell[axis] < box_begin[axis] : cell[axis] >= box_end[axis]) return true;
     return false;
 }
 
@@ -81,13 +88,14 @@ bool is_before(Ray ray, ivec3 cell) {
 int first_owned(Ray ray) {
     if (ray.slabs == 0) return 0;
     int last = ray.slabs - 1;
-    double enter = 0.0LF;
-    for (int axis = 0; axis < 3; ++axis) {
-        if (ray.slab[axis] == 0.0LF) continue;
-        double face = ray.slab[axis] > 0.0LF ? double(box_begin[axis]) : double(box_end[axis]);
-        enter = max(enter, (face - ray.first[axis]) / ray.slab[axis]);
+    Real enter = ZERO;
+    for (int axis = 0; axis < AXES; ++axis) {
+        Real by = along(ray.slab, axis);
+        if (is_zero(by)) continue;
+        int face = is_less(ZERO, by) ? box_begin[axis] : box_end[axis];
+        enter = larger(enter, quotient(difference(real(face), along(ray.first, axis)), by));
     }
-    int guess = int(min(enter, double(last))), low = guess - 2, high = min(guess + 2, last);
+    int guess = floor_of(smaller(enter, real(last))), low = guess - 2, high = min(guess + 2, last);
     if (low < 0 || !is_before(ray, cell_of(midpoint(ray, low)))) low = -1;
     if (high < last && is_before(ray, cell_of(midpoint(ray, high)))) high = last;
     while (high - low > 1) {

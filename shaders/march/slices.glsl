@@ -3,13 +3,13 @@
 const bool ENTRY_CUTS = true, SLICED = true;
 float thickness = 1.0; // of a slab, along the ray, over that of a ray through the picture's corner
 
-double shift_of(ivec2 pixel, double entry) {
-    double planes = entry - frame.forward.w;
-    return planes - floor(planes);
+Real shift_of(ivec2 pixel, Real entry, Real step_world) {
+    Real planes = difference(quotient(entry, step_world), frame.forward.w);
+    return difference(planes, real(floor_of(planes)));
 }
 
-double thickness_of(double across, double above) {
-    return frame.right.w * (frame.lens.w != 0.0LF ? 1.0LF : sqrt(1.0LF + across * across + above * above));
+Real thickness_of(Real across, Real above) {
+    return is_zero(frame.lens.w) ? product(frame.right.w, length_of_view_ray(across, above)) : frame.right.w;
 }
 
 void set_thickness(float of_ray) {

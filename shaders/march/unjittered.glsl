@@ -2,12 +2,12 @@
 const bool ENTRY_CUTS = false, SLICED = false;
 const float thickness = 1.0;
 
-double shift_of(ivec2 pixel, double entry) {
-    return 0.0LF;
+Real shift_of(ivec2 pixel, Real entry, Real step_world) {
+    return ZERO;
 }
 
-double thickness_of(double across, double above) {
-    return 1.0LF;
+Real thickness_of(Real across, Real above) {
+    return ONE;
 }
 
 void set_thickness(float of_ray) {}

@@ -7,4 +7,4 @@ void note(int k, vec2 part, float opacity, int object) {}
 
 void note_light(vec4 light) {}
 
-void note_fragment(double position, float opacity, uint number, int object) {}
+void note_fragment(Real position, float opacity, uint number, int object) {}

@@ -7,7 +7,8 @@ mat3 normal_from_gradient = mat3(lighting[3].xyz, lighting[4].xyz, lighting[5].x
 vec4 material = lighting[6];
 
 void face(Ray ray) {
-    vec3 slab = vec3(ray.slab / max(max(abs(ray.slab.x), abs(ray.slab.y)), max(abs(ray.slab.z), 1e-300LF)));
+    Real longest = larger(larger(magnitude(ray.slab.x), magnitude(ray.slab.y)), larger(magnitude(ray.slab.z), TINY));
+    vec3 slab = to_float(quotient(ray.slab, longest));
     toward_eye = -normalize(mat3(lighting[0].xyz, lighting[1].xyz, lighting[2].xyz) * slab);
 }
 

@@ -4,8 +4,11 @@ flat in float plane;
 out vec4 colour;
 
 #include <CONSTANTS>
+#include "reals_double.glsl"
 #include <FRAME>
-layout(std430, binding = 4) readonly buffer BucketsBlock { double bucket_record[]; }; // as in buffers.glsl
+#include "vectors_double.glsl"
+#include "reals.glsl"
+layout(std430, binding = 4) readonly buffer BucketsBlock { Pair bucket_record[]; }; // as in buffers.glsl
 uniform sampler3D samples;     // of the brick, in units of clim
 uniform vec3 low, high;        // of the brick
 

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import gpu
 import max_error_scenes
 import numpy as np
 import pytest
@@ -82,3 +88,19 @@ def test_images_of_all_ranks_are_the_picture(ranks: int) -> None:
     assert expected is not None
     assert float(expected[..., 3].max()) > 0.1
     assert compare(over(layers).astype(np.float32), expected, 1e-5).count == 0
+
+
+@pytest.mark.gl
+def test_table_of_a_card_tells_times_or_why_there_are_none(tmp_path: Path) -> None:
+    command = [sys.executable, gpu.__file__, tmp_path, "--small", "--frames", "1", "--only", "ball, filter"]
+    subprocess.run([*map(str, command), "--patience", "20"], check=True, capture_output=True)
+    report = json.loads((tmp_path / "gpu.json").read_text())
+    assert [row["name"] for row in report["rows"]] == ["ball, filter: hardware"]
+    first = report["rows"][0]["ours"]
+    assert 0 < first["least_s"] <= first["median_s"] < first["first_s"]
+    assert first["samples"] > 0
+    table = (tmp_path / "gpu.md").read_text().splitlines()
+    assert table[0].startswith(report["card"])
+    assert table[4].startswith("| ball, filter: hardware 32 | 160×90 |")
+    assert gpu.ask([sys.executable, "-c", "import time; time.sleep(9)"], 0.1) == {"failed": "no end within 0 s"}
+    assert "failed" in gpu.ask([sys.executable, "-c", "raise SystemExit('no card')"], 9)

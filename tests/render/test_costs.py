@@ -30,7 +30,7 @@ BRICK = 16
 BUFFERS = 7
 ALWAYS = (
     "raycast pixels buffers ray numbers opacity transfer words pitch units records_uniform march groups "
-    "groups_of_bricks no_prefetch no_profile"
+    "groups_of_bricks no_prefetch no_profile reals_double vectors_double reals bricks_double"
 )
 PLAIN = (
     "composite linear_u8 cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered "

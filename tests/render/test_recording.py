@@ -53,12 +53,13 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
         "uint16",
         {"jitter": True},
         "composite entries fixed_step gradient_none groups groups_of_bricks jitter linear march opacity over pixels "
-        "ray records_storage samples segment transfer unfaded unlit unnoted unsplit voxel_u16 whole_slab",
+        "ray records_storage samples segment transfer unfaded unlit unnoted unsplit voxel_u16 whole_slab "
+        "bricks_double reals_double vectors_double",
     ),
     "lit, clipped": (
         "uint8",
         LIT | {"clip": clip_of(GRID), "lights": lights_in(GRID)},
-        "ambient cells clip gradient kept lights lights_near linear_u8 phong units unjittered voxel_u8",
+        "ambient cells clip gradient kept lights lights_near linear_u8 phong units unjittered voxel_u8 reals",
     ),
     "maximum of float32": ("float32", {"blending": "maximum"}, "extreme numbers voxel_f32"),
     "average of slices": ("uint8", {"blending": "average", "renderer": "slices"}, "slices sum"),
@@ -122,9 +123,12 @@ ON_CPUS = {
 """Looks that machine code draws, too, and the files of CPUs in which a probe looks."""
 OF_16_LANES = "classified_pieces piece_rows pieces"
 """Files of CPUs whose vectors have 16 numbers."""
-NOT_PROBED = "profile_clock profile_counts words_wide packets_paths paths refraction"
-"""Of the profiler, of memory by its addresses, which are indices of nothing that the interpreter has, and of rays that
-bend, which are refused by what looks into shaders."""
+NOT_PROBED = (
+    "profile_clock profile_counts words_wide packets_paths paths refraction "
+    "bricks_integer reals_integer vectors_integer"
+)
+"""Of the profiler, of memory by its addresses, which are indices of nothing that the interpreter has, of rays that
+bend, which are refused by what looks into shaders, and of devices without double precision, which recordings have."""
 DRAWN = ("jittered uint16", "hardware, lit", "layers of bricks", "two volumes")
 """Looks that the ray caster draws on OpenGL, too, with programs that hold no probes."""
 LOOSE = {"hardware, lit": 0.02, "cubic hardware": 0.02}

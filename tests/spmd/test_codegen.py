@@ -77,6 +77,10 @@ FUNCTIONS: dict[str, tuple[str, Callable[[int], int]]] = {
         "int f(int x) { if (x > 20) return 1; x += 2; return x; }",
         lambda x: 1 if x > 20 else x + 2,
     ),
+    "return in a branch that a constant chooses, behind another one": (
+        "const bool YES = true; int f(int x) { if (x > 20) return 1; if (YES) return 2; return 3; }",
+        lambda x: 1 if x > 20 else 2,
+    ),
     "product that is not rounded before something is taken from it": (
         "int f(int x) { float a = float(4097 + x); return int(a * a - 16785408.0); }",
         lambda x: (4097 + x) ** 2 - 16785408,
