@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.compute import finish, queue_compute
+from clusterviz.gl.drawing import EmptyTarget
 
 Kind = Literal["storage", "uniform"]
 LEAST_BYTES = 16
@@ -72,6 +73,7 @@ class Device:
     def __init__(self, context: moderngl.Context) -> None:
         self.context, self.counts = context, Counts()
         self._held: dict[tuple[str, int], _Held] = {}
+        self._target: EmptyTarget | None = None
 
     def give(self, binding: int, data: NDArray[Any], kind: Kind = "storage") -> moderngl.Buffer:
         """Bind data that shaders only read.
@@ -124,6 +126,13 @@ class Device:
         self.context.memory_barrier()
         self.counts.dispatches += 1
 
+    def draw(self, program: moderngl.Program, vertices: int, size: tuple[int, int]) -> None:
+        """Queue triangles without attributes for `size` pixels, whose rows are counted from below; else as `dispatch`."""
+        self._target = self._target or EmptyTarget()
+        self._target.queue_draw(program, vertices, size)
+        self.context.memory_barrier()
+        self.counts.dispatches += 1
+
     def read(self, buffer: moderngl.Buffer, size: int = -1, offset: int = 0) -> bytes:
         """Wait until all that is queued is done, without Python's lock, and return bytes of a buffer."""
         finish(self.context)
@@ -137,6 +146,9 @@ class Device:
         for held in self._held.values():
             held.made.release()
         self._held.clear()
+        if self._target:
+            self._target.release()
+            self._target = None
 
     def _at_least(self, kind: Kind, binding: int, size: int) -> _Held:
         """Return the buffer of a binding, made again if it is too small."""

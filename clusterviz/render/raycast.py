@@ -33,6 +33,7 @@ from clusterviz.render.abuffer.fills import ManyFragmentsError, Pools, with_fill
 from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes, list_primitives
 from clusterviz.render.abuffer.primitives import TableCache
 from clusterviz.render.abuffer.program import find_variants
+from clusterviz.render.abuffer.raster import Rasteriser
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS
 from clusterviz.render.abuffer.tiles import TileLists
 from clusterviz.render.brick_atlas import BrickPool, capacity
@@ -79,11 +80,13 @@ class Raycaster:
     block_bytes : largest size of a GPU buffer, for tests
     limit_bytes : GPU memory beyond which no free slots are added; None: no limit
     band_pixels : larger pictures are drawn in bands; None: `MOST_PIXELS_AT_ONCE`
+    raster : whether a rasteriser finds fragments; None: chosen by the device
 
     Attributes
     ----------
     slot : layout of a brick
     pool : the bricks
+    raster : finds fragments, where it serves
     """
 
     def __init__(
@@ -93,6 +96,7 @@ class Raycaster:
         block_bytes: int | None = None,
         limit_bytes: int | None = None,
         band_pixels: int | None = None,
+        raster: bool | None = None,
     ) -> None:
         self._context, self._band_pixels = context, band_pixels or MOST_PIXELS_AT_ONCE
         self.slot = slot_of(plan)
@@ -100,6 +104,7 @@ class Raycaster:
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._programs, self._passes = self._compiled(plan), compile_passes(context, plan)
         self._primitives, self._last_frame = TableCache(), LastFrame()
+        self.raster = Rasteriser(context, raster)
         self.forget()
 
     def forget(self) -> None:
@@ -366,10 +371,13 @@ class Raycaster:
                         block["optics"][0, 3] = ITERATIONS["llvmpipe" in self.renderer]
                         if table := self._primitives.table(content, *tables.primitives_of(box)):
                             buffers.make(block).bind_to_uniform_block(0)
-                            limits = hidden.limits if hidden else None
-                            tiles[box] = list_primitives(self._context, plan, table, rect, limits, tiles.get(box))
-                            given = plan, table, tiles[box], rect, buffers.make, self._pools
-                            found = bind_fragments(self._context, self._passes, *given)
+                            if self.raster.serves(plan, rect):
+                                found = self.raster.find(plan, table, rect)
+                            else:
+                                limits = hidden.limits if hidden else None
+                                tiles[box] = list_primitives(self._context, plan, table, rect, limits, tiles.get(box))
+                                given = plan, table, tiles[box], rect, buffers.make, self._pools
+                                found = bind_fragments(self._context, self._passes, *given)
                             fragments += found[0]
                             for size in found[2]:
                                 found[1].write(np.uint32(size).tobytes(), offset=4 * DRAWN_CLASS)
@@ -413,6 +421,7 @@ class Raycaster:
     def release(self) -> None:
         """Free all GPU resources."""
         self.pool.release()
+        self.raster.release()
         for program in (*self._programs.values(), *self._passes.values()):
             program.release()
 

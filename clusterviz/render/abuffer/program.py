@@ -258,6 +258,11 @@ class FindVariant:
     @property
     def source(self) -> ShaderSource:
         """Assembled shader."""
+        return assemble("abuffer.glsl", self.slots)
+
+    @property
+    def slots(self) -> dict[str, str | tuple[str, ...]]:
+        """Files and constants of all shaders that find fragments."""
         width, height = PACKETS[self.lanes] if self.lanes else (0, 0)
         lines = [
             "#define STORED",
@@ -272,16 +277,13 @@ class FindVariant:
         if self.lanes:
             planes = f"int BRICK = sizes[0].cells.w, PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};"
             lines[-1:] = [glsl_array("sizes", SIZES_BINDING, SIZES, 1), planes]
-        return assemble(
-            "abuffer.glsl",
-            {
-                "CONSTANTS": "\n".join(lines) + "\n",
-                "FRAME": FRAME_BLOCK,
-                "LATTICE": LATTICES[self.lattice],
-                "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
-                "GEOMETRY": (GEOMETRY_BLOCK, "strict_side.glsl"),
-                "STORE": ("sort.glsl", STORES[self.step]),
-                "KEEP": ("hidden.glsl", "discard.glsl") if self.discards else "keep_all.glsl",
-                "MAIN": "find_tiles.glsl" if self.lanes else "find_pixels.glsl",
-            },
-        )
+        return {
+            "CONSTANTS": "\n".join(lines) + "\n",
+            "FRAME": FRAME_BLOCK,
+            "LATTICE": LATTICES[self.lattice],
+            "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
+            "GEOMETRY": (GEOMETRY_BLOCK, "strict_side.glsl"),
+            "STORE": ("sort.glsl", STORES[self.step]),
+            "KEEP": ("hidden.glsl", "discard.glsl") if self.discards else "keep_all.glsl",
+            "MAIN": "find_tiles.glsl" if self.lanes else "find_pixels.glsl",
+        }
