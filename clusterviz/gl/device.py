@@ -127,7 +127,7 @@ class Device:
         self.counts.dispatches += 1
 
     def draw(self, program: moderngl.Program, vertices: int, size: tuple[int, int]) -> None:
-        """Queue triangles without attributes for `size` pixels, whose rows are counted from below; else as `dispatch`."""
+        """Queue triangles without attributes for `size` pixels, with rows counted from below; else as `dispatch`."""
         self._target = self._target or EmptyTarget()
         self._target.queue_draw(program, vertices, size)
         self.context.memory_barrier()

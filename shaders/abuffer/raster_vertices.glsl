@@ -1,6 +1,7 @@
 #version 430
 // Covers each primitive by one triangle, so that no pixel has it twice. It holds the centres of all pixels whose rays may meet the primitive, also when
-// the rasteriser rounds its corners: a triangle with its sides moved outward; or twice the box, of what is too thin, or crosses the plane of the eye.
+// the rasteriser rounds its corners: a triangle with its sides moved outward; or twice the box, of what is too thin, or crosses the plane of the eye. SNAPPED: pixels
+// by which rounding may move corners.
 #include <CONSTANTS>
 flat out int row, kind;
 
@@ -12,9 +13,9 @@ ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = 
 #include "ray.glsl"
 #include <GEOMETRY>
 #include "primitives.glsl"
+#include <SNAPPED>
 
 const float BEYOND = 1e38, FARTHEST = 8192.0; // pixels beyond which float32 would round by more than the margin
-const float SNAPPED = 0.2;                    // pixels by which rasterisers and the sums here may round, with a margin
 const float THIN = 1e-3;                      // twice the area over the square of the longest side
 
 // Corner of the triangle of pixels with the sides moved outward by what its corners may be off, `off` across and along.

@@ -237,6 +237,7 @@ class FindVariant:
     lanes : of a CPU's vectors; 0 for a GPU
     discards : as in `GeometryVariant`
     grids : there are faces by which rays enter unstructured grids
+    most_sorted : fragments of a pixel that a GPU's program sorts, at most; 0: any number
     """
 
     step: Pass
@@ -249,6 +250,7 @@ class FindVariant:
     lanes: int = 0
     discards: bool = False
     grids: bool = False
+    most_sorted: int = MOST_SORTED
 
     @property
     def name(self) -> str:
@@ -271,7 +273,7 @@ class FindVariant:
             kind_constants(self.kinds),
             f"const bool SOME_OPAQUE = {_bool(self.opaque != 'no')}, ALL_OPAQUE = {_bool(self.opaque == 'all')};",
             f"const bool SORTED = {_bool(self.in_order)}, ENTRIES = {_bool(self.grids)};",
-            f"const int MOST_SORTED = {0 if self.lanes else MOST_SORTED};",
+            f"const int MOST_SORTED = {0 if self.lanes else self.most_sorted};",
             f"const int BRICK = {self.brick}, PLANES = {self.planes}, MOST_PLANES = PLANES;",
         ]
         if self.lanes:

@@ -38,8 +38,9 @@ from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer import fills
 from clusterviz.render.abuffer.fills import FRAGMENT, HEAD, LEAST_SIDE, SLACK, ManyFragmentsError
+from clusterviz.render.abuffer.on_gl import DRAW_ITERATIONS, check_loops, sort_long
 from clusterviz.render.abuffer.primitives import PrimitiveTable
-from clusterviz.render.abuffer.program import LIGHTING_BINDING, FindVariant, find_variants, lit_layer
+from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, FindVariant, find_variants, lit_layer
 from clusterviz.render.abuffer.resolves import is_sorted
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, camera_block, lens_of
 from clusterviz.render.frame_block import FRAME_BLOCK
@@ -64,17 +65,21 @@ TAKEN, GROUP, ROW = 2, 64, 1 << 15
 """Word of the lists' head with the number of all fragments; invocations of a work group; work groups in x."""
 LEAST_BLOCKS, FIRST_ROOM = 8, 4
 """Storage blocks that a stage needs; fragments of a pixel for which the first frame has room."""
+ROUNDED = 0.04
+"""Pixels by which the vertex shader's sums may be off, with a margin."""
 Programs = tuple[moderngl.ComputeShader, moderngl.Program, moderngl.ComputeShader, moderngl.ComputeShader]
 
 
 def has_rasteriser(context: moderngl.Context) -> bool:
     """Return True if a context draws on a GPU whose stages all write storage buffers."""
-    return isinstance(context, moderngl.Context) and "llvmpipe" not in context.info["GL_RENDERER"] and _can(context)
-
-
-def _can(context: moderngl.Context) -> bool:
+    if not isinstance(context, moderngl.Context) or _ends_loops(context):  # a draw is recorded, or a CPU draws
+        return False
     blocks = (context.info.get(f"GL_MAX_{stage}_SHADER_STORAGE_BLOCKS", 0) for stage in ("VERTEX", "FRAGMENT"))
     return all(count >= LEAST_BLOCKS for count in blocks)
+
+
+def _ends_loops(context: moderngl.Context) -> bool:
+    return "llvmpipe" in context.info["GL_RENDERER"]
 
 
 class Rasteriser:
@@ -93,6 +98,7 @@ class Rasteriser:
     def __init__(self, context: moderngl.Context, forced: bool | None = None) -> None:
         self.device = Device(context)
         self._is_used = has_rasteriser(context) if forced is None else forced
+        self._most_sorted = MOST_SORTED if _ends_loops(context) else 0
         self._programs: dict[FindVariant, Programs] = {}
         self._table: PrimitiveTable | None = None
         self._arrays: dict[int, NDArray[np.generic]] = {}
@@ -121,7 +127,7 @@ class Rasteriser:
         ManyFragmentsError
             The rectangle should be divided.
         DeviceError
-            There is no memory.
+            There is no memory, or llvmpipe would leave out fragments.
         """
         self._room = max(self._room, FIRST_ROOM * rect.pixels)
         while True:
@@ -130,8 +136,13 @@ class Rasteriser:
             if (needed := int(words[TAKEN])) <= self._room:
                 break
             self._grow(needed, rect)
-        counts = words[HEAD + 1 :: 2].astype(np.int32).reshape(rect.height, rect.width)
-        return counts, lists, [0]
+        begins, counts = words[HEAD::2], words[HEAD + 1 :: 2]
+        if self._most_sorted:
+            check_loops(
+                self.device.context, int(counts.max()), DRAW_ITERATIONS + len(table.layers), "fragments in a pixel"
+            )
+            sort_long(self.device.reserve(KEYS, FRAGMENT * self._room), counts, begins)
+        return counts.astype(np.int32).reshape(rect.height, rect.width), lists, [0]
 
     def queue(self, plan: Plan, table: PrimitiveTable, rect: Rect) -> moderngl.Buffer:
         """Queue all calls for a rectangle, and return the lists, whose word `TAKEN` may be beyond the room."""
@@ -179,10 +190,11 @@ class Rasteriser:
 
     def _compiled(self, plan: Plan) -> Programs:
         """Return the programs of a plan, compiled when they are first needed."""
-        variant = replace(find_variants(plan)[0], step="count")
+        variant = replace(find_variants(plan)[0], step="count", most_sorted=self._most_sorted)
         if variant not in self._programs:
             context = self.device.context
-            slots = variant.slots | {"RASTER": _common()}
+            snapped = f"const float SNAPPED = {2.0 ** -context.info['GL_SUBPIXEL_BITS'] + ROUNDED};\n"
+            slots = variant.slots | {"RASTER": _common(), "SNAPPED": snapped}
             draw = (assemble(f"raster_{stage}.glsl", slots) for stage in ("vertices", "fragments"))
             begin, places, sort = (
                 compile_compute(context, assemble(f"raster_{step}.glsl", slots)) for step in ("begin", "places", "sort")
