@@ -233,11 +233,10 @@ def draw_pieces(
     *pictures: tuple[Piece, ...],
     block_bytes: int | None = None,
     width: Width | None = None,
-    raster: bool | None = None,
 ) -> list[list[RenderResult]]:
-    """The results of the pieces of each picture; `width` is that of the CPU's vectors, `raster` of OpenGL."""
+    """The results of the pieces of each picture; `width` is that of the CPU's vectors."""
     plan = prepared.plan
-    caster = Raycaster(where, plan, block_bytes, raster=raster) if where else VectorCaster(plan, width)
+    caster = Raycaster(where, plan, block_bytes) if where else VectorCaster(plan, width)
     caster.load(plan, prepared.shown)
     results = [caster.draw(plan, pieces) for pieces in pictures]
     if isinstance(caster, Raycaster):
