@@ -231,8 +231,9 @@ def test_bricks_of_other_ranks_within_a_box_are_left_to_them(where: Any, caster:
     assert np.array_equal(counts[0] + counts[1], counts[2])
 
 
-def test_a_ray_through_an_edge_or_a_vertex_meets_one_triangle() -> None:
-    """Every second pixel looks at a vertex of a grid, the others at edges, diagonals included."""
+@EACH
+def test_a_ray_through_an_edge_or_a_vertex_meets_one_triangle(where: Any, caster: str) -> None:
+    """Every second pixel looks at a vertex of a grid, the others at edges, diagonals included; OpenGL rasterises."""
     cells = np.stack(np.meshgrid(np.arange(9), np.arange(9), indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float32)
     squares = np.array([[i, i + 1, i + 10, i + 9] for i in range(72) if i % 9 < 8])
     triangles = np.concatenate([squares[:, [0, 1, 2]], squares[:, [0, 2, 3]]])
@@ -242,9 +243,11 @@ def test_a_ray_through_an_edge_or_a_vertex_meets_one_triangle() -> None:
     # Pixel (i, j) looks at (6 + i / 2, 14 - j / 2).
     camera = Camera(position=(10, 10, -20), focal_point=(10, 10, 0), view_up=(0, 1, 0), parallel_scale=4.25)
     scene = scene.model_copy(update={"camera": camera})
-    found = drawn(None, scene, (), ((section(shade=False, opacity=0.5), mesh),))
-    assert np.array_equal(np.unique(found[1:-1, 1:-1, 3]), [0.5])
-    assert np.isin(found[..., 3], [0.0, 0.5]).all()
+    given = prepared(scene, (), ((section(shade=False, opacity=0.5), mesh),))
+    found = rasterised(where, given) if where else on_cpu(given)
+    alpha = scenes.whole(found.partial, (17, 17))[..., 3]
+    assert np.array_equal(np.unique(alpha[1:-1, 1:-1]), [0.5])
+    assert np.isin(alpha, [0.0, 0.5]).all()
 
 
 def test_equal_fragments_are_in_the_order_of_the_list() -> None:
@@ -480,6 +483,15 @@ LOOKS: dict[str, tuple[tuple[Part, ...], tuple[Entry, ...], dict[str, Any]]] = {
 def on_cpu(given: Prepared) -> RenderResult:
     """What a CPU draws of all bricks."""
     return scenes.draw_pieces(None, given, (whole_piece(given),))[0][0]
+
+
+def rasterised(context: moderngl.Context, given: Prepared) -> RenderResult:
+    """What OpenGL draws of all bricks if the rasteriser finds the fragments."""
+    caster = Raycaster(context, given.plan, raster=True)
+    caster.load(given.plan, given.shown)
+    found = caster.draw(given.plan, (whole_piece(given),))[0]
+    caster.release()
+    return found
 
 
 def whole_piece(given: Prepared) -> Piece:
