@@ -1,7 +1,7 @@
 #version 430
 // Covers each primitive by one triangle, so that no pixel has it twice. It holds the centres of all pixels whose rays may meet the primitive, also when
-// the rasteriser rounds its corners: a triangle with its sides moved outward; or twice the box, of what is too thin, or crosses the plane of the eye. SNAPPED: pixels
-// by which rounding may move corners.
+// the rasteriser rounds its corners: a triangle with its sides moved outward; or twice the box, of what is too thin, or crosses the plane of the eye.
+// SNAPPED: pixels by which corners may be off.
 #include <CONSTANTS>
 flat out int row, kind;
 
