@@ -25,4 +25,5 @@ ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = 
 #include <STORE>
 #include <KEEP>
 #include "find.glsl"
+#include "listed.glsl"
 #include <MAIN>

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.compute import clear_buffer, queue_compute
+from clusterviz.gl.drawing import EmptyTarget
 from clusterviz.gl.staging import GROWTH, Bytes, Copies, Part, Staging
 
 Kind = Literal["storage", "uniform"]
@@ -75,6 +76,7 @@ class Device:
         self.context, self.counts = context, Counts()
         self._staging = Staging(context, is_mapped)
         self._held: dict[tuple[str, int], _Held] = {}
+        self._target: EmptyTarget | None = None
 
     def give(self, binding: int, data: NDArray[Any], kind: Kind = "storage") -> moderngl.Buffer:
         """Bind data that shaders only read.
@@ -142,6 +144,13 @@ class Device:
         self.context.memory_barrier()
         self.counts.dispatches += 1
 
+    def draw(self, program: moderngl.Program, vertices: int, size: tuple[int, int]) -> None:
+        """Queue triangles without attributes for `size` pixels, with rows counted from below; else as `dispatch`."""
+        self._target = self._target or EmptyTarget()
+        self._target.queue_draw(program, vertices, size)
+        self.context.memory_barrier()
+        self.counts.dispatches += 1
+
     def copy(self, parts: Sequence[Part]) -> Copies:
         """Queue copies of parts of buffers to the host, where `arrived` returns them."""
         before = self._staging.made
@@ -167,6 +176,9 @@ class Device:
         for held in self._held.values():
             held.made.release()
         self._held.clear()
+        if self._target:
+            self._target.release()
+            self._target = None
 
     def _at_least(self, kind: Kind, binding: int, size: int, *, keeps: bool = False) -> _Held:
         """Return the buffer of a binding, made again if it is too small."""

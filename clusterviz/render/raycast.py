@@ -34,6 +34,7 @@ from clusterviz.render.abuffer.fills import ManyFragmentsError, Pools, with_fill
 from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes, list_primitives
 from clusterviz.render.abuffer.primitives import TableCache
 from clusterviz.render.abuffer.program import find_variants
+from clusterviz.render.abuffer.raster import Rasteriser
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS
 from clusterviz.render.abuffer.tiles import TileLists
 from clusterviz.render.brick_atlas import BrickAtlas, BrickPool, capacity
@@ -85,12 +86,14 @@ class Raycaster:
     limit_bytes : GPU memory beyond which no free slots are added; None: no limit
     band_pixels : larger pictures are drawn in bands; None: by the speed of the device
     packs : whether pictures are packed on the device before they are read; None: unless that is software
+    raster : whether a rasteriser finds fragments; None: chosen by the device
 
     Attributes
     ----------
     reader : reads pictures back
     slot : layout of a brick
     pool : the bricks
+    raster : finds fragments, where it serves
     """
 
     def __init__(
@@ -101,6 +104,7 @@ class Raycaster:
         limit_bytes: int | None = None,
         band_pixels: int | None = None,
         packs: bool | None = None,
+        raster: bool | None = None,
     ) -> None:
         self._context = context
         packs = not is_software(self.renderer) if packs is None else packs
@@ -112,6 +116,7 @@ class Raycaster:
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._programs, self._passes = self._compiled(plan), compile_passes(context, plan)
         self._primitives, self._last_frame = TableCache(), LastFrame()
+        self.raster = Rasteriser(self._device, raster)
         self.forget()
 
     def forget(self) -> None:
@@ -449,11 +454,14 @@ class Raycaster:
                 march.through(block)
                 continue
             self._device.give(0, block, "uniform")
-            limits, own = hidden.limits if hidden else None, found.tiles.get(part.box)
-            found.tiles[part.box] = list_primitives(self._context, plan, table, rect, limits, own)
             with Buffers(self._context) as buffers:
-                given = plan, table, found.tiles[part.box], rect, buffers.make, self._pools
-                fragments, lists, sizes = bind_fragments(self._context, self._passes, *given)
+                if self.raster.serves(plan, rect):
+                    fragments, lists, sizes = self.raster.find(plan, table, rect)
+                else:
+                    limits, own = hidden.limits if hidden else None, found.tiles.get(part.box)
+                    found.tiles[part.box] = list_primitives(self._context, plan, table, rect, limits, own)
+                    given = plan, table, found.tiles[part.box], rect, buffers.make, self._pools
+                    fragments, lists, sizes = bind_fragments(self._context, self._passes, *given)
                 found.fragments += fragments
                 for size in sizes:
                     lists.write(np.uint32(size).tobytes(), offset=4 * DRAWN_CLASS)
@@ -472,6 +480,7 @@ class Raycaster:
     def release(self) -> None:
         """Free all GPU resources."""
         self.pool.release()
+        self.raster.release()
         self.reader.release()
         self._device.release()
         for program in (*self._programs.values(), *self._passes.values()):

@@ -187,7 +187,7 @@ class _Buffer(moderngl.Buffer):
         """Nothing is held."""
 
     @property
-    def size(self) -> int:
+    def size(self) -> int:  # type: ignore[override]
         return self.data.size
 
     def write(self, data: Any, offset: int = 0) -> None:

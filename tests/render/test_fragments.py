@@ -21,8 +21,10 @@ from clusterviz.frame import Options, Run, prepare
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox, Piece, build_tree
 from clusterviz.reference import render_reference
-from clusterviz.render.abuffer import fills, on_gl, tiles
+from clusterviz.render.abuffer import fills, on_gl, raster, tiles
 from clusterviz.render.cpu.width import WIDTHS, Width
+from clusterviz.render.raycast import Raycaster
+from clusterviz.render.render_result import RenderResult
 from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Clip, Cluster, Fill, ImageSettings, Light, Quality, Resolve, Scene, Volume
 
@@ -229,8 +231,9 @@ def test_bricks_of_other_ranks_within_a_box_are_left_to_them(where: Any, caster:
     assert np.array_equal(counts[0] + counts[1], counts[2])
 
 
-def test_a_ray_through_an_edge_or_a_vertex_meets_one_triangle() -> None:
-    """Every second pixel looks at a vertex of a grid, the others at edges, diagonals included."""
+@EACH
+def test_a_ray_through_an_edge_or_a_vertex_meets_one_triangle(where: Any, caster: str) -> None:
+    """Every second pixel looks at a vertex of a grid, the others at edges, diagonals included; OpenGL rasterises."""
     cells = np.stack(np.meshgrid(np.arange(9), np.arange(9), indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float32)
     squares = np.array([[i, i + 1, i + 10, i + 9] for i in range(72) if i % 9 < 8])
     triangles = np.concatenate([squares[:, [0, 1, 2]], squares[:, [0, 2, 3]]])
@@ -240,9 +243,11 @@ def test_a_ray_through_an_edge_or_a_vertex_meets_one_triangle() -> None:
     # Pixel (i, j) looks at (6 + i / 2, 14 - j / 2).
     camera = Camera(position=(10, 10, -20), focal_point=(10, 10, 0), view_up=(0, 1, 0), parallel_scale=4.25)
     scene = scene.model_copy(update={"camera": camera})
-    found = drawn(None, scene, (), ((section(shade=False, opacity=0.5), mesh),))
-    assert np.array_equal(np.unique(found[1:-1, 1:-1, 3]), [0.5])
-    assert np.isin(found[..., 3], [0.0, 0.5]).all()
+    given = prepared(scene, (), ((section(shade=False, opacity=0.5), mesh),))
+    found = rasterised(where, given) if where else on_cpu(given)
+    alpha = scenes.whole(found.partial, (17, 17))[..., 3]
+    assert np.array_equal(np.unique(alpha[1:-1, 1:-1]), [0.5])
+    assert np.isin(alpha, [0.0, 0.5]).all()
 
 
 def test_equal_fragments_are_in_the_order_of_the_list() -> None:
@@ -445,3 +450,139 @@ def test_nearly_straight_lines_have_one_surface(angle: float) -> None:
     found = drawn(None, scene, (), entries)
     assert np.abs(found[..., 3] - 0.75).max() <= 1e-6
     assert np.abs(expected(scene, (), entries) - found).max() <= 1e-6
+
+
+def soup(count: int, size: float, thin: float = 1.0, flat: bool = False) -> Mesh:
+    """Triangles of any size anywhere; thin ones are slivers, flat ones lie in planes of the lattice, some edge-on."""
+    rng = np.random.default_rng(count)
+    corners = rng.uniform(4, 16, (count, 1, 3)) + size * rng.normal(size=(count, 3, 3))
+    along = corners[:, 0] + (corners[:, 1] - corners[:, 0]) * rng.random((count, 1))
+    corners[:, 2] = along + thin * (corners[:, 2] - along)
+    corners[..., ::2] = np.round(corners[..., ::2]) if flat else corners[..., ::2]
+    return Mesh("m", corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
+# Of any shape; beyond the eye's plane, and far beyond the picture and what rasterisers take.
+SOUPS = [
+    soup(400, 0.2),
+    soup(20, 20.0),
+    soup(300, 3.0, 1e-2),
+    soup(99, 5.0, 1e-6),
+    soup(20, 1e5),
+    soup(40, 4.0, 1.0, True),
+]
+SOUP: tuple[Entry, ...] = tuple((section(shade=False, opacity=0.1), mesh) for mesh in SOUPS)
+LOOKS: dict[str, tuple[tuple[Part, ...], tuple[Entry, ...], dict[str, Any]]] = {
+    "clipped, culled": ((), (*CULLED, *SOUP), CUT),
+    "meshes, tubes, spheres and arrows": ((), (*LIT, *MIXED, *ARROWS), {"lights": LIGHTS}),
+    "opaque": ((), WHOLE, {}),
+    "opaque in front of others": ((), (*SOUP, *WHOLE, *MIXED), {}),
+}
+
+
+def on_cpu(given: Prepared) -> RenderResult:
+    """What a CPU draws of all bricks."""
+    return scenes.draw_pieces(None, given, (whole_piece(given),))[0][0]
+
+
+def rasterised(context: moderngl.Context, given: Prepared) -> RenderResult:
+    """What OpenGL draws of all bricks if the rasteriser finds the fragments."""
+    caster = Raycaster(context, given.plan, raster=True)
+    caster.load(given.plan, given.shown)
+    found = caster.draw(given.plan, (whole_piece(given),))[0]
+    caster.release()
+    return found
+
+
+def whole_piece(given: Prepared) -> Piece:
+    return Piece(0, BrickBox((0, 0, 0), given.plan.layout.counts_zyx))
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", LOOKS)
+def test_the_rasteriser_finds_the_fragments_of_tile_lists(context: Any, name: str) -> None:
+    parts, entries, keys = LOOKS[name]
+    caster = None
+    for camera in CAMERAS:
+        given = prepared(scene_of(parts, camera, **keys), parts, entries)
+        right = on_cpu(given)
+        caster = caster or Raycaster(context, given.plan, raster=True)
+        caster.drop(given.bricks)
+        caster.load(given.plan, given.shown)
+        found = caster.draw(given.plan, (whole_piece(given),))[0]
+        assert right.fragments.any()
+        assert np.array_equal(found.fragments, right.fragments), camera
+        assert np.abs(found.partial.rgba - right.partial.rgba).max() <= 4e-6, camera
+    assert caster
+    caster.release()
+
+
+@pytest.mark.gl
+def test_the_rasteriser_sorts_many_fragments_and_makes_room(context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """More than are sorted at once; in one part, and in parts that memory allows."""
+    shell = sphere(5.0, (12.1, 10.3, 9.2), 4)
+    many = Mesh(
+        "m",
+        np.tile(shell.vertices, (150, 1)),
+        np.concatenate([shell.triangles + n * len(shell.vertices) for n in range(150)]),
+    )
+    given = prepared(scene_of((), size=(24, 20)), (), ((section(shade=False, opacity=0.005), many),))
+    right = on_cpu(given)
+    assert right.fragments.max() >= 300
+    monkeypatch.setattr(raster, "FIRST_ROOM", 0)
+    calls = []
+    for most in (fills.MOST_BYTES, 8 * int(right.fragments.sum()) // 2):
+        monkeypatch.setattr(fills, "MOST_BYTES", most)
+        caster = Raycaster(context, given.plan, raster=True)
+        caster.load(given.plan, given.shown)
+        found = caster.draw(given.plan, (whole_piece(given),))[0]
+        calls.append(caster.raster.device.counts.dispatches)
+        caster.release()
+        assert np.array_equal(found.fragments, right.fragments)
+        assert np.abs(found.partial.rgba - right.partial.rgba).max() <= 4e-6
+    assert calls[0] == 10  # and again, with room
+    assert calls[1] > 10
+
+
+@pytest.mark.gl
+def test_a_moving_camera_sends_no_primitives(context: Any) -> None:
+    """Five calls and one wait."""
+    first, second = (prepared(scene_of((), camera), (), (*PLAIN, *MIXED)) for camera in ("outside", "parallel"))
+    plan = replace(second.plan, content=first.plan.content)
+    piece = whole_piece(first)
+    caster, counts = Raycaster(context, first.plan, raster=True), []
+    caster.load(first.plan, first.shown)
+    device = caster.raster.device
+    for each in (plan, plan, first.plan):
+        before = replace(device.counts)
+        drawn = caster.draw(each, (piece,))[0]
+        counts.append(device.counts.since(before))
+    assert np.array_equal(drawn.fragments, on_cpu(first).fragments)
+    assert counts[0].uploaded > 10_000
+    assert all((one.dispatches, one.waits) == (5, 1) for one in counts)
+    assert counts[1].made == counts[2].made == counts[1].uploaded == 0
+    assert counts[2].uploaded < 2000  # the camera's numbers
+    caster.release()
+
+
+@pytest.mark.gl
+def test_the_device_and_the_schemes_choose_between_the_rasteriser_and_tile_lists(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, rect = prepared(scene_of(()), (), PLAIN), Rect(0, 0, 40, 30)
+    discarding = prepared(scene_of((), quality={"early_discarding": 0.0}), (), PLAIN).plan
+    wide = replace(rect, x_end=1 << 20)
+    chosen = raster.Rasteriser(context, True)
+    asked = [
+        (given.plan, rect),
+        (by_schemes(given, "pages", "static").plan, rect),
+        (by_schemes(given, "dynamic", "peeling").plan, rect),
+        (discarding, rect),
+        (given.plan, wide),
+    ]
+    assert [chosen.serves(*one) for one in asked] == [True, False, False, False, False]
+    assert not raster.Rasteriser(context, False).serves(given.plan, rect)
+    for ends, blocks, found in ((True, 16, False), (False, 16, True), (False, 0, False)):
+        monkeypatch.setattr(raster, "_ends_loops", lambda _, ends=ends: ends)
+        monkeypatch.setitem(context.info, "GL_MAX_VERTEX_SHADER_STORAGE_BLOCKS", blocks)
+        assert raster.has_rasteriser(context) == found

@@ -70,7 +70,7 @@ def list_primitives(
     lights = len(shading.lights) if shading else 0
     tiles = make_lists(plan, table, rect, lights, GPU_TILE, _pool(), threads, limits, last)
     most = int(np.diff(tiles.begins).max(initial=0))
-    _check_loops(context, most, 2 * (FIND_ITERATIONS + len(table.layers)), "primitives in a tile")
+    check_loops(context, most, 2 * (FIND_ITERATIONS + len(table.layers)), "primitives in a tile")
     return tiles
 
 
@@ -132,7 +132,7 @@ def bind_fragments(
             )
     if kbuffer := plan.content.kbuffer:
         most = int(np.diff(tiles.begins).max(initial=0))
-        _check_loops(context, most, 2 * kbuffer.k + FACE_ITERATIONS, "faces in a tile")
+        check_loops(context, most, 2 * kbuffer.k + FACE_ITERATIONS, "faces in a tile")
         integrals = plan.content.cells[0].integrals
         given |= {} if integrals is None else {INTEGRALS_BINDING: integrals}
     for binding, data in given.items():
@@ -162,30 +162,30 @@ def bind_fragments(
         context.memory_barrier()
         lists[:] = np.frombuffer(given.read(), np.uint32)
         most = int(lists[HEAD + 1 :: 2].max(initial=0))
-        _check_loops(context, most, DRAW_ITERATIONS + layers, "fragments in a pixel")
+        check_loops(context, most, DRAW_ITERATIONS + layers, "fragments in a pixel")
 
     lists = store_fragments(fill, rect, pools, run_pass, True, most_bytes)
     counts = counts_of(lists, rect)
     if is_sorted(plan.content):
-        _sort_long(keys, lists[HEAD + 1 :: 2], lists[HEAD::2])
+        sort_long(keys, lists[HEAD + 1 :: 2], lists[HEAD::2])
     else:
         # Insertion in a private array, of half of them for each.
         most = int(counts.max(initial=0))
-        _check_loops(context, most, DRAW_ITERATIONS + layers + most // 2, "fragments in a pixel")
+        check_loops(context, most, DRAW_ITERATIONS + layers + most // 2, "fragments in a pixel")
     lists, sizes = classified(plan.content, lists, counts, GPU_TILE)
     bound = make(lists)
     bound.bind_to_storage_buffer(11)
     return counts, bound, sizes
 
 
-def _check_loops(context: moderngl.Context, found: int, iterations: int, of: str) -> None:
+def check_loops(context: moderngl.Context, found: int, iterations: int, of: str) -> None:
     """Refuse what llvmpipe would not draw to the end."""
     if "llvmpipe" in context.info["GL_RENDERER"] and found * iterations > LLVMPIPE_ITERATIONS:
         allowed = f"{LLVMPIPE_ITERATIONS // iterations}; CPUs draw any number (--device cpu)"
         raise DeviceError(f"too many {of} for llvmpipe; found {found}; allowed {allowed}")
 
 
-def _sort_long(keys: moderngl.Buffer, counts: NDArray[np.uint32], begins: NDArray[np.uint32]) -> None:
+def sort_long(keys: moderngl.Buffer, counts: NDArray[np.uint32], begins: NDArray[np.uint32]) -> None:
     """Sort the fragments of pixels with more than `MOST_SORTED`."""
     for pixel in np.flatnonzero(counts > MOST_SORTED):
         size, offset = 8 * int(counts[pixel]), 8 * int(begins[pixel])

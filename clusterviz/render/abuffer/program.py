@@ -237,6 +237,7 @@ class FindVariant:
     lanes : of a CPU's vectors; 0 for a GPU
     discards : as in `GeometryVariant`
     grids : there are faces by which rays enter unstructured grids
+    most_sorted : fragments of a pixel that a GPU's program sorts, at most; 0: any number
     """
 
     step: Pass
@@ -249,6 +250,7 @@ class FindVariant:
     lanes: int = 0
     discards: bool = False
     grids: bool = False
+    most_sorted: int = MOST_SORTED
 
     @property
     def name(self) -> str:
@@ -258,6 +260,11 @@ class FindVariant:
     @property
     def source(self) -> ShaderSource:
         """Assembled shader."""
+        return assemble("abuffer.glsl", self.slots)
+
+    @property
+    def slots(self) -> dict[str, str | tuple[str, ...]]:
+        """Files and constants of all shaders that find fragments."""
         width, height = PACKETS[self.lanes] if self.lanes else (0, 0)
         lines = [
             "#define STORED",
@@ -266,22 +273,19 @@ class FindVariant:
             kind_constants(self.kinds),
             f"const bool SOME_OPAQUE = {_bool(self.opaque != 'no')}, ALL_OPAQUE = {_bool(self.opaque == 'all')};",
             f"const bool SORTED = {_bool(self.in_order)}, ENTRIES = {_bool(self.grids)};",
-            f"const int MOST_SORTED = {0 if self.lanes else MOST_SORTED};",
+            f"const int MOST_SORTED = {0 if self.lanes else self.most_sorted};",
             f"const int BRICK = {self.brick}, PLANES = {self.planes}, MOST_PLANES = PLANES;",
         ]
         if self.lanes:
             planes = f"int BRICK = sizes[0].cells.w, PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};"
             lines[-1:] = [glsl_array("sizes", SIZES_BINDING, SIZES, 1), planes]
-        return assemble(
-            "abuffer.glsl",
-            {
-                "CONSTANTS": "\n".join(lines) + "\n",
-                "FRAME": FRAME_BLOCK,
-                "LATTICE": LATTICES[self.lattice],
-                "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
-                "GEOMETRY": (GEOMETRY_BLOCK, "strict_side.glsl"),
-                "STORE": ("sort.glsl", STORES[self.step]),
-                "KEEP": ("hidden.glsl", "discard.glsl") if self.discards else "keep_all.glsl",
-                "MAIN": "find_tiles.glsl" if self.lanes else "find_pixels.glsl",
-            },
-        )
+        return {
+            "CONSTANTS": "\n".join(lines) + "\n",
+            "FRAME": FRAME_BLOCK,
+            "LATTICE": LATTICES[self.lattice],
+            "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
+            "GEOMETRY": (GEOMETRY_BLOCK, "strict_side.glsl"),
+            "STORE": ("sort.glsl", STORES[self.step]),
+            "KEEP": ("hidden.glsl", "discard.glsl") if self.discards else "keep_all.glsl",
+            "MAIN": "find_tiles.glsl" if self.lanes else "find_pixels.glsl",
+        }

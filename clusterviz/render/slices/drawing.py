@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from clusterviz.data.source import Index
-from clusterviz.errors import DeviceError
+from clusterviz.gl.drawing import compile_program
 from clusterviz.gl.shader import assemble
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
@@ -233,10 +233,7 @@ class SliceDrawing:
         file = POLYGONS.get(self._generator, "sent_vertices.glsl")
         vertices = assemble("slice_vertices.glsl", {"POLYGON": file})
         fragments = assemble("slice_fragments.glsl", {"CONSTANTS": "\n".join(constants) + "\n", "FRAME": FRAME_BLOCK})
-        try:
-            return self._context.program(vertex_shader=vertices.text, fragment_shader=fragments.text)
-        except moderngl.Error as error:
-            raise DeviceError(fragments.explain(vertices.explain(str(error)))) from None
+        return compile_program(self._context, vertices, fragments)
 
     def _texture(self, samples: NDArray[np.generic]) -> moderngl.Texture3D:
         units = in_units_of_clim(samples.astype(np.float64), *self._plan.transfer.domain).astype(np.float32)

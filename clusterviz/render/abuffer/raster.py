@@ -1,0 +1,258 @@
+"""Fragments of a rectangle of pixels, found by the rasteriser of a GPU.
+
+The rasteriser only says which pixels a primitive may cover. Whether it does, and at which depth, is decided by the same
+program text as for tile lists, so that pictures and counts of fragments are the same. Positions stay on the device. A
+rectangle takes five calls, without a wait between them:
+
+1. vertices are moved to the camera's coordinates, and the lists are emptied;
+2. the fragments of each pixel are counted;
+3. each pixel gets places for them, side by side;
+4. they are stored there;
+5. and brought in order.
+
+When to use: on GPUs. When not: software rasterisers prefer tile lists; fill schemes with linked lists, resolve schemes
+without a stored order, early fragment discarding and unstructured grids have tile lists anyway.
+
+References
+----------
+S. Lindholm, M. Falk, E. Sundén, A. Bock, A. Ynnerman, T. Ropinski, Hybrid Data Visualization Based on Depth Complexity
+Histogram Analysis, 2014, section 4 (dynamic fragment buffer).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import DeviceError
+from clusterviz.gl.device import Device
+from clusterviz.gl.drawing import compile_program
+from clusterviz.gl.layout import glsl_block
+from clusterviz.gl.shader import assemble
+from clusterviz.image.partial import Rect
+from clusterviz.plan.geometry import GeometryLayer
+from clusterviz.plan.plan import Plan
+from clusterviz.render.abuffer import fills
+from clusterviz.render.abuffer.fills import FRAGMENT, HEAD, LEAST_SIDE, SLACK, ManyFragmentsError
+from clusterviz.render.abuffer.on_gl import DRAW_ITERATIONS, check_loops, sort_long
+from clusterviz.render.abuffer.primitives import PrimitiveTable
+from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, FindVariant, find_variants, lit_layer
+from clusterviz.render.abuffer.resolves import is_sorted
+from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, camera_block, lens_of
+from clusterviz.render.frame_block import FRAME_BLOCK
+from clusterviz.spmd.driver_needs import compile_checked
+
+RASTER = np.dtype(
+    [
+        ("eye", "f8", 4),  # its depth, its place to the right and up, and pixels a unit
+        ("centre", "f8", 4),  # column and row of the line of sight, 1 for perspective, the largest slope of a ray
+        ("counts", "i4", 4),  # vertices, words of `fragment_list`, layers
+    ]
+)
+RASTER_BINDING = 12
+MOVE = np.dtype(
+    [("right", "f8", 4), ("up", "f8", 4), ("forward", "f8", 4), ("unit", "f8", 4), ("words", "i4", 4), ("pad", "i4", 4)]
+)
+"""As `Move` in raster_begin.glsl."""
+MOVES, WORDS, LISTS, VERTICES, CORNERS, LAYERS, ATTRIBUTES, LINKS, BOXES, FOUND, KEYS = (
+    *(9, 10, 11, 12, 13, 14, 15, 16, 18, 25, 8),
+)
+"""Bindings of storage buffers."""
+TAKEN, GROUP, ROW = 2, 64, 1 << 15
+"""Word of the lists' head with the number of all fragments; invocations of a work group; work groups in x."""
+LEAST_BLOCKS, FIRST_ROOM = 8, 4
+"""Storage blocks that a stage needs; fragments of a pixel for which the first frame has room."""
+ROUNDED = 0.04
+"""Pixels by which the vertex shader's sums may be off, with a margin."""
+Programs = tuple[moderngl.ComputeShader, moderngl.Program, moderngl.ComputeShader, moderngl.ComputeShader]
+
+
+def has_rasteriser(context: moderngl.Context) -> bool:
+    """Return True if a context draws on a GPU whose stages all write storage buffers."""
+    if not isinstance(context, moderngl.Context) or _ends_loops(context):  # a draw is recorded, or a CPU draws
+        return False
+    blocks = (context.info.get(f"GL_MAX_{stage}_SHADER_STORAGE_BLOCKS", 0) for stage in ("VERTEX", "FRAGMENT"))
+    return all(count >= LEAST_BLOCKS for count in blocks)
+
+
+def _ends_loops(context: moderngl.Context) -> bool:
+    return "llvmpipe" in context.info["GL_RENDERER"]
+
+
+class Rasteriser:
+    """Programs of a context, and primitives that stay there.
+
+    Parameters
+    ----------
+    device : with the buffers
+    forced : whether it is used, if it serves; None: on GPUs
+
+    Attributes
+    ----------
+    device : the same
+    """
+
+    def __init__(self, device: Device, forced: bool | None = None) -> None:
+        self.device = device
+        self._is_used = has_rasteriser(device.context) if forced is None else forced
+        self._most_sorted = MOST_SORTED if _ends_loops(device.context) else 0
+        self._programs: dict[FindVariant, Programs] = {}
+        self._table: PrimitiveTable | None = None
+        self._arrays: dict[int, NDArray[np.generic]] = {}
+        self._words: NDArray[np.int32] = np.zeros((0, 4), np.int32)
+        self._room = 0
+
+    def serves(self, plan: Plan, rect: Rect) -> bool:
+        """Return True if fragments of a plan's primitives are found here, and not by tile lists."""
+        content = plan.content
+        if not self._is_used or content is None or content.cells or plan.march.discard_margin is not None:
+            return False
+        sides = self.device.context.info["GL_MAX_VIEWPORT_DIMS"]
+        return is_sorted(content) and rect.width <= sides[0] and rect.height <= sides[1]
+
+    def find(
+        self, plan: Plan, table: PrimitiveTable, rect: Rect
+    ) -> tuple[NDArray[np.int32], moderngl.Buffer, list[int]]:
+        """Find fragments and bind them for drawing; the blocks of the frame and of clipping are bound.
+
+        Returns
+        -------
+        counts, lists, sizes : as of `bind_fragments`
+
+        Raises
+        ------
+        ManyFragmentsError
+            The rectangle should be divided.
+        DeviceError
+            There is no memory, or llvmpipe would leave out fragments.
+        """
+        self._room = max(self._room, FIRST_ROOM * rect.pixels)
+        while True:
+            lists = self.queue(plan, table, rect)
+            words = np.frombuffer(self.device.read(lists, 4 * (HEAD + 2 * rect.pixels)), np.uint32)
+            if (needed := int(words[TAKEN])) <= self._room:
+                break
+            self._grow(needed, rect)
+        begins, counts = words[HEAD::2], words[HEAD + 1 :: 2]
+        if self._most_sorted:
+            check_loops(
+                self.device.context, int(counts.max()), DRAW_ITERATIONS + len(table.layers), "fragments in a pixel"
+            )
+            sort_long(self.device.reserve(KEYS, FRAGMENT * self._room), counts, begins)
+        return counts.astype(np.int32).reshape(rect.height, rect.width), lists, [0]
+
+    def queue(self, plan: Plan, table: PrimitiveTable, rect: Rect) -> moderngl.Buffer:
+        """Queue all calls for a rectangle, and return the lists, whose word `TAKEN` may be beyond the room."""
+        device = self.device
+        begin, draw, places, sort = self._compiled(plan)
+        vertices, size = table.vertices, (rect.width, rect.height)
+        words = HEAD + 2 * rect.pixels + (-(-rect.width // GPU_TILE)) * (-(-rect.height // GPU_TILE))
+        self._give(plan, table, rect, words)
+        lists = device.reserve(LISTS, 4 * words)
+        for binding, count in ((VERTICES, 16 * vertices), (BOXES, 16 * vertices), (FOUND, 8 * rect.pixels), (LINKS, 4)):
+            device.reserve(binding, count)
+        device.reserve(KEYS, FRAGMENT * self._room)
+        device.dispatch(begin, _groups(max(vertices, words)))
+        for stores in (False, True):
+            draw["stores"] = stores
+            device.draw(draw, 3 * len(table.corners), size)
+            device.dispatch(sort if stores else places, _groups(rect.pixels))
+        return lists
+
+    def release(self) -> None:
+        """Free the programs."""
+        for programs in self._programs.values():
+            for program in programs:
+                program.release()
+        self._programs.clear()
+
+    def _give(self, plan: Plan, table: PrimitiveTable, rect: Rect, words: int) -> None:
+        """Bind what shaders read: the camera's numbers, and the primitives, which are sent once."""
+        shading = lit_layer(plan)
+        block = camera_block(plan, len(shading.lights) if shading else 0)
+        self.device.give(GEOMETRY_BINDING, block, "uniform")
+        if shading:
+            self.device.give(LIGHTING_BINDING, shading.block(), "uniform")
+        if table is not self._table:
+            self._table, (self._words, self._arrays) = table, _resident(table)
+        lens = lens_of(plan, block, rect)
+        record = np.zeros(1, RASTER)
+        record["eye"], record["centre"] = lens[:4], lens[4:8]
+        record["counts"][0, :3] = table.vertices, words, len(self._words)
+        self.device.give(RASTER_BINDING, record, "uniform")
+        self.device.give(MOVES, _moves(plan, block, self._words))
+        for binding, data in self._arrays.items():
+            self.device.give(binding, data)
+
+    def _compiled(self, plan: Plan) -> Programs:
+        """Return the programs of a plan, compiled when they are first needed."""
+        variant = replace(find_variants(plan)[0], step="count", most_sorted=self._most_sorted)
+        if variant not in self._programs:
+            context = self.device.context
+            snapped = f"const float SNAPPED = {2.0 ** -context.info['GL_SUBPIXEL_BITS'] + ROUNDED};\n"
+            slots = variant.slots | {"RASTER": _common(), "SNAPPED": snapped}
+            draw = (assemble(f"raster_{stage}.glsl", slots) for stage in ("vertices", "fragments"))
+            begin, places, sort = (
+                compile_checked(context, assemble(f"raster_{step}.glsl", slots)) for step in ("begin", "places", "sort")
+            )
+            self._programs[variant] = begin, compile_program(context, *draw), places, sort
+        return self._programs[variant]
+
+    def _grow(self, needed: int, rect: Rect) -> None:
+        """Make room for as many fragments as were counted, and some more."""
+        most = int(self.device.context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+        if FRAGMENT * needed > min(fills.MOST_BYTES, most) and rect.height > LEAST_SIDE:
+            raise ManyFragmentsError
+        if FRAGMENT * needed > most:
+            of = f"the fragments of {rect.width} x {rect.height} pixels"
+            raise DeviceError(f"no memory for {of}; needed {FRAGMENT * needed} bytes; allowed {most}")
+        self._room = min(int(SLACK * needed), most // FRAGMENT)
+
+
+def _groups(invocations: int) -> tuple[int, int]:
+    groups = max(1, -(-invocations // GROUP))
+    return min(groups, ROW), -(-groups // ROW)
+
+
+def _common() -> tuple[str, ...]:
+    """Return what all compute shaders share: their blocks, and the number of an invocation."""
+    number = "(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * gl_WorkGroupSize.x + gl_LocalInvocationIndex"
+    invocation = f"int invocation() {{\n    return int({number});\n}}\n"
+    return FRAME_BLOCK, glsl_block("raster", RASTER_BINDING, RASTER) + invocation
+
+
+def _resident(table: PrimitiveTable) -> tuple[NDArray[np.int32], dict[int, NDArray[np.generic]]]:
+    """Return the words of each layer, as in `MOVE`, and the arrays that stay on the device, by binding."""
+    parts: list[NDArray[np.uint32]] = []
+    records = np.zeros((len(table.positions), 4), np.int32)
+    first = place = 0
+    for record, positions, radii in zip(records, table.positions, table.radii, strict=True):
+        own = np.ascontiguousarray(positions).view(np.uint32).ravel()
+        record[:] = first, place, place + len(own) if len(radii) else -1, positions.dtype == np.float64
+        parts += [own, np.ascontiguousarray(radii, np.float32).view(np.uint32)]
+        first, place = first + len(positions), place + len(own) + len(radii)
+    arrays = {
+        WORDS: np.concatenate([*parts, np.zeros(1, np.uint32)]),
+        CORNERS: table.corners.view(),
+        LAYERS: table.layers.view(),
+        ATTRIBUTES: table.attributes.view(),
+    }
+    for data in arrays.values():
+        data.setflags(write=False)
+    return records, arrays
+
+
+def _moves(plan: Plan, block: NDArray[np.void], words: NDArray[np.int32]) -> NDArray[np.void]:
+    """Return how the positions of each layer become the camera's coordinates; `MOVE` (layers,)."""
+    assert plan.content, "there is geometry"
+    found = np.zeros(max(1, len(words)), MOVE)
+    for record, layer, own in zip(found, plan.content.layers, words, strict=False):
+        assert isinstance(layer, GeometryLayer), "grids have tile lists"
+        for name in ("right", "up", "forward"):
+            record[name] = block[name][0, :3] @ layer.index_from_file
+            record[name][3] += block[name][0, 3]
+        record["unit"], record["words"] = 1 / plan.content.domain.spacing, own
+    return found
