@@ -180,6 +180,10 @@ class DeviceError(ClustervizError):
     """Missing OpenGL context, or one that lacks a required feature."""
 
 
+class FullDeviceError(DeviceError, MemoryError):
+    """No memory on a device for a buffer."""
+
+
 class RankError(ClustervizError):
     """Failure of one rank; every rank raises this with the same text: rank, frame if there is one, stage and cause."""
 

@@ -14,6 +14,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.errors import FullDeviceError
 from clusterviz.gl.compute import clear_buffer, queue_compute
 from clusterviz.gl.drawing import EmptyTarget
 from clusterviz.gl.staging import GROWTH, Bytes, Copies, Part, Staging
@@ -70,6 +71,11 @@ class Device:
     ----------
     context : the same
     counts : what was done since the device was made
+
+    Raises
+    ------
+    FullDeviceError
+        By whatever makes a buffer: the device has no memory for it.
     """
 
     def __init__(self, context: moderngl.Context, is_mapped: bool | None = None) -> None:
@@ -185,6 +191,9 @@ class Device:
         held = self._held.get((kind, binding))
         if held is None or held.made.size < size:
             made = self.context.buffer(reserve=max(LEAST_BYTES, size if held is None else int(GROWTH * size) + 3 & ~3))
+            if self.context.error == "GL_OUT_OF_MEMORY":
+                made.release()
+                raise FullDeviceError(f"{self.context.info['GL_RENDERER']} has no memory for {size} more bytes")
             if held:
                 if keeps:
                     self.context.copy_buffer(made, held.made, held.made.size)

@@ -199,7 +199,7 @@ def _instrumented(variant: Variant, mode: Mode) -> Instrumented:
 def _raycaster(context: moderngl.Context, plan: Plan) -> Raycaster:
     """Return an OpenGL ray caster that profiles."""
     check_opengl(plan)
-    from clusterviz.render.raycast import Buffers, Raycaster
+    from clusterviz.render.raycast import Raycaster
 
     class ProfilingRaycaster(Raycaster):
         counters = _Counters(plan.layout.cells_zyx)
@@ -215,17 +215,19 @@ def _raycaster(context: moderngl.Context, plan: Plan) -> Raycaster:
         def _draw_piece(self, plan: Plan, rect: Rect, *rest: Any, **named: Any) -> RenderResult:
             if not self.counters.profile:
                 return super()._draw_piece(plan, rect, *rest, **named)
-            with Buffers(self._context) as buffers:
-                row = buffers.bind(COUNTS_BINDING, self.counters.row(rect))
-                more = self.counters.sampled
-                blocks = buffers.bind(SAMPLED_BINDING, more if more.size else np.zeros(1, np.uint32))
-                drawn = super()._draw_piece(plan, rect, *rest, **named)
-                self.counters.found.append((rect, np.frombuffer(row.read(), np.uint32)))
-                if more.size:
-                    self.counters.sampled = np.frombuffer(blocks.read(), np.uint32).reshape(more.shape)
+            more = self.counters.sampled if self.counters.sampled.size else np.zeros(1, np.uint32)
+            counts = self.counters.row(rect)
+            row = self._device.begin(COUNTS_BINDING, counts)
+            blocks = self._device.begin(SAMPLED_BINDING, more)
+            drawn = super()._draw_piece(plan, rect, *rest, **named)
+            self.counters.found.append((rect, np.frombuffer(self._device.read(row, counts.nbytes), np.uint32)))
+            if self.counters.sampled.size:
+                read = self._device.read(blocks, more.nbytes)
+                self.counters.sampled = np.frombuffer(read, np.uint32).reshape(more.shape)
             return drawn
 
-    return ProfilingRaycaster(context, plan)
+    # Nothing is drawn twice, as the rasteriser's way is where there was too little room.
+    return ProfilingRaycaster(context, plan, raster=False)
 
 
 class Profiler:

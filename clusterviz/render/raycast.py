@@ -12,7 +12,8 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from operator import length_hint
 from time import perf_counter
 from typing import Any
@@ -21,32 +22,27 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import DeviceError, InputError
+from clusterviz.errors import DeviceError, FullDeviceError
 from clusterviz.gl.context import is_software
 from clusterviz.gl.device import Counts, Device
 from clusterviz.gl.reals import ENVIRONMENT, EXTENSION, chosen_reals, has_doubles
-from clusterviz.gl.staging import Bytes, Part
 from clusterviz.image.partial import PartialImage, Rect, blank
-from clusterviz.partition import BrickBox, Piece, bounding_box
+from clusterviz.partition import BrickBox, Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.discarding import HIDDEN, HIDDEN_BINDING, HiddenPixels, LastEnds, prepare_discarding
-from clusterviz.render.abuffer.fills import ManyFragmentsError, Pools, with_fill
-from clusterviz.render.abuffer.on_gl import bind_fragments, compile_passes, list_primitives
-from clusterviz.render.abuffer.primitives import TableCache
-from clusterviz.render.abuffer.program import find_variants
-from clusterviz.render.abuffer.raster import Rasteriser
-from clusterviz.render.abuffer.resolves import DRAWN_CLASS
-from clusterviz.render.abuffer.tiles import TileLists
-from clusterviz.render.brick_atlas import BrickAtlas, BrickPool, capacity
+from clusterviz.render.abuffer.fills import ManyFragmentsError
+from clusterviz.render.abuffer.finder import FragmentFinder, Tiles
+from clusterviz.render.brick_atlas import BrickPool, capacity
+from clusterviz.render.brick_tables import BricksApartError, BrickTables, Part, waits_for_rays
 from clusterviz.render.cells.table import walk_planes
 from clusterviz.render.content_bricks import store_as
 from clusterviz.render.frame_block import ONLY, frame_block
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
+from clusterviz.render.march import FRAME, PIXELS, TILE, March, Step
 from clusterviz.render.packed_picture import PIXEL_BYTES, PictureReader
 from clusterviz.render.passes import Passes, is_reached
 from clusterviz.render.refraction import CarriedRays, Paths, rays_block
 from clusterviz.render.render_result import (
-    SQUARE,
     PartOf,
     Progress,
     RenderResult,
@@ -61,16 +57,12 @@ from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer_counts import KBufferCounts
 from clusterviz.spmd.driver_needs import compile_checked
 
-TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
-PIXELS, PROGRESS = 1, 2  # bindings
 ITERATIONS = (1 << 16, 3600)
 """Of the loops of a ray in a dispatch, on GPUs and on llvmpipe, which silently leaves all loops after 65535 in total:
 sixteen lanes that diverge may take sixteen times the iterations that each of them counts."""
 MOST_PIXELS_AT_ONCE, BAND_SECONDS = 1 << 18, 0.5
 """Of a device whose speed is not known yet; from then on, pictures that would take longer are drawn in bands, with
 progress reports, and so that no driver takes the device for lost."""
-MOST_QUEUED = 64
-"""Boxes of bricks whose dispatches are queued without a wait."""
 Index = tuple[int, int, int]
 Rays = Starts | CarriedRays
 
@@ -93,7 +85,6 @@ class Raycaster:
     reader : reads pictures back
     slot : layout of a brick
     pool : the bricks
-    raster : finds fragments, where it serves
     """
 
     def __init__(
@@ -114,15 +105,15 @@ class Raycaster:
         self.slot = slot_of(plan)
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
-        self._programs, self._passes = self._compiled(plan), compile_passes(context, plan)
-        self._primitives, self._last_frame = TableCache(), LastFrame()
-        self.raster = Rasteriser(self._device, raster)
+        self._programs, self._finder = self._compiled(plan), FragmentFinder(self._device, plan, raster)
+        self._last_frame = LastFrame()
         self.forget()
 
     def forget(self) -> None:
         """Forget what earlier draws have found; it changes the dispatches of a draw."""
         self._last_frame.forget()
-        self._pools, self._last_ends = Pools(), LastEnds()
+        self._finder.forget()
+        self._last_ends = LastEnds()
 
     @property
     def counts(self) -> Counts:
@@ -158,14 +149,13 @@ class Raycaster:
     def can_draw(self, plan: Plan) -> bool:
         """Return True if there are the programs of a plan."""
         needed = (plan, plan.crossing) if plan.layers else (plan,)
-        has_passes = all(variant in self._passes for variant in find_variants(plan))
-        return has_passes and all(self.variant_of(each) in self._programs for each in needed)
+        return self._finder.can_draw(plan) and all(self.variant_of(each) in self._programs for each in needed)
 
     def compile(self, plan: Plan) -> None:
         """Compile the program of another plan with the same slots; the bricks stay."""
-        old = *self._programs.values(), *self._passes.values()
-        self._programs, self._passes = self._compiled(plan), compile_passes(self._context, plan)
-        for program in old:
+        old, self._programs = self._programs, self._compiled(plan)
+        self._finder.compile(plan)
+        for program in old.values():
             program.release()
 
     def _compiled(self, plan: Plan) -> dict[Variant, moderngl.ComputeShader]:
@@ -191,7 +181,7 @@ class Raycaster:
         bricks : samples (z, y, x), or the `ContentBrick` of several volumes, by index
         """
         if bricks:
-            self._primitives = TableCache()
+            self._finder.forget_bricks()
             self._last_frame.forget()
         put = self.pool.put_later if waits_for_rays(plan) else self.pool.put
         put(bricks, store_as(plan, self.slot))
@@ -199,7 +189,7 @@ class Raycaster:
     def drop(self, bricks: Iterable[Index]) -> None:
         """Drop bricks."""
         if bricks := set(bricks):
-            self._primitives = TableCache()
+            self._finder.forget_bricks()
             self._last_frame.forget()
         self.pool.drop(bricks)
 
@@ -233,7 +223,7 @@ class Raycaster:
         if not carried:
             self._last_frame.next_frame()
             self._last_ends.next_frame()
-        tables: _Tables | None = None
+        tables: BrickTables | None = None
         for number, piece in enumerate(pieces):
             rect, part = footprint(plan, piece), PartOf(progress, number, count)
             part(0.0)
@@ -250,7 +240,7 @@ class Raycaster:
                 if passes:
                     passes.load(piece)
                 if tables is None or not piece.shows_bricks_of(tables.piece):
-                    tables = _Tables(self._device, self.pool, plan, piece)
+                    tables = BrickTables(self._device, self.pool, plan, piece)
                 hidden = self._last_ends.begin(plan, piece, rect)
                 drawn.append(self._draw_bands(plan, rect, tables, starts, hidden, part))
                 if hidden:
@@ -289,7 +279,7 @@ class Raycaster:
         self,
         plan: Plan,
         rect: Rect,
-        tables: _Tables,
+        tables: BrickTables,
         starts: Rays | None,
         hidden: HiddenPixels | None,
         progress: Progress,
@@ -297,17 +287,19 @@ class Raycaster:
         """Draw a picture that takes long from top to bottom, in bands of about `BAND_SECONDS`."""
         drawn: list[RenderResult] = []
         top, most = rect.y_begin, rect.pixels
-        # Rays that are drawn again read the rounding errors that rays of the only box do not write.
-        first = ONLY if tables.alone and not hidden else 1
         while top < rect.y_end:
             began, rows = perf_counter(), -(-max(1, min(self._band_pixels, most)) // (TILE * rect.width)) * TILE
             band = replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
             within = top - rect.y_begin, band.y_end - rect.y_begin
             own = starts and starts.rows(*within), hidden and hidden.rows(*within)
+            # Rays that are drawn again read the rounding errors that rays of the only box do not write.
+            first = ONLY if tables.alone and not hidden else 1
             try:
                 drawn.append(self._draw_piece(plan, band, lambda: [tables], *own, first=first))
             except ManyFragmentsError:
                 most = band.pixels // 2
+                continue
+            except BricksApartError:
                 continue
             progress((band.y_end - rect.y_begin) / rect.height)
             top, seconds = band.y_end, perf_counter() - began
@@ -320,18 +312,21 @@ class Raycaster:
         self, plan: Plan, rect: Rect, parts: Sequence[Piece], starts: Rays | None, passes: Passes
     ) -> RenderResult:
         """Draw parts of a piece whose bricks are loaded one part after the other, without those that no ray reaches."""
-        loading, drawn_parts = passes.seconds, dict[BrickBox, _Tables]()
+        loading, drawn_parts = passes.seconds, dict[BrickBox, BrickTables]()
 
-        def loaded() -> Iterator[_Tables]:
+        def loaded() -> Iterator[BrickTables]:
             for number, part in enumerate(parts):
                 # With other modes, what is in front hides nothing.
                 hides = number > 0 and plan.blend_mode.traits.composited
                 if not hides or is_reached(plan, part, rect, self._drawn_pixels(rect)[..., 3]):
                     passes.load(part)
-                    tables = drawn_parts[part.box] = _Tables(self._device, self.pool, plan, part)
+                    tables = drawn_parts[part.box] = BrickTables(self._device, self.pool, plan, part)
                     yield tables
 
-        drawn = self._draw_piece(plan, rect, loaded, starts)
+        try:
+            drawn = self._draw_piece(plan, rect, loaded, starts)
+        except BricksApartError:
+            raise FullDeviceError(f"{self.renderer} has no memory for the bricks of cluster.memory_limit") from None
         bricks = sum(tables.reached for tables in drawn_parts.values())
         occluded = sum(len(part.members(plan.cost > 0)) for part in parts) - bricks
         seconds = drawn.seconds_render - (passes.seconds - loading)
@@ -341,16 +336,16 @@ class Raycaster:
         self,
         plan: Plan,
         rect: Rect,
-        parts: Callable[[], Iterable[_Tables]],
+        parts: Callable[[], Iterable[BrickTables]],
         starts: Rays | None = None,
         hidden: HiddenPixels | None = None,
         first: int = 1,
     ) -> RenderResult:
         """Draw parts front to back, each behind the pixels so far; `first` is the first one's `first_box`."""
         began, before = perf_counter(), self.counts.read
-        plan = with_fill(plan, self._pools)
+        plan = self._finder.with_fill(plan)
         march = self._march(plan, rect, starts)
-        found = _Found(rect, bool(plan.content and plan.content.layers))
+        found = _Found(rect, bool(plan.content and plan.content.layers), not (starts or hidden))
         for again in (False, True) if starts or hidden else (False,):
             if hidden:
                 if not again:
@@ -370,11 +365,11 @@ class Raycaster:
                 hidden.pixels[:] = np.frombuffer(read, HIDDEN).reshape(hidden.pixels.shape)
             if hidden and (again or not hidden.draw_again()):
                 break
-            if starts and not starts.keep(march.planes().reshape(-1, rect.height, rect.width)):
+            if starts and not starts.keep(march.planes()):
                 break
-        picture = march.picture or march.read_picture()
+        picture = march.picture()
         if isinstance(starts, Paths):
-            read = self._device.read(self._pixels(rect), starts.pixels.nbytes)
+            read = self._device.read(march.pixels, starts.pixels.nbytes)
             starts.pixels[:] = np.frombuffer(read, np.float32).reshape(starts.pixels.shape)
         return RenderResult(
             PartialImage(rect, picture.rgba),
@@ -390,190 +385,98 @@ class Raycaster:
 
     def _march(self, plan: Plan, rect: Rect, starts: Rays | None) -> March:
         """Return the march of a rectangle's rays, begun with what is known of them."""
-        groups = -(-rect.width // TILE), -(-rect.height // TILE)
         planes = starts.planes if starts else np.zeros(0, np.float32)
-        words = rect.pixels, groups[0] * groups[1], planes.size, walk_planes(plan.content) * rect.pixels
-        pixels = self._pixels(rect)
+        march = March(self.reader, rect, planes, walk_planes(plan.content) * rect.pixels)
         if isinstance(starts, CarriedRays):
-            self._device.write(pixels, starts.pixels)
-        march = March(self.reader, self._program(self.variant_of(plan)), rect, words, groups)
-        march.begin(planes)
+            self._device.write(march.pixels, starts.pixels)
         return march
-
-    def _pixels(self, rect: Rect) -> moderngl.Buffer:
-        """Return the buffer of a rectangle's pixels, drawn last, and of what rays carry."""
-        return self._device.reserve(PIXELS, 2 * PIXEL_BYTES * rect.pixels)
 
     def _drawn_pixels(self, rect: Rect) -> NDArray[np.float32]:
         """Return the pixels of a rectangle that was drawn last, float32 (h, w, 4)."""
-        read = self._device.read(self._pixels(rect), PIXEL_BYTES * rect.pixels)
+        size = PIXEL_BYTES * rect.pixels
+        read = self._device.read(self._device.reserve(PIXELS, 2 * size), size)
         return np.frombuffer(read, np.float32).reshape(rect.height, rect.width, 4)
 
-    def _draw_boxes(self, plan: Plan, rect: Rect, march: March, tables: _Tables, first: int, *_: object) -> None:
+    def _block(self, plan: Plan, rect: Rect, part: Part, first: int) -> NDArray[np.void]:
+        """Return the block of the frame for a box of bricks."""
+        block = frame_block(plan, part.box, rect, self.slot)
+        block["first_box"] = first
+        block["optics"][0, 3] = ITERATIONS["llvmpipe" in self.renderer]
+        return block
+
+    def _draw_boxes(self, plan: Plan, rect: Rect, march: March, tables: BrickTables, first: int, *_: object) -> None:
         """Draw boxes of bricks; where a ray waits for a brick, store the bricks that were noted, and go on."""
-        blocks = [frame_block(plan, part.box, rect, self.slot) for part in tables.parts]
-        for block in blocks:
-            block["first_box"], first = first, 0
-            block["optics"][0, 3] = self._iterations
-        bricks = tables.bricks_in_box if tables.waits else 0
-        at = turns = 0
-        goes_on = False
-        while at < len(blocks):
-            march.begin_turn(bricks)
-            queued = range(at, min(at + MOST_QUEUED, len(blocks)))
-            for number in queued:
-                tables.bind(number)
-                march.queue(blocks[number], number - at, begins=not (goes_on and number == at), notes=tables.waits)
-            is_last = queued.stop == len(blocks)
-            stopped, noted = march.end_turn(bricks, reads=is_last and self._ends_at_once)
-            goes_on, at, turns = stopped is not None, queued.stop if stopped is None else at + stopped, turns + 1
-            if tables.waits:
-                tables.store(noted)
-        self._ends_at_once = turns == 1
+        program = self._program(self.variant_of(plan))
+        steps = [
+            Step(partial(tables.bind, number), program, self._block(plan, rect, part, 0 if number else first))
+            for number, part in enumerate(tables.parts)
+        ]
+        awaited = tables if tables.waits else None
+        self._ends_at_once = march.run(steps, reads=self._ends_at_once, awaited=awaited)[0]
 
     def _draw_content(
         self,
         plan: Plan,
         rect: Rect,
         march: March,
-        tables: _Tables,
+        tables: BrickTables,
         first: int,
         found: _Found,
         hidden: HiddenPixels | None,
     ) -> None:
         """Draw boxes of bricks with primitives or tetrahedra, found before."""
-        assert plan.content, "there is content"
+        variant, at_once = self.variant_of(plan), True
         for number, part in enumerate(tables.parts):
             tables.bind(number)
-            block = frame_block(plan, part.box, rect, self.slot)
-            block["first_box"], first = first, 0
-            block["optics"][0, 3] = self._iterations
-            members = part.bricks, part.atlas.primitives, part.atlas.cells
-            table = self._primitives.table(plan.content.layers, *members)
-            if not table:
-                march.through(block)
-                continue
-            self._device.give(0, block, "uniform")
-            with Buffers(self._context) as buffers:
-                if self.raster.serves(plan, rect):
-                    fragments, lists, sizes = self.raster.find(plan, table, rect)
-                else:
-                    limits, own = hidden.limits if hidden else None, found.tiles.get(part.box)
-                    found.tiles[part.box] = list_primitives(self._context, plan, table, rect, limits, own)
-                    given = plan, table, found.tiles[part.box], rect, buffers.make, self._pools
-                    fragments, lists, sizes = bind_fragments(self._context, self._passes, *given)
-                found.fragments += fragments
-                for size in sizes:
-                    lists.write(np.uint32(size).tobytes(), offset=4 * DRAWN_CLASS)
-                    program = self._program(of_size(self.variant_of(plan), size))
-                    replace(march, program=program).through(block)
-                if plan.content.kbuffer:
-                    counted = np.frombuffer(lists.read(), np.uint32).reshape(-1, 2)[: rect.pixels]
-                    found.kbuffer.append(KBufferCounts.of(counted))
-                    found.fragments += counted[:, 0].astype(np.int32).reshape(found.fragments.shape)
-
-    @property
-    def _iterations(self) -> int:
-        """Iterations of a ray's loops, after which it has done its share of a dispatch."""
-        return ITERATIONS["llvmpipe" in self.renderer]
+            block, is_last = self._block(plan, rect, part, first), number == len(tables.parts) - 1
+            table = self._finder.table(plan, part)
+            self._device.give(FRAME, block, "uniform")
+            # What the first box has drawn can be drawn again.
+            given = plan, table, rect, found.tiles, part.box, hidden.limits if hidden else None
+            fragments = self._finder.find(*given, waits=not (found.repeats and first))
+            steps = [
+                Step(partial(fragments.choose, self._device, size), self._program(of_size(variant, size)), block)
+                for size in fragments.sizes
+            ]
+            once, lists = march.run(steps, reads=is_last and self._ends_at_once, beside=fragments.beside)
+            if not fragments.are_all(lists):
+                march.begin()
+                fragments = self._finder.find(*given, waits=True)
+                once, lists = march.run(steps, beside=fragments.beside)
+            found.add(fragments.counts(lists))
+            if plan.content and plan.content.kbuffer:
+                found.kbuffer.append(KBufferCounts.of(lists[0].view(np.uint32).reshape(-1, 2)))
+            first, at_once = 0, at_once and once
+        self._ends_at_once = at_once
 
     def release(self) -> None:
         """Free all GPU resources."""
         self.pool.release()
-        self.raster.release()
+        self._finder.release()
         self.reader.release()
         self._device.release()
-        for program in (*self._programs.values(), *self._passes.values()):
+        for program in self._programs.values():
             program.release()
 
 
-def waits_for_rays(plan: Plan) -> bool:
-    """Return True if a brick is stored on the device when a ray comes to it, and never if all end in front of it."""
-    is_alone = plan.content is None and not plan.refraction and plan.blend_mode.traits.composited
-    # Slabs that are split at borders need the bricks behind them.
-    return bool(plan.march.residual > 0 and is_alone and not plan.march.split)
-
-
 class _Found:
-    """What draws of one piece have found, beside the pixels."""
+    """What draws of one piece have found, beside the pixels.
 
-    def __init__(self, rect: Rect, has_content: bool) -> None:
-        self.has_content = has_content
+    Attributes
+    ----------
+    has_content : whether there are primitives or tetrahedra
+    repeats : whether the first box may be drawn again
+    """
+
+    def __init__(self, rect: Rect, has_content: bool, repeats: bool) -> None:
+        self.has_content, self.repeats = has_content, repeats
         self.fragments = np.zeros((rect.height, rect.width) if has_content else (0, 0), np.int32)
         self.kbuffer: list[KBufferCounts] = []
-        self.tiles: dict[BrickBox, TileLists] = {}
+        self.tiles: Tiles = {}
 
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """Bricks of one atlas in a box, and their tables."""
-
-    atlas: BrickAtlas
-    box: BrickBox
-    bricks: NDArray[np.int64]
-    offsets: NDArray[Any]
-    visible: NDArray[Any]
-
-
-class _Tables:
-    """Offsets and visible groups of the bricks of a piece, in parts from front to back."""
-
-    def __init__(self, device: Device, pool: BrickPool, plan: Plan, piece: Piece) -> None:
-        self.piece, self._device, self._pool, self._plan = piece, device, pool, plan
-        self._members = piece.members(plan.cost > 0)
-        self.waits = waits_for_rays(plan) and pool.holds_in_one(self._members)
-        self._reached = np.zeros(len(self._members), np.bool_)
-        self.parts = self._made()
-        if plan.refraction and len(self.parts) > 1:
-            # A ray that bends may come back to what lies in another buffer.
-            found, allowed = (
-                f"bricks in {len(self.parts)} buffers",
-                "one; set cluster.memory_limit to load them in turn",
-            )
-            raise InputError(
-                "too many bricks for rays that bend", where="optics.refraction", found=found, allowed=allowed
-            )
-
-    @property
-    def alone(self) -> bool:
-        """True if all bricks are in one box."""
-        return len(self.parts) == 1
-
-    @property
-    def bricks_in_box(self) -> int:
-        """Bricks of the only box, those of others and of nobody included."""
-        return self.parts[0].offsets.size
-
-    def bind(self, number: int) -> None:
-        """Bind the bricks of a part."""
-        part = self.parts[number]
-        self._device.give(3, part.offsets)
-        self._device.give(6, part.visible)
-        part.atlas.bind()
-
-    def store(self, noted: NDArray[np.bool_]) -> None:
-        """Store those bricks of the only box that rays have come to."""
-        (part,) = self.parts
-        self._reached |= noted.reshape(part.offsets.shape)[tuple((self._members - part.box.begin_zyx).T)]
-        if self._pool.fetch(self._members[self._reached]):
-            self.parts = self._made()
-
-    @property
-    def reached(self) -> int:
-        """Number of bricks that rays have come to, as far as that is known."""
-        return int(self._reached.sum()) if self.waits else len(self._members)
-
-    @property
-    def occluded(self) -> int:
-        """Number of bricks in front of which all rays have ended."""
-        return len(self._members) - self.reached
-
-    def _made(self) -> list[_Part]:
-        found = []
-        for atlas, bricks in self._pool.parts(self._plan, self._members, self.waits):
-            box = bounding_box(bricks)
-            found.append(_Part(atlas, box, bricks, *atlas.tables(self._plan, box, bricks)))
-        return found
+    def add(self, counts: NDArray[np.int32]) -> None:
+        """Add fragments of pixels."""
+        self.fragments += counts.reshape(self.fragments.shape)
 
 
 def _padded(records: NDArray[Any], size: int) -> NDArray[np.uint8]:
@@ -581,165 +484,3 @@ def _padded(records: NDArray[Any], size: int) -> NDArray[np.uint8]:
     data = np.zeros(max(size, records.nbytes), np.uint8)
     data[: records.nbytes] = records.view(np.uint8)
     return data
-
-
-class Buffers:
-    """Buffers and textures that live for one draw or one piece."""
-
-    def __init__(self, context: moderngl.Context) -> None:
-        self._context = context
-        self._made: list[moderngl.Buffer | moderngl.Texture] = []
-
-    def bind(self, binding: int, data: NDArray[Any]) -> moderngl.Buffer:
-        buffer = self.make(data)
-        buffer.bind_to_storage_buffer(binding)
-        return buffer
-
-    def reserve(self, binding: int, size: int) -> moderngl.Buffer:
-        buffer = self._context.buffer(reserve=size)
-        buffer.bind_to_storage_buffer(binding)
-        self._made.append(buffer)
-        return buffer
-
-    def make(self, data: NDArray[Any]) -> moderngl.Buffer:
-        buffer = self._context.buffer(data.tobytes())
-        self._made.append(buffer)
-        return buffer
-
-    def table(self, texels: NDArray[np.float32]) -> moderngl.Texture:
-        """Return a texture of float32 (h, w, 4)."""
-        texture = self._context.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="f4")
-        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._made.append(texture)
-        return texture
-
-    def __enter__(self) -> Buffers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for buffer in self._made:
-            buffer.release()
-
-
-@dataclass(frozen=True)
-class _Picture:
-    """A drawn rectangle: pixels (h, w, 4); samples of each work group (rows, columns); walks that were ended; when."""
-
-    rgba: NDArray[Any]
-    work: NDArray[np.uint32]
-    cut_short: int
-    drawn_at: float
-
-
-@dataclass
-class March:
-    """Dispatches for the pixels of a piece, and their words in `progress`: of each pixel, work groups, planes, walks.
-
-    Attributes
-    ----------
-    reader, program, rect : those of the caster and the piece
-    words : number of each kind
-    groups : number of work groups in x and y
-    picture : what was drawn, if it was read with the end of the last turn
-    """
-
-    reader: PictureReader
-    program: moderngl.ComputeShader
-    rect: Rect
-    words: tuple[int, int, int, int]
-    groups: tuple[int, int]
-    picture: _Picture | None = None
-
-    @property
-    def device(self) -> Device:
-        """The device with the words."""
-        return self.reader.device
-
-    def begin(self, planes: NDArray[np.float32]) -> None:
-        """Begin all rays, with planes that the host gives."""
-        buffer = self._progress()
-        first = self._offset(1)
-        self.device.clear(buffer, self._offset(4) - first, first)
-        self.device.write(buffer, planes, self._offset(2))
-
-    def begin_turn(self, bricks: int = 0) -> None:
-        """Clear the notes of dispatches that are queued together, and of bricks."""
-        self.picture = None
-        buffer = self._progress(bricks)
-        self.device.clear(buffer, 4)
-        self.device.clear(buffer, 4 * (MOST_QUEUED + bricks), self._offset(4))
-
-    def queue(self, block: NDArray[np.void], number: int, *, begins: bool = True, notes: bool = False) -> None:
-        """Queue the dispatch of a box, the `number`-th of a turn."""
-        first = sum(self.words)
-        block["first_dispatch"] = begins
-        block["notes"] = first + number, first + number - 1 if number else -1, first + MOST_QUEUED if notes else -1, -1
-        self._dispatch(block)
-
-    def end_turn(self, bricks: int = 0, *, reads: bool = False) -> tuple[int | None, NDArray[np.bool_]]:
-        """Wait, and return the first box of the turn in which a ray has to go on, and the bricks that rays came to.
-
-        Parameters
-        ----------
-        reads : the picture is read at the same time, and kept if no ray has to go on; None instead of that box
-        """
-        progress = self._progress(bricks)
-        parts = [(progress, 0, 4), (progress, self._offset(4), 4 * (MOST_QUEUED + bricks))]
-        if reads:
-            begun = self.reader.begin(self._pixels(), self.rect, [*parts, *self._results()])
-            rgba, (flag, notes, *results) = begun.finish()
-            if flag.any():
-                begun.discard()
-            else:
-                self.picture = self._picture(rgba, results, begun.drawn_at)
-        else:
-            flag, notes = self.device.arrived(self.device.copy(parts))
-        words = notes.view(np.uint32)
-        stopped = int(np.flatnonzero(words[:MOST_QUEUED])[0]) if flag.any() else None
-        return stopped, words[MOST_QUEUED:].astype(np.bool_)
-
-    def through(self, block: NDArray[np.void]) -> None:
-        """Dispatch until all rays are done."""
-        block["first_dispatch"], block["notes"] = 1, -1
-        goes_on = True
-        while goes_on:
-            self.device.clear(self._progress(), 4)
-            self._dispatch(block)
-            block["first_dispatch"], goes_on = 0, bool(self._read(0, 1)[0])
-
-    def planes(self) -> NDArray[np.float32]:
-        """Return the planes."""
-        return self._read(self._offset(2), self.words[2]).view(np.float32)
-
-    def read_picture(self) -> _Picture:
-        """Wait, and return what was drawn."""
-        begun = self.reader.begin(self._pixels(), self.rect, self._results())
-        rgba, results = begun.finish()
-        return self._picture(rgba, results, begun.drawn_at)
-
-    def _picture(self, rgba: NDArray[Any], results: Sequence[Bytes], drawn_at: float) -> _Picture:
-        work, *walks = (each.view(np.uint32) for each in results)
-        return _Picture(rgba, work.reshape(self.groups[::-1]).copy(), sum(int(each.sum()) for each in walks), drawn_at)
-
-    def _results(self) -> list[Part]:
-        """Return the parts of `progress` with the samples of work groups and with walks that were ended."""
-        progress, pixels = self._progress(), self.words[0]
-        walks = [(progress, self._offset(3) + 4 * pixels, 4 * pixels)] if self.words[3] else []
-        return [(progress, self._offset(1), 4 * self.words[1]), *walks]
-
-    def _pixels(self) -> moderngl.Buffer:
-        return self.device.reserve(PIXELS, 2 * PIXEL_BYTES * self.rect.pixels)
-
-    def _dispatch(self, block: NDArray[np.void]) -> None:
-        self.device.give(0, block, "uniform")
-        self.device.dispatch(self.program, self.groups)
-
-    def _progress(self, bricks: int = 0) -> moderngl.Buffer:
-        return self.device.reserve(PROGRESS, self._offset(4) + 4 * (MOST_QUEUED + bricks), keeps=True)
-
-    def _offset(self, kind: int) -> int:
-        """Return where the words of a kind begin, in bytes; behind the flag of rays that are unfinished."""
-        return 4 * (1 + sum(self.words[:kind]))
-
-    def _read(self, offset: int, words: int) -> NDArray[np.uint32]:
-        return np.frombuffer(self.device.read(self._progress(), 4 * words, offset), np.uint32)

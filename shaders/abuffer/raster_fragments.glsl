@@ -4,7 +4,10 @@
 #include <CONSTANTS>
 flat in int row, kind;
 
+#include "reals_double.glsl"
 #include <FRAME>
+#include "vectors_double.glsl"
+#include "reals.glsl"
 layout(std430, binding = 3) readonly buffer OffsetsBlock { int brick_offset[]; }; // as in buffers.glsl
 layout(std430, binding = 25) buffer FoundBlock { uvec2 found_of[]; };            // of each pixel: fragments, and bits of the nearest opaque one's depth
 uniform bool stores;

@@ -3,6 +3,9 @@
 layout(local_size_x = 64) in;
 
 #include <RASTER>
+#include "reals_double.glsl"
+#include "vectors_double.glsl"
+#include "reals.glsl"
 #include <CONSTANTS>
 #include <LATTICE>
 ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;

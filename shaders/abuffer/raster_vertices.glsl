@@ -5,7 +5,10 @@
 #include <CONSTANTS>
 flat out int row, kind;
 
+#include "reals_double.glsl"
 #include <FRAME>
+#include "vectors_double.glsl"
+#include "reals.glsl"
 layout(std430, binding = 18) readonly buffer BoxesBlock { vec4 box[]; };
 ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 #include <LATTICE>

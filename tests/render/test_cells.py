@@ -26,6 +26,7 @@ from clusterviz.reference.rays import camera_rays
 from clusterviz.render import raycast
 from clusterviz.render.abuffer import primitives
 from clusterviz.render.cells.table import LocalGrid, make_local_grid
+from clusterviz.render.march import March
 from clusterviz.report.kbuffer.analysis import analyse, comparisons
 from clusterviz.scene.geometry import MeshSection
 from clusterviz.scene.grids import GridSection, KBuffer
@@ -192,14 +193,14 @@ def test_dispatches_may_end_within_a_walk(
     grids, volumes, meshes, keys, _, _ = CASES[name]
     given = prepared(scene_of(grids, "outside", volumes, meshes, **keys), grids, volumes, meshes)
     monkeypatch.setattr(raycast, "ITERATIONS", (20, 20))
-    ended, is_unfinished = [0], raycast.March._is_unfinished
+    ended, end_turn = [0], March._end_turn
 
-    def counted(self: raycast.March) -> bool:
-        found = is_unfinished(self)
-        ended[0] += found
+    def counted(self: March, *given: Any, **named: Any) -> Any:
+        found = end_turn(self, *given, **named)
+        ended[0] += found[0] is not None
         return found
 
-    monkeypatch.setattr(raycast.March, "_is_unfinished", counted)
+    monkeypatch.setattr(March, "_end_turn", counted)
     (found, count), (on_cpu, own_count) = (scenes.drawn(where, given) for where in (context, None))
     assert ended[0] > 4
     assert np.abs(found - on_cpu).max() <= 3e-6

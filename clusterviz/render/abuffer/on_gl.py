@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import Any
 
 import moderngl
 import numpy as np
@@ -13,11 +12,14 @@ from numpy.typing import NDArray
 
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.errors import DeviceError
-from clusterviz.gl.compute import run_compute
+from clusterviz.gl.device import Device
+from clusterviz.gl.staging import Bytes
 from clusterviz.image.partial import Rect
+from clusterviz.plan.content import Content
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.discarding import LEFT_OUT_BINDING
-from clusterviz.render.abuffer.fills import EARLY, HEAD, Lists, Pass, Pools, store_fragments
+from clusterviz.render.abuffer.fills import EARLY, FRAGMENT, HEAD, WORD, Lists, Pass, Pools, store_fragments
+from clusterviz.render.abuffer.fragments import Fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import (
     COUNTED_BINDING,
@@ -39,7 +41,10 @@ FIND_ITERATIONS, DRAW_ITERATIONS = 3, 16
 """Bounds for a primitive of a tile in each pass over them, and for a fragment of a pixel; each layer adds one."""
 FACE_ITERATIONS = 16
 """Bound for a face of a tile, without those over the entries of a k-buffer."""
-Make = Callable[[NDArray[Any]], moderngl.Buffer]
+KEYS, LISTS, LINKS = 8, 11, 16
+"""Bindings."""
+COUNTED = 8
+"""Bytes of what a k-buffer counts for a pixel."""
 Programs = dict[FindVariant, moderngl.ComputeShader]
 
 
@@ -75,29 +80,21 @@ def list_primitives(
 
 
 def bind_fragments(
-    context: moderngl.Context,
+    device: Device,
     programs: Programs,
     plan: Plan,
     table: PrimitiveTable,
     tiles: TileLists,
     rect: Rect,
-    make: Make,
     pools: Pools,
-) -> tuple[NDArray[np.int32], moderngl.Buffer, list[int]]:
+) -> Fragments:
     """Find fragments and bind them for drawing.
 
     Parameters
     ----------
     programs : those that are compiled, and then others; the uniform blocks of the frame and of clipping are bound
     tiles : of the rectangle
-    make : makes a buffer, of at least one byte
     pools : of fragments
-
-    Returns
-    -------
-    counts : int32 (h, w), fragments of pixels
-    lists : their lists, whose word `DRAWN_CLASS` chooses the tiles that are drawn; for a k-buffer the counts of pixels
-    sizes : of the programs that draw them
 
     Raises
     ------
@@ -107,63 +104,29 @@ def bind_fragments(
         llvmpipe would leave out fragments, or there is no memory.
     """
     assert plan.content, "there is geometry"
-    fill, layers = plan.content.fill, len(table.layers)
-    make(tiles.block).bind_to_uniform_block(GEOMETRY_BINDING)
-    if shading := lit_layer(plan):
-        make(shading.block()).bind_to_uniform_block(LIGHTING_BINDING)
-    given = {
-        9: tiles.begins,
-        10: tiles.rows,
-        12: tiles.vertices,
-        13: tiles.corners,
-        14: table.layers,
-        15: table.attributes,
-        LEFT_OUT_BINDING: tiles.left_out,
-    }
-    most_bytes = int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
-    if table.cells:
-        given[CELLS_BINDING] = table.cells.words
-        make(grids_block(plan.content, table.cells)).bind_to_uniform_block(GRIDS_BINDING)
-        if table.cells.words.nbytes > most_bytes:
-            text, bytes_each = f"{table.cells.tetrahedra} tetrahedra", table.cells.words.nbytes
-            raise DeviceError(
-                f"too large a buffer for {text}; found {bytes_each} bytes; allowed {most_bytes}; more ranks have fewer "
-                "each, and CPUs draw any number (--device cpu)"
-            )
-    if kbuffer := plan.content.kbuffer:
-        most = int(np.diff(tiles.begins).max(initial=0))
-        check_loops(context, most, 2 * kbuffer.k + FACE_ITERATIONS, "faces in a tile")
-        integrals = plan.content.cells[0].integrals
-        given |= {} if integrals is None else {INTEGRALS_BINDING: integrals}
-    for binding, data in given.items():
-        make(_filled(data)).bind_to_storage_buffer(binding)
-    if kbuffer:
-        counted = make(np.zeros((rect.pixels + 1, 2), np.uint32))
-        counted.bind_to_storage_buffer(COUNTED_BINDING)
-        return np.zeros((rect.height, rect.width), np.int32), counted, [0]
+    _bind_primitives(device, plan, table, tiles)
+    if plan.content.kbuffer:
+        return _counted_by_kbuffer(device, plan.content, tiles, rect)
+    fill, layers, context = plan.content.fill, len(table.layers), device.context
     variants = {variant.step: variant for variant in find_variants(plan)}
-    links = make(np.zeros((EARLY * rect.pixels if fill == "dynamic" else 1, 2), np.uint32))
-    keys = make(np.zeros((1, 2), np.uint32))
+    keys = device.reserve(KEYS, FRAGMENT)
+    device.reserve(LINKS, FRAGMENT * EARLY * rect.pixels if fill == "dynamic" else FRAGMENT)
 
     def run_pass(step: Pass, lists: Lists, fragments: int, pages: int) -> None:
-        nonlocal links, keys
-        given = make(lists)
+        nonlocal keys
+        given = device.begin(LISTS, lists)
         if fragments:
-            keys = make(np.empty((fragments, 2), np.uint32))
+            keys = device.reserve(KEYS, FRAGMENT * fragments)
         if pages:
-            links = make(np.empty(pages + 1, np.uint32))
-        if context.error == "GL_OUT_OF_MEMORY":
-            raise MemoryError
-        for binding, buffer in ((11, given), (8, keys), (16, links)):
-            buffer.bind_to_storage_buffer(binding)
+            device.reserve(LINKS, WORD * (pages + 1))
         if (variant := variants[step]) not in programs:
             programs[variant] = compile_checked(context, variant.source)
-        run_compute(programs[variant], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
-        context.memory_barrier()
-        lists[:] = np.frombuffer(given.read(), np.uint32)
+        device.dispatch(programs[variant], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
+        lists[:] = np.frombuffer(device.read(given, lists.nbytes), np.uint32)
         most = int(lists[HEAD + 1 :: 2].max(initial=0))
         check_loops(context, most, DRAW_ITERATIONS + layers, "fragments in a pixel")
 
+    most_bytes = int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
     lists = store_fragments(fill, rect, pools, run_pass, True, most_bytes)
     counts = counts_of(lists, rect)
     if is_sorted(plan.content):
@@ -173,9 +136,52 @@ def bind_fragments(
         most = int(counts.max(initial=0))
         check_loops(context, most, DRAW_ITERATIONS + layers + most // 2, "fragments in a pixel")
     lists, sizes = classified(plan.content, lists, counts, GPU_TILE)
-    bound = make(lists)
-    bound.bind_to_storage_buffer(11)
-    return counts, bound, sizes
+    return Fragments(device.begin(LISTS, lists), sizes, (), lambda _: counts)
+
+
+def _bind_primitives(device: Device, plan: Plan, table: PrimitiveTable, tiles: TileLists) -> None:
+    """Bind the primitives of tiles, and tetrahedra."""
+    device.give(GEOMETRY_BINDING, tiles.block, "uniform")
+    if shading := lit_layer(plan):
+        device.give(LIGHTING_BINDING, shading.block(), "uniform")
+    given = {
+        9: tiles.begins,
+        10: tiles.rows,
+        12: tiles.vertices,
+        13: tiles.corners,
+        14: table.layers,
+        15: table.attributes,
+        LEFT_OUT_BINDING: tiles.left_out,
+    }
+    if table.cells:
+        assert plan.content, "there are grids"
+        given[CELLS_BINDING] = table.cells.words
+        device.give(GRIDS_BINDING, grids_block(plan.content, table.cells), "uniform")
+        most, found = int(device.context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]), table.cells.words.nbytes
+        if found > most:
+            raise DeviceError(
+                f"too large a buffer for {table.cells.tetrahedra} tetrahedra; found {found} bytes; allowed {most}; "
+                "more ranks have fewer each, and CPUs draw any number (--device cpu)"
+            )
+    for binding, data in given.items():
+        device.give(binding, data)
+
+
+def _counted_by_kbuffer(device: Device, content: Content, tiles: TileLists, rect: Rect) -> Fragments:
+    """Bind what a k-buffer takes, and the counts of pixels, which it writes."""
+    assert content.kbuffer, "there is a k-buffer"
+    most = int(np.diff(tiles.begins).max(initial=0))
+    check_loops(device.context, most, 2 * content.kbuffer.k + FACE_ITERATIONS, "faces in a tile")
+    if (integrals := content.cells[0].integrals) is not None:
+        device.give(INTEGRALS_BINDING, integrals)
+    size = COUNTED * (rect.pixels + 1)
+    counted = device.reserve(COUNTED_BINDING, size)
+    device.clear(counted, size)
+
+    def counts(read: Sequence[Bytes]) -> NDArray[np.int32]:
+        return read[0].view(np.uint32)[::2].astype(np.int32)
+
+    return Fragments(counted, [0], [(counted, 0, COUNTED * rect.pixels)], counts)
 
 
 def check_loops(context: moderngl.Context, found: int, iterations: int, of: str) -> None:
@@ -191,11 +197,6 @@ def sort_long(keys: moderngl.Buffer, counts: NDArray[np.uint32], begins: NDArray
         size, offset = 8 * int(counts[pixel]), 8 * int(begins[pixel])
         own = np.frombuffer(keys.read(size, offset=offset), np.uint32).reshape(-1, 2)
         keys.write(own[np.lexsort(own.T[::-1])].tobytes(), offset=offset)
-
-
-def _filled(data: NDArray[Any]) -> NDArray[Any]:
-    """Return an array that is not empty."""
-    return data if data.size else np.zeros(4, np.uint32)
 
 
 @cache

@@ -141,14 +141,11 @@ def make_table(
             corners.append(boundary)
             record["table"] = first_row, KINDS["face" if own_layer.kbuffer else "entry"], len(grid.values), 0
             first_row += len(boundary)
-    return PrimitiveTable(
-        tuple(positions),
-        tuple(radii),
-        np.concatenate([np.zeros((0, 4), np.int32), *corners]),
-        records,
-        np.concatenate(attributes).astype(np.float32),
-        found,
-    )
+    all_corners = np.concatenate([np.zeros((0, 4), np.int32), *corners])
+    values = np.concatenate(attributes).astype(np.float32)
+    for data in (all_corners, records, values, *([found.words] if found else [])):
+        data.setflags(write=False)  # they stay on a device
+    return PrimitiveTable(tuple(positions), tuple(radii), all_corners, records, values, found)
 
 
 def _by_layer(count: int, bricks: Iterable[Sequence[T | None]]) -> list[list[T]]:

@@ -21,6 +21,7 @@ Histogram Analysis, 2014, section 4 (dynamic fragment buffer).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import moderngl
@@ -32,11 +33,13 @@ from clusterviz.gl.device import Device
 from clusterviz.gl.drawing import compile_program
 from clusterviz.gl.layout import glsl_block
 from clusterviz.gl.shader import assemble
+from clusterviz.gl.staging import Bytes
 from clusterviz.image.partial import Rect
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer import fills
-from clusterviz.render.abuffer.fills import FRAGMENT, HEAD, LEAST_SIDE, SLACK, ManyFragmentsError
+from clusterviz.render.abuffer.fills import FRAGMENT, HEAD, LEAST_SIDE, SLACK, WORD, ManyFragmentsError
+from clusterviz.render.abuffer.fragments import Fragments
 from clusterviz.render.abuffer.on_gl import DRAW_ITERATIONS, check_loops, sort_long
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, FindVariant, find_variants, lit_layer
@@ -113,14 +116,12 @@ class Rasteriser:
         sides = self.device.context.info["GL_MAX_VIEWPORT_DIMS"]
         return is_sorted(content) and rect.width <= sides[0] and rect.height <= sides[1]
 
-    def find(
-        self, plan: Plan, table: PrimitiveTable, rect: Rect
-    ) -> tuple[NDArray[np.int32], moderngl.Buffer, list[int]]:
+    def find(self, plan: Plan, table: PrimitiveTable, rect: Rect, *, waits: bool) -> Fragments:
         """Find fragments and bind them for drawing; the blocks of the frame and of clipping are bound.
 
-        Returns
-        -------
-        counts, lists, sizes : as of `bind_fragments`
+        Parameters
+        ----------
+        waits : as for `FragmentFinder.find`
 
         Raises
         ------
@@ -130,19 +131,33 @@ class Rasteriser:
             There is no memory, or llvmpipe would leave out fragments.
         """
         self._room = max(self._room, FIRST_ROOM * rect.pixels)
-        while True:
-            lists = self.queue(plan, table, rect)
-            words = np.frombuffer(self.device.read(lists, 4 * (HEAD + 2 * rect.pixels)), np.uint32)
-            if (needed := int(words[TAKEN])) <= self._room:
-                break
-            self._grow(needed, rect)
-        begins, counts = words[HEAD::2], words[HEAD + 1 :: 2]
+        lists = self.queue(plan, table, rect)
+        head = lists, 0, WORD * (HEAD + 2 * rect.pixels)
+
+        def are_all(read: Sequence[Bytes]) -> bool:
+            needed = int(read[0].view(np.uint32)[TAKEN])
+            if needed > self._room:
+                self._grow(needed, rect)
+                return False
+            return True
+
+        def counts(read: Sequence[Bytes]) -> NDArray[np.int32]:
+            return read[0].view(np.uint32)[HEAD + 1 :: 2].astype(np.int32)
+
+        if waits or self._most_sorted:
+            while not are_all(read := self.device.arrived(self.device.copy([head]))):
+                self.queue(plan, table, rect)
+            self._sort_long(table, read[0].view(np.uint32))
+        return Fragments(lists, [0], [head], counts, are_all)
+
+    def _sort_long(self, table: PrimitiveTable, lists: NDArray[np.uint32]) -> None:
+        """Sort fragments that llvmpipe's loops do not."""
         if self._most_sorted:
+            begins, counts = lists[HEAD::2], lists[HEAD + 1 :: 2]
             check_loops(
                 self.device.context, int(counts.max()), DRAW_ITERATIONS + len(table.layers), "fragments in a pixel"
             )
             sort_long(self.device.reserve(KEYS, FRAGMENT * self._room), counts, begins)
-        return counts.astype(np.int32).reshape(rect.height, rect.width), lists, [0]
 
     def queue(self, plan: Plan, table: PrimitiveTable, rect: Rect) -> moderngl.Buffer:
         """Queue all calls for a rectangle, and return the lists, whose word `TAKEN` may be beyond the room."""

@@ -1,0 +1,118 @@
+"""Tables of the bricks of a piece on an OpenGL device: where their voxels begin, and which groups of cells are visible.
+
+With early ray termination, bricks are stored on the device when a ray comes to them: until then they are absent.
+
+References
+----------
+M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 3.3.2
+(early ray termination, here for whole bricks, too).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.errors import InputError
+from clusterviz.gl.device import Device
+from clusterviz.partition import BrickBox, Piece, bounding_box
+from clusterviz.plan.plan import Plan
+from clusterviz.render.brick_atlas import BrickAtlas, BrickPool
+
+OFFSETS, VISIBLE = 3, 6
+"""Bindings."""
+
+
+class BricksApartError(Exception):
+    """The boxes of bricks are not what they were; the rectangle has to be drawn again."""
+
+
+def waits_for_rays(plan: Plan) -> bool:
+    """Return True if a brick is stored on the device when a ray comes to it, and never if all end in front of it."""
+    is_alone = plan.content is None and not plan.refraction and plan.blend_mode.traits.composited
+    # Slabs that are split at borders need the bricks behind them.
+    return bool(plan.march.residual > 0 and is_alone and not plan.march.split)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Bricks of one atlas in a box, and their tables."""
+
+    atlas: BrickAtlas
+    box: BrickBox
+    bricks: NDArray[np.int64]
+    offsets: NDArray[Any]
+    visible: NDArray[Any]
+
+
+class BrickTables:
+    """Offsets and visible groups of the bricks of a piece, in parts from front to back."""
+
+    def __init__(self, device: Device, pool: BrickPool, plan: Plan, piece: Piece) -> None:
+        self.piece, self._device, self._pool, self._plan = piece, device, pool, plan
+        self._members = piece.members(plan.cost > 0)
+        self.waits = waits_for_rays(plan) and pool.holds_in_one(self._members)
+        self._reached = np.zeros(len(self._members), np.bool_)
+        self.parts = self._made()
+        if plan.refraction and len(self.parts) > 1:
+            # A ray that bends may come back to what lies in another buffer.
+            raise InputError(
+                "too many bricks for rays that bend",
+                where="optics.refraction",
+                found=f"bricks in {len(self.parts)} buffers",
+                allowed="one; set cluster.memory_limit to load them in turn",
+            )
+
+    @property
+    def alone(self) -> bool:
+        """True if all bricks are in one box."""
+        return len(self.parts) == 1
+
+    @property
+    def bricks_in_box(self) -> int:
+        """Bricks of the only box, those of others and of nobody included."""
+        return self.parts[0].offsets.size
+
+    def bind(self, number: int) -> None:
+        """Bind the bricks of a part."""
+        part = self.parts[number]
+        self._device.give(OFFSETS, part.offsets)
+        self._device.give(VISIBLE, part.visible)
+        part.atlas.bind()
+
+    def store(self, noted: NDArray[np.bool_]) -> None:
+        """Store those bricks of the only box that rays have come to.
+
+        Raises
+        ------
+        BricksApartError
+            They did not fit into one buffer; all are stored now.
+        """
+        (part,) = self.parts
+        self._reached |= noted.reshape(part.offsets.shape)[tuple((self._members - part.box.begin_zyx).T)]
+        if self._pool.fetch(self._members[self._reached]):
+            self.parts = self._made()
+        if not self.alone:
+            self.waits = False
+            self.parts = self._made()
+            raise BricksApartError
+
+    @property
+    def reached(self) -> int:
+        """Number of bricks that rays have come to, as far as that is known."""
+        return int(self._reached.sum()) if self.waits else len(self._members)
+
+    @property
+    def occluded(self) -> int:
+        """Number of bricks in front of which all rays have ended."""
+        return len(self._members) - self.reached
+
+    def _made(self) -> list[Part]:
+        found = []
+        for atlas, bricks in self._pool.parts(self._plan, self._members, self.waits):
+            box = bounding_box(bricks)
+            found.append(Part(atlas, box, bricks, *atlas.tables(self._plan, box, bricks)))
+        return found
