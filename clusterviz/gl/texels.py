@@ -1,8 +1,8 @@
-"""Reading a box of texels of a 3-D texture; moderngl can only read whole ones.
+"""Reading and copying boxes of texels of 3-D textures; moderngl can only read whole ones.
 
 References
 ----------
-OpenGL 4.5 specification, 8.11.4 (glGetTextureSubImage).
+OpenGL 4.5 specification, 8.11.4 (glGetTextureSubImage), 18.3.3 (glCopyImageSubData).
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from clusterviz.gl.compute import gl_function
 
 SINCE = 450  # of OpenGL
-PACK_ALIGNMENT, RED = 0x0D05, 0x1903
+PACK_ALIGNMENT, RED, TEXTURE_3D = 0x0D05, 0x1903, 0x806F
+Place = tuple[int, int, int]
 TYPES = {"u1": 0x1401, "<u2": 0x1403, "<f4": 0x1406}
 
 
@@ -43,6 +44,19 @@ def read_box(
     store(PACK_ALIGNMENT, 1)
     read(texture.glo, 0, *corner, *shape[::-1], RED, TYPES[kind], found.nbytes, found.ctypes.data)
     return found
+
+
+def copy_box(source: int, begin: Place, target: int, to: Place, size: Place) -> None:
+    """Queue a copy of texels between 3-D textures of one format, by OpenGL's numbers; places are (x, y, z)."""
+    _copy()(source, TEXTURE_3D, 0, *begin, target, TEXTURE_3D, 0, *to, *size)
+
+
+@cache
+def _copy() -> Any:
+    """Return glCopyImageSubData."""
+    number, size = ctypes.c_uint, ctypes.c_int
+    texel = number, number, *[size] * 4
+    return gl_function("glCopyImageSubData", *texel, *texel, *[size] * 3)
 
 
 @cache

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import DeviceError
-from clusterviz.gl.texels import read_box
+from clusterviz.gl.texels import copy_box, read_box
 from clusterviz.partition import UNASSIGNED, BrickBox, Owners, bounding_box, build_tree, visible_groups
 from clusterviz.plan.cells import CellBrick
 from clusterviz.plan.geometry import Primitives
@@ -109,7 +109,12 @@ class BrickAtlas:
         if isinstance(self._voxels, moderngl.Buffer) and isinstance(larger._voxels, moderngl.Buffer):
             larger._take_over(self)
             self._context.copy_buffer(larger._voxels, self._voxels, self.bytes)
-        else:
+        elif hasattr(self._voxels, "glo"):
+            larger._take_over(self)
+            for number in self.slots.values():
+                begin, to = self._viewport(number), larger._viewport(number)
+                copy_box(self._voxels.glo, begin[:3], larger._voxels.glo, to[:3], begin[3:])
+        else:  # a draw is recorded
             for index, stored in self.stored(list(self.slots)):
                 larger.put(index, stored)
         self.release()
