@@ -18,6 +18,7 @@ from clusterviz.plan.accuracy import (
     COARSEST,
     SAFETY,
     VERIFIED_FINEST,
+    WITNESS,
     Aim,
     Choice,
     Picked,
@@ -187,7 +188,7 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
     if aim.jumps or not followed:
         left = replace(aim, bound=aim.bound - (0.0 if followed else picked.error))
         choice = replace(choice, error=choice.error - picked.error)
-        choice, worse, taken = _verified(scene, choice, left, channel, draw)
+        choice, worse, taken = _verified(scene, choice, left, channel, draw, is_first=not followed)
         choice, samples = replace(choice, error=choice.error + picked.error), samples + taken
     return Calibration(scene, choice, covered, pixels, samples, picked, aim.jumps or not followed, worse)
 
@@ -216,24 +217,28 @@ def _picked(
     return picked, choice, unit.samples
 
 
-def _verified(scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Draw) -> tuple[Choice, float, int]:
+def _verified(
+    scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Draw, *, is_first: bool
+) -> tuple[Choice, float, int]:
     """Verify a choice, or shorten its step, by whole pictures.
 
     Needed because a sample of pixels misses the errors of single pixels, which are far larger than all others where
-    something jumps. Long steps without jumps are compared with shorter ones, all others with longer ones.
+    something jumps. Long steps are compared with shorter ones, all others with longer ones.
 
     Returns the choice, the error of the first that was tried over its estimate, at least 1, and the samples taken.
     """
-    finest = max(choice.trial.level, COARSEST + 2)  # slabs are no longer than those of the coarsest
-    trial, pictures, samples = choice.trial._replace(level=finest - 2), list[Image](), 0
-    coarser, errors = 0 if aim.jumps else round(finest - choice.trial.level), list[float]()
+    level = choice.trial.level
+    least = WITNESS if aim.jumps and is_first else COARSEST + 2  # slabs are no longer than those of the coarsest
+    finest = level + max(0, math.ceil(least - level))
+    trial, pictures, samples = choice.trial._replace(level=min(level, finest - 2)), list[Image](), 0
+    coarser, errors = round(finest - level), list[float]()
     # Below a sixteenth of the bound a quotient says nothing of errors near the bound.
     estimated = max(choice.error - aim.residual, aim.target / 16)
     while True:
         drawn = draw(_small(scene, trial, 1.0))
         samples += drawn.samples
         if drawn.image is not None:
-            pictures = [*pictures[-2:], drawn.image]
+            pictures.append(drawn.image)
         while trial.level >= finest and coarser >= 0:
             errors.append(channel.broadcast(verified(pictures, aim, coarser) if pictures else 0.0))
             if errors[-1] <= aim.bound or (coarser == 0 and trial.level + 1 > VERIFIED_FINEST):

@@ -56,7 +56,7 @@ class ErrorBoundController:
         SceneError
             On every rank: no settings keep the bound for certain.
         """
-        began, aim = perf_counter(), make_aim(scene)
+        began, aim = perf_counter(), _agreed_aim(scene)
         found, samples = self._found(run, scene, aim)
         trial, error, residual = found.choice.trial, found.choice.error, _for_the_step(aim, found.filter).residual
         settings = (trial.step, trial.classification, found.filter.value, residual, "float32")
@@ -111,6 +111,14 @@ def pixel_of(plan: Plan, accuracy: Accuracy, images: int, ranks: int) -> Picked:
     """Pick the format of partial images by the rest of the bound, if up to `images` cover each other."""
     bounds = {name: rounding_bound(name, images) for name in ("uint8", "float16")}
     return pick_pixel(bounds, accuracy.max_error - accuracy.error, ranks, plan.blend_mode.traits.composited)
+
+
+def _agreed_aim(scene: Scene) -> Aim:
+    """Return the aim, which is the same on every rank, as is its error."""
+    try:
+        return make_aim(scene)
+    except SceneError as error:
+        raise mark_agreed(error) from None
 
 
 def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.errors import SceneError
 from clusterviz.plan.blend_mode import Classification, is_preintegrated
 from clusterviz.plan.estimate import (
     FASTEST,
@@ -39,6 +40,7 @@ from clusterviz.plan.estimate import (
     still_missing,
 )
 from clusterviz.plan.plan import Filter
+from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene, Volume
 
@@ -54,6 +56,9 @@ VERIFIED_SAFETY, VERIFIED_FINEST = 2.0, FINEST + 1
 """A first view's choice is verified in all pixels, with this safety factor, at steps down to this level. Where opacity
 or colour jump, or nearly so, single pixels have far larger errors than all others, which a sample of pixels misses.
 Then an estimate needs a picture one level finer, and every view is verified."""
+WITNESS = 4
+"""Level down to which the first view is drawn for that where something jumps: longer steps may all miss a feature that
+is thin along one ray. Later views are verified by steps around their own."""
 STEEP = 8.0
 """Slope of opacity or colour, in full scales over the range of clim, above which a transfer function counts as a
 jump."""
@@ -132,14 +137,32 @@ class Choice:
 
 
 def make_aim(scene: Scene) -> Aim:
-    """Return the aim of a completed scene with a volume and `quality.max_error`."""
+    """Return the aim of a completed scene with a volume and `quality.max_error`.
+
+    Raises
+    ------
+    SceneError
+        No samples keep the bound for certain.
+    """
     bound = scene.quality.max_error
     assert bound is not None, "no bound was asked for"
+    for volume in scene.volumes:
+        if _is_steep(volume) and not BLEND_MODES[volume.blending].composited:
+            raise _of_one_scalar(bound, volume)
     both = all(is_preintegrated(volume, "pre-integrated") for volume in scene.volumes)
-    classifications: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
+    steep = any(map(_is_steep, scene.volumes))
+    # Between two samples, slabs that are integrated before miss nothing that is thin.
+    classifications: tuple[Classification, ...] = ("post", "pre-integrated")[steep and both : 1 + both]
     # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
     cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
-    return Aim(bound, math.prod(scene.image.size), classifications, cut or any(map(_is_steep, scene.volumes)))
+    return Aim(bound, math.prod(scene.image.size), classifications, cut or steep)
+
+
+def _of_one_scalar(bound: float, volume: Volume) -> SceneError:
+    """Return the error of a pixel with the colour of one scalar, which may be on either side of a jump."""
+    found = f"{volume.blending}, whose pixels may be on either side of a jump of opacity or colour"
+    allowed = f"changes of at most {STEEP:.3g} full scales over clim, a composited mode, or null"
+    return SceneError(f"{bound:.3g} is out of reach", where="quality.max_error", found=found, allowed=allowed)
 
 
 def _is_steep(volume: Volume) -> bool:
@@ -213,10 +236,10 @@ def verified(pictures: Sequence[NDArray[Any]], aim: Aim, coarser: int = 0) -> fl
 
     Parameters
     ----------
-    pictures : three pictures (h, w, 4), each with half the step of the one before
-    coarser : 0: the last picture is estimated, from longer steps; 1 or 2: the one so many before it
+    pictures : at least three pictures (h, w, 4), each with half the step of the one before
+    coarser : 0: the last picture is estimated, from longer steps; else the one so many before it
     """
-    first, before, finest = pictures
+    first, before, finest = pictures[-3:]
     last, earlier = difference(finest, before), difference(before, first)
     # The largest changes of two halvings are in different pixels, so that their ratio is no order of convergence: a
     # narrow peak that both missed appears later. So each pixel has an order of its own, that of jumps where anything
