@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from clusterviz.errors import SceneError
 from clusterviz.plan.accuracy import (
     COARSEST,
     FINEST,
@@ -142,28 +143,45 @@ def test_of_all_pixels_the_largest_is_known_and_of_some_it_is_extrapolated() -> 
 
 
 SMOOTH = ((0.0, 0.0), (0.5, 0.1), (0.5, 0.1), (1.0, 0.7))
+JUMP = ((0.0, 0.0), (0.5, 0.1), (0.5, 0.7), (1.0, 0.7))
+PEAK = ((0.0, 0.0), (0.495, 0.0), (0.5, 0.3), (0.505, 0.0))
+"""Of 1 % of the range."""
 
 
 @pytest.mark.parametrize(
-    ("opacity", "more", "jumps"),
+    ("opacity", "more", "jumps", "classifications"),
     [
-        (SMOOTH, {}, False),
-        (((0.0, 0.0), (0.5, 0.1), (0.5, 0.7), (1.0, 0.7)), {}, True),
-        (((0.0, 0.0), (0.495, 0.0), (0.5, 0.3), (0.505, 0.0)), {}, True),  # a peak of 1 % of the range
-        (SMOOTH, {"cmap": ((0.0, 1.0, 0.0, 0.0), (0.5, 1.0, 0.0, 0.0), (0.5, 0.0, 0.0, 1.0))}, True),
-        (SMOOTH, {"interpolation": "nearest"}, True),
-        (SMOOTH, {"clip": Clip(box=(0.0, 1.0, 0.0, 1.0, 0.0, 1.0))}, True),
-        (SMOOTH, {"volumes": 2}, True),
+        (SMOOTH, {}, False, BOTH),
+        (JUMP, {}, True, BOTH[1:]),
+        (PEAK, {}, True, BOTH[1:]),
+        (SMOOTH, {"cmap": ((0.0, 1.0, 0.0, 0.0), (0.5, 1.0, 0.0, 0.0), (0.5, 0.0, 0.0, 1.0))}, True, BOTH[1:]),
+        (SMOOTH, {"interpolation": "nearest"}, True, BOTH[:1]),
+        (SMOOTH, {"clip": Clip(box=(0.0, 1.0, 0.0, 1.0, 0.0, 1.0))}, True, BOTH),
+        (SMOOTH, {"volumes": 2}, True, BOTH),
     ],
 )
-def test_jumps_and_what_is_nearly_one_are_seen(opacity: Any, more: dict[str, Any], jumps: bool) -> None:
+def test_jumps_and_what_is_nearly_one_are_seen(
+    opacity: Any, more: dict[str, Any], jumps: bool, classifications: Any
+) -> None:
     settings = {"cmap": "bone", "clim": (0.0, 1.0), "opacity": opacity, "opacity_unit_distance": 1.0} | more
     count, clip = settings.pop("volumes", 1), settings.pop("clip", Clip())
     volume = Volume(path="field:gaussian", **settings)
     aim = make_aim(Scene(volumes=count * (volume,), clip=clip, quality=Quality(max_error=0.01)))
     assert aim.jumps == jumps
-    assert aim.classifications == (("post",) if volume.interpolation == "nearest" else BOTH)
+    assert aim.classifications == classifications
     assert math.isclose(aim.target + aim.residual, 0.01)
+
+
+@pytest.mark.parametrize("blending", ["maximum", "average"])
+def test_the_colour_of_one_scalar_is_refused_where_it_jumps(blending: Any) -> None:
+    """However close two samples are, the pixel's scalar may be on either side of the jump."""
+    keys = {"cmap": "bone", "clim": (0.0, 1.0), "opacity_unit_distance": 1.0, "blending": blending}
+    for opacity in (JUMP, PEAK):
+        volume = Volume(path="field:gaussian", opacity=opacity, **keys)
+        with pytest.raises(SceneError, match=f"0.01 is out of reach.*{blending}, whose pixels may be on either side"):
+            make_aim(Scene(volumes=(volume,), quality=Quality(max_error=0.01)))
+    smooth = Volume(path="field:gaussian", opacity=SMOOTH, **keys)
+    assert not make_aim(Scene(volumes=(smooth,), quality=Quality(max_error=0.01))).jumps
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
