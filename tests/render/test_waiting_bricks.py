@@ -14,7 +14,7 @@ from clusterviz.gl.context import open_context
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.partition.pieces import Piece
 from clusterviz.plan.plan import Plan, make_plan
-from clusterviz.render import raycast
+from clusterviz.render import brick_tables
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.render_result import RenderResult
 from clusterviz.scene import VolumeInfo, complete_scene, scene_of_data
@@ -56,7 +56,7 @@ def test_occluded_bricks_are_neither_drawn_nor_stored_and_the_picture_is_the_sam
     assert found.bricks + found.occluded == len(bricks) == len(caster.pool.bricks)
     assert found.occluded > len(bricks) / 2
     assert caster.pool.voxels <= found.bricks * 9**3 < 125 * 9**3
-    monkeypatch.setattr(raycast, "waits_for_rays", lambda _: False)
+    monkeypatch.setattr(brick_tables, "waits_for_rays", lambda _: False)
     all_drawn, _ = drawn(plan, bricks)
     assert (all_drawn.bricks, all_drawn.occluded) == (len(bricks), 0)
     assert found.samples == all_drawn.samples

@@ -122,6 +122,8 @@ def bind_fragments(
         if (variant := variants[step]) not in programs:
             programs[variant] = compile_checked(context, variant.source)
         device.dispatch(programs[variant], (-(-rect.width // GPU_TILE), -(-rect.height // GPU_TILE)))
+        if step == "fill":  # the lists have been counted
+            return
         lists[:] = np.frombuffer(device.read(given, lists.nbytes), np.uint32)
         most = int(lists[HEAD + 1 :: 2].max(initial=0))
         check_loops(context, most, DRAW_ITERATIONS + layers, "fragments in a pixel")

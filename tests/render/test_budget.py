@@ -1,0 +1,93 @@
+"""Calls, waits, buffers and bytes of a frame from another camera; times are nobody's to promise, these are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+from render import scenes, test_cells
+from render.scenes import Prepared
+
+from clusterviz.data.source import Grid
+from clusterviz.gl.device import Counts
+from clusterviz.partition import Piece, build_tree
+from clusterviz.render import raycast
+from clusterviz.render.raycast import Raycaster
+from clusterviz.scene.values import Scene
+
+pytestmark = pytest.mark.gl
+SHAPE = (40, 36, 44)
+VOXELS = scenes.smooth(SHAPE)
+DENSE = ((0.0, 0.3), (1.0, 0.99))
+Frames = Callable[[float], Prepared]
+
+
+def moved(scene: Scene, share: float) -> Scene:
+    """The scene, seen from a place that much farther away."""
+    place = np.array(scene.camera.position) + share * np.array(scene.camera.position)[::-1]
+    return scene.model_copy(update={"camera": scene.camera.model_copy(update={"position": tuple(place.tolist())})})
+
+
+def volumes(**keys: Any) -> Frames:
+    """Frames of one volume in 180 bricks."""
+
+    def frame(share: float) -> Prepared:
+        scene = scenes.scene_of(VOXELS, scenes.camera_at("outside", Grid(SHAPE)), size=(150, 110), **keys)
+        return scenes.prepare(moved(scene, share), VOXELS, Grid(SHAPE), 8)
+
+    return frame
+
+
+def content(grids: Any, given: Any = (), meshes: Any = (), **keys: Any) -> Frames:
+    """Frames of grids, volumes and meshes in few bricks."""
+
+    def frame(share: float) -> Prepared:
+        scene = moved(test_cells.scene_of(grids, "outside", given, meshes, **keys), share)
+        return test_cells.prepared(scene, grids, given, meshes)
+
+    return frame
+
+
+GRID = ((test_cells.THIN, test_cells.HOLES),)
+KBUFFERED = ((test_cells.by_entries(test_cells.THIN, 16, "sorted"), test_cells.HOLES),)
+CASES: dict[str, tuple[Frames, int, int, int]] = {
+    "volume": (volumes(), 1, 1, 4096),
+    "rays end early": (volumes(early_termination=0.01), 1, 1, 4096),
+    "rays end early in what is dense": (volumes(early_termination=0.01, opacity=DENSE), 1, 1, 4096),
+    "lit, clipped": (volumes(shade=True, clip=scenes.clip_of(Grid(SHAPE))), 1, 1, 4096),
+    "k-buffer": (content(KBUFFERED), 1, 1, 70_000),
+    # Fragments are counted, and stored where there is room.
+    "grid": (content(GRID), 3, 2, 50_000),
+    "volume, mesh and grid": (content(GRID, (test_cells.VOLUME,), (test_cells.MESH,)), 3, 2, 60_000),
+}
+"""Frames, and most dispatches, waits and uploaded bytes; those of content are its tile lists."""
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_moving_camera_takes_few_calls_one_wait_and_no_buffers(
+    context: moderngl.Context, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One more dispatch packs the picture."""
+    monkeypatch.setattr(raycast, "ITERATIONS", (1 << 16,) * 2)  # as on GPUs
+    frame, dispatches, waits, uploaded = CASES[name]
+    one, other = frame(0.0), frame(0.01)
+    caster = Raycaster(context, one.plan, band_pixels=1 << 62, packs=True)
+    caster.load(one.plan, one.shown | other.shown)
+    found = list[Counts]()
+    for number in range(6):
+        plan = (one, other)[number % 2].plan
+        if plan.content:
+            plan = replace(plan, content=one.plan.content)
+        before = replace(caster.counts)
+        caster.draw(plan, [Piece(0, build_tree(plan.cost, 1).leaves[0].trimmed)])
+        found.append(caster.counts.since(before))
+    caster.release()
+    for each in found[4:]:
+        assert each.dispatches <= dispatches + 1
+        assert (each.waits, each.made) == (waits, 0)
+        assert each.uploaded <= uploaded
+    assert found[0].made > 5
