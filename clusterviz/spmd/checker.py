@@ -340,6 +340,10 @@ class Checker:
         while isinstance(root, Pick | Element):
             if isinstance(root, Pick) and len(set(root.numbers)) < len(root.numbers):
                 raise self.error("a component is assigned twice", value.at)
+            if isinstance(root, Element) and not root.base.type.is_array:  # some drivers do not link such a program
+                raise self.error(
+                    "a component is assigned by an index that is not constant", value.at, root.base.type.name
+                )
             root = root.base
         variable = root.variable if isinstance(root, Name) else root.block if isinstance(root, Memory) else None
         if variable is None or variable.kind in ("const", "uniform", "sampler", "system") or variable.is_read_only:

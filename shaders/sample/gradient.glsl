@@ -22,11 +22,10 @@ float derivative(vec4 before, vec4 low, vec4 high, vec4 after, bool begins, bool
     vec4 edge = 2.0 * (high - low), from = high - before, to = after - low;
     bvec4 none_before = invalid(before), none_after = invalid(after);
     if (MAY_BE_INVALID) {
-        for (int n = 0; n < 4; ++n) {
-            vec2 both = at_ends(edge[n], from[n], to[n], begins || none_before[n], ends || none_after[n]);
-            from[n] = both.x;
-            to[n] = both.y;
-        }
+        vec2 both[4];
+        for (int n = 0; n < 4; ++n) both[n] = at_ends(edge[n], from[n], to[n], begins || none_before[n], ends || none_after[n]);
+        from = vec4(both[0].x, both[1].x, both[2].x, both[3].x);
+        to = vec4(both[0].y, both[1].y, both[2].y, both[3].y);
     }
     vec2 both = vec2(across(from, aside), across(to, aside));
     if (!MAY_BE_INVALID) both = at_ends(across(edge, aside), both.x, both.y, begins, ends);
