@@ -1,10 +1,16 @@
-"""How often `quality.max_error` is held: `python benchmarks/max_error_scenes.py [--scenes N] [--first K] [--size S]`.
+"""How often `quality.max_error` is held: `python benchmarks/max_error_scenes.py [--scenes N] [--first K] [--size S]
+[--hard]`.
 
 Random scenes, each from its number alone: data of seven kinds in 8 and 16 bits and float32, one volume or two, smooth
 opacities, ramps, peaks of 1 to 4 % of the range and jumps, some lit, some cut, seen from anywhere, with bounds from
 1/255 to 0.02. The truth is drawn with pre-integrated slabs at steps halved down to 1/512 of a voxel, until a halving
 changes no pixel by more than a twentieth of the bound, or by a fourth of what the error is away from the bound: what it
 changed last is how well it is known.
+
+With `--hard` the scenes are small and adversarial: crops of the head's CT or like one, specks, rods, balls, shells and
+noise of 10 to 18 voxels a side, peaks of 0.5 to 2 % of the range, flanks just below what counts as a jump, ramps and
+boxes of opacities to 0.99, parallel and perspective views, pictures of 64 to 160 pixels, every blend mode that takes a
+bound, and bounds from 1/512 to 0.05. A scene takes about a second.
 
 Prints a line for each scene, then how many bounds were held, refused, and broken silently.
 """
@@ -22,8 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.data import open_source
 from clusterviz.data.field import open_field
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Grid
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options
@@ -34,6 +42,8 @@ BOUNDS = (0.02, 4 / 255, 2 / 255, 1 / 255)
 KINDS = ("waves", "blobs", "noise", "smoothed noise", "labels", "marschner-lobb", "hydrogen")
 FUNCTIONS = ("smooth", "ramp", "peaks", "peaks", "jumps", "colour jumps")
 KNOWN, FINEST = 1 / 20, 1 / 512
+HARD_KINDS = ("head", "head", "shells", "specks", "rods", "ball", "noise", "smoothed noise")
+HARD_FUNCTIONS = ("narrow peaks", "narrow peaks", "below steep", "ramp", "boxes")
 
 
 @dataclass(frozen=True)
@@ -69,11 +79,12 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--size", type=int, default=128)
+    parser.add_argument("--hard", action="store_true", help="small adversarial scenes; --size is not used")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     found = []
     for number in range(options.first, options.first + options.scenes):
-        one = tried(number, options.size)
+        one = tried(number, None if options.hard else options.size)
         found.append(one)
         verdict = "BROKEN" if one.broken else "refused" if one.refused else "held"
         print(
@@ -103,26 +114,11 @@ def summary(found: list[Tried]) -> list[str]:
     ]
 
 
-def tried(number: int, size: int) -> Tried:
-    """Draw one scene with its bound, and its truth."""
-    rng = np.random.default_rng([19, number])
-    kind, function = str(rng.choice(KINDS)), str(rng.choice(FUNCTIONS))
-    dtype, bound = str(rng.choice(["uint8", "uint16", "float32"])), float(rng.choice(BOUNDS))
-    volumes, lit = (2 if rng.random() < 1 / 6 else 1), bool(rng.random() < 1 / 6)
-    sources = [source_of(rng, kind, dtype, k) for k in range(volumes)]
-    entries = [look_of(rng, function, source, lit) for source in sources]
-    away, clipped = rng.normal(size=3), bool(rng.random() < 1 / 6)
-    scene = Scene.model_validate(
-        {
-            "volumes": entries,
-            "image": {"size": [size, size], "background": "black"},
-            "camera": camera_of(away / np.linalg.norm(away), sources, rng),
-            "quality": {"max_error": bound},
-            "clip": {"planes": [[centre_of(sources).tolist(), (-away).tolist()]] if clipped else []},
-        }
-    )
+def tried(number: int, size: int | None) -> Tried:
+    """Draw one scene with its bound, and its truth; no size: an adversarial scene."""
+    scene, sources, told = hard_scene(number) if size is None else usual_scene(number, size)
+    bound = scene.quality.max_error or 0.0
     began = process_time()
-    told = number, kind, dtype, function, volumes, lit, clipped, bound
     try:
         drawn = frame_of(scene, sources)
     except SceneError as refusal:
@@ -137,6 +133,51 @@ def tried(number: int, size: int) -> Tried:
         *(accuracy.error, error, known_to, False),
         *(accuracy.step, accuracy.classification, accuracy.pilot_samples / max(1, samples), seconds),
     )
+
+
+def usual_scene(number: int, size: int) -> tuple[Scene, list[ArraySource], tuple[Any, ...]]:
+    """Scene, volumes, and what the line says of them."""
+    rng = np.random.default_rng([19, number])
+    kind, function = str(rng.choice(KINDS)), str(rng.choice(FUNCTIONS))
+    dtype, bound = str(rng.choice(["uint8", "uint16", "float32"])), float(rng.choice(BOUNDS))
+    volumes, lit = (2 if rng.random() < 1 / 6 else 1), bool(rng.random() < 1 / 6)
+    sources = [source_of(rng, kind, dtype, k) for k in range(volumes)]
+    entries = [look_of(rng, function, source, lit) for source in sources]
+    away, clipped = rng.normal(size=3), bool(rng.random() < 1 / 6)
+    planes = [[centre_of(sources).tolist(), (-away).tolist()]] if clipped else []
+    camera = camera_of(away / np.linalg.norm(away), sources, rng)
+    scene = scene_of(entries, (size, size), camera, bound, planes)
+    return scene, sources, (number, kind, dtype, function, volumes, lit, clipped, bound)
+
+
+def hard_scene(number: int) -> tuple[Scene, list[ArraySource], tuple[Any, ...]]:
+    """An adversarial one."""
+    rng = np.random.default_rng([34, number])
+    kind, function = str(rng.choice(HARD_KINDS)), str(rng.choice(HARD_FUNCTIONS))
+    dtype, bound = str(rng.choice(["uint8", "uint16", "float32"])), float(np.exp(rng.uniform(*np.log([1 / 512, 0.05]))))
+    shape, clipped = tuple(int(n) for n in rng.integers(10, 19, 3)), bool(rng.random() < 1 / 10)
+    source = array_of(rng, hard_values(rng, kind, shape), dtype, kind)
+    entry = look_of(rng, function, source, bool(rng.random() < 1 / 8))
+    entry["opacity_unit_distance"] = float(np.exp(rng.uniform(*np.log([0.3, 3.0]))))
+    entry["blending"] = str(rng.choice(["composite"] * 8 + ["maximum", "minimum", "average", "additive"]))
+    entry["shade"] = entry["shade"] and entry["blending"] == "composite"
+    away = np.eye(3)[rng.integers(3)] if rng.random() < 1 / 6 else rng.normal(size=3)
+    camera = camera_of(away / np.linalg.norm(away), [source], rng)
+    if rng.random() < 1 / 3:
+        camera["parallel_scale"] = float(np.linalg.norm(np.ptp(source.grid.corners, axis=0))) / 2
+    size = tuple(int(n) for n in rng.integers(64, 161, 2))
+    planes = [[centre_of([source]).tolist(), (-away).tolist()]] if clipped else []
+    scene = scene_of([entry], size, camera, bound, planes)
+    return scene, [source], (number, kind, dtype, function, 1, entry["shade"], clipped, bound)
+
+
+def scene_of(
+    entries: list[dict[str, Any]], size: tuple[int, ...], camera: dict[str, Any], bound: float, planes: list[Any]
+) -> Scene:
+    """The scene of these parts."""
+    image, quality = {"size": size, "background": "black"}, {"max_error": bound}
+    parts = {"volumes": entries, "image": image, "camera": camera, "quality": quality, "clip": {"planes": planes}}
+    return Scene.model_validate(parts)
 
 
 def error_of(drawn: Any, sources: list[ArraySource], bound: float) -> tuple[float, float]:
@@ -155,7 +196,7 @@ def error_of(drawn: Any, sources: list[ArraySource], bound: float) -> tuple[floa
 
 def frame_of(scene: Scene, sources: list[ArraySource]) -> Any:
     """One frame."""
-    with FrameLoop(scene, LoopbackChannel(), sources, Options(overlap=False), several=False) as loop:
+    with FrameLoop(scene, LoopbackChannel(), sources, Options(device="cpu", overlap=False), several=False) as loop:
         return loop.frame()
 
 
@@ -191,6 +232,17 @@ def look_of(rng: np.random.Generator, function: str, source: ArraySource, lit: b
 def opacity_of(rng: np.random.Generator, function: str) -> list[tuple[float, float]]:
     """Points of (share of the range, opacity)."""
     height = rng.uniform(0.2, 0.95)
+    if function in ("narrow peaks", "below steep"):
+        narrow, count = function == "narrow peaks", int(rng.integers(1, 4))
+        rows = [(0.0, 0.0)]
+        for place in np.sort(rng.permutation(8)[:count] if narrow else rng.permutation(3)[:count] * 3) / 9 + 0.14:
+            top = rng.uniform(0.5, 0.99)
+            half = float(rng.uniform(0.0025, 0.01)) if narrow else top / float(rng.uniform(7.0, 7.99))
+            rows += [(max(place - half, 1e-6), 0.0), (place, top), (place + half, 0.0)]
+        return [*rows, (1.0, 0.0)]
+    if function == "boxes":
+        low, high = np.sort(rng.uniform(0.05, 0.95, 2))
+        return [(0.0, 0.0), (low, 0.0), (low, top := rng.uniform(0.5, 0.99)), (high, top), (high, 0.0), (1.0, 0.0)]
     if function == "peaks":
         rows, count, half = [(0.0, 0.0)], int(rng.integers(1, 4)), float(rng.choice([0.01, 0.02, 0.04])) / 2
         for place in np.sort(rng.permutation(8)[:count]) / 9 + 0.1:
@@ -213,13 +265,41 @@ def opacity_of(rng: np.random.Generator, function: str) -> list[tuple[float, flo
 def source_of(rng: np.random.Generator, kind: str, dtype: str, place: int) -> ArraySource:
     """Data of a kind, with values over all of the type's range; a second volume lies beside the first."""
     shape = tuple(int(n) for n in rng.integers(14, 41, 3))
-    values = values_of(rng, kind, shape)
+    return array_of(rng, values_of(rng, kind, shape), dtype, f"{kind}-{place}", place)
+
+
+def array_of(rng: np.random.Generator, values: NDArray[Any], dtype: str, name: str, place: int = 0) -> ArraySource:
+    """A volume of floats of any range."""
     values = (values - values.min()) / max(float(np.ptp(values)), 1e-12)
     if dtype != "float32":
         values = np.round(values * np.iinfo(dtype).max)
     spacing = tuple(float(s) for s in rng.choice([1.0, 1.0, 0.7, 1.5], 3))
     origin = tuple(float(o) for o in place * rng.uniform(-8, 8, 3))
-    return ArraySource(values.astype(dtype), Grid(shape, spacing, origin), f"{kind}-{place}")
+    return ArraySource(values.astype(dtype), Grid(values.shape, spacing, origin), name)
+
+
+def hard_values(rng: np.random.Generator, kind: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Any floats, (z, y, x)."""
+    if kind in KINDS:
+        return values_of(rng, kind, shape)
+    if kind == "head":
+        head = open_source(str(fetch_sample("cranium")), None)
+        for _ in range(20):
+            at = tuple(int(rng.integers(0, n - m)) for n, m in zip(head.grid.shape_zyx, shape, strict=True))
+            found = head.read(at, tuple(np.add(at, shape).tolist())).astype(np.float64)
+            if np.ptp(found) > 0:
+                return found
+    z, y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij")
+    a, b, c = rng.uniform(-0.4, 0.4, 3)
+    distance = np.sqrt((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2)
+    if kind == "specks":
+        return np.where(rng.random(shape) < 0.01, rng.random(shape), 0.05 * rng.random(shape))
+    if kind == "rods":
+        return np.exp(-((np.hypot(x - a, y - b + 0.3 * z) / rng.uniform(0.05, 0.2)) ** 2)) + 0.1 * distance
+    if kind == "ball":
+        return np.clip((rng.uniform(0.3, 0.8) - distance) * rng.uniform(1, 12), -1, 1)
+    edges = np.sort(rng.uniform(0.2, 1.2, 3))  # skin, bone and what is inside, with noise as of a scanner
+    return np.array([0.5, 1.0, 0.3, 0.0])[np.digitize(distance, edges)] + rng.normal(0, 0.02, shape)
 
 
 def values_of(rng: np.random.Generator, kind: str, shape: tuple[int, ...]) -> NDArray[Any]:

@@ -128,6 +128,7 @@ class Calibration:
     samples : of all small pictures, on all ranks
     filter : that was picked
     verified : True if the choice was checked in all pixels, not in a sample of them
+    worse : error in all pixels over that estimated in a sample of them, at least 1
     """
 
     scene: Scene
@@ -137,6 +138,7 @@ class Calibration:
     samples: int
     filter: Picked
     verified: bool = False
+    worse: float = 1.0
 
 
 class _Verdict(NamedTuple):
@@ -181,11 +183,13 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
         picked, choice, taken = _picked(_small(scene, choice.trial, scale), pictures, choice, aim, channel, draw)
         samples += taken
     pixels = math.prod(_small(scene, choice.trial, scale).image.size)
-    if aim.jumps:
+    worse = 1.0
+    if aim.jumps or not followed:
         left = replace(aim, bound=aim.bound - (0.0 if followed else picked.error))
-        choice, taken = _verified(scene, choice, left, channel, draw)
+        choice = replace(choice, error=choice.error - picked.error)
+        choice, worse, taken = _verified(scene, choice, left, channel, draw)
         choice, samples = replace(choice, error=choice.error + picked.error), samples + taken
-    return Calibration(scene, choice, covered, pixels, samples, picked, aim.jumps)
+    return Calibration(scene, choice, covered, pixels, samples, picked, aim.jumps or not followed, worse)
 
 
 def covered_pixels(aim: Aim, covered: float) -> float:
@@ -212,23 +216,31 @@ def _picked(
     return picked, choice, unit.samples
 
 
-def _verified(scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Draw) -> tuple[Choice, int]:
-    """Verify a choice, or shorten its step, by whole pictures of it and two longer steps; also returns samples taken.
+def _verified(scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Draw) -> tuple[Choice, float, int]:
+    """Verify a choice, or shorten its step, by whole pictures.
 
-    Needed where the errors of single pixels are far larger than all others, so that a sample of pixels misses them.
+    Needed because a sample of pixels misses the errors of single pixels, which are far larger than all others where
+    something jumps. Long steps without jumps are compared with shorter ones, all others with longer ones.
+
+    Returns the choice, the error of the first that was tried over its estimate, at least 1, and the samples taken.
     """
     finest = max(choice.trial.level, COARSEST + 2)  # slabs are no longer than those of the coarsest
     trial, pictures, samples = choice.trial._replace(level=finest - 2), list[Image](), 0
+    coarser, errors = 0 if aim.jumps else round(finest - choice.trial.level), list[float]()
+    # Below a sixteenth of the bound a quotient says nothing of errors near the bound.
+    estimated = max(choice.error - aim.residual, aim.target / 16)
     while True:
         drawn = draw(_small(scene, trial, 1.0))
         samples += drawn.samples
         if drawn.image is not None:
             pictures = [*pictures[-2:], drawn.image]
-        if trial.level >= finest:
-            error = channel.broadcast(verified(pictures, aim) if pictures else 0.0)
-            if error <= aim.bound or trial.level + 1 > VERIFIED_FINEST:
-                return replace(choice, trial=trial, error=error), samples
-        trial = trial._replace(level=trial.level + 1)
+        while trial.level >= finest and coarser >= 0:
+            errors.append(channel.broadcast(verified(pictures, aim, coarser) if pictures else 0.0))
+            if errors[-1] <= aim.bound or (coarser == 0 and trial.level + 1 > VERIFIED_FINEST):
+                found = replace(choice, trial=trial._replace(level=trial.level - coarser), error=errors[-1])
+                return found, max(1.0, (errors[0] - aim.residual) / estimated), samples
+            coarser -= 1
+        trial, coarser = trial._replace(level=trial.level + 1), max(coarser, 0)
 
 
 def _judged(pictures: dict[Trial, Image], aim: Aim, image: Image | None) -> _Verdict | None:

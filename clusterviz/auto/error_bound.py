@@ -125,6 +125,8 @@ def _can_follow(last: Calibration, scene: Scene, aim: Aim) -> bool:
 def _following(last: Calibration, anew: Calibration, scene: Scene, aim: Aim) -> Aim:
     """Return the aim of an adaptation; with few pixels and the same transfer function the step may only get shorter."""
     aim = _for_the_step(aim, last.filter)
+    if not aim.jumps:  # where something jumps, all views are verified in all pixels
+        aim = replace(aim, safety=aim.safety * anew.worse)
     following = aim.following(last.choice.trial)
     if covered_pixels(following, last.covered) >= LEAST_PIXELS or scene.volumes != anew.scene.volumes:
         return following

@@ -125,6 +125,9 @@ def summary(statistics: FrameStatistics) -> str:
         f"memory     {max(rank.peak_memory_bytes for rank in ranks) / 2**20:.0f} MiB at most on a rank",
         f"renderer   {'; '.join(names) or 'none: no rank had anything to draw'}",
     ]
+    if back := sum(rank.readback_bytes for rank in ranks):
+        formats = dict.fromkeys(rank.readback_pixel for rank in ranks if rank.readback_pixel)
+        lines.append(f"read back  {back / 2**20:.2f} MiB from GPUs, {', '.join(formats)}")
     if statistics.sharing and len(ranks) > 1:
         lines.append(f"shared     {statistics.sharing}")
     if statistics.accuracy:

@@ -148,7 +148,8 @@ class Drawing:
             if passes:
                 passes.begin(work.plan, mine)
             began, began_cpu = perf_counter(), process_time()
-            drawn = self._renderers.draw(work.plan, pieces, partial(_report, run.options), passes)
+            pixel = work.scene.quality.pixel
+            drawn = self._renderers.draw(work.plan, pieces, partial(_report, run.options), passes, pixel)
             counts = replace(self._counted(drawn), cpu_seconds=process_time() - began_cpu)
             if passes:
                 run.clock.add("load", passes.seconds)
@@ -240,6 +241,7 @@ class Drawing:
         held = self._renderers.held if self._renderers else {}
         occluded = sum(each.occluded for each in drawn)
         bricks, samples = sum(each.bricks for each in drawn), sum(each.samples for each in drawn)
+        read = [each for each in drawn if each.bytes_read]
         frame_coherence = together(each.frame_coherence for each in drawn)
         return RankFrame(
             {},
@@ -247,6 +249,8 @@ class Drawing:
             bricks_drawn=bricks,
             bricks_occluded=occluded,
             samples=samples,
+            readback_bytes=sum(each.bytes_read for each in read),
+            readback_pixel=read[0].partial.rgba.dtype.name if read else "",
             frame_coherence=frame_coherence,
             early_discarding=all_counts(each.early_discarding for each in drawn),
             kbuffer=all_counts(each.kbuffer for each in drawn),

@@ -41,11 +41,11 @@ def finish(context: moderngl.Context) -> None:
         _functions()[2]()
 
 
-def gl_function(name: str, *arguments: Any) -> Any:
-    """Return an OpenGL function without a result, given the ctypes types of its arguments; calls release the lock."""
+def gl_function(name: str, *arguments: Any, result: Any = None) -> Any:
+    """Return an OpenGL function, given the ctypes types of its arguments and its result; calls release the lock."""
     egl = ctypes.CDLL(find_library("EGL") or "libEGL.so.1")
     address = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_char_p)(("eglGetProcAddress", egl))
-    return ctypes.CFUNCTYPE(None, *arguments)(address(name.encode()))
+    return ctypes.CFUNCTYPE(result, *arguments)(address(name.encode()))
 
 
 @cache

@@ -50,6 +50,11 @@ def open_context(local_rank: int = 0, device: int | None = None) -> moderngl.Con
     return context
 
 
+def is_software(renderer: str) -> bool:
+    """Return True if a device, by OpenGL's name of it, draws on the CPU, or only records."""
+    return any(name in renderer for name in ("llvmpipe", "softpipe", "recording"))
+
+
 @contextmanager
 def current_context_kept() -> Iterator[None]:
     """Context after which this thread's current OpenGL context is the same as before, if there was one."""

@@ -6,6 +6,7 @@ did not change are not uploaded again. Dispatches are queued, and only `read` wa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -13,12 +14,12 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.compute import finish, queue_compute
+from clusterviz.gl.compute import queue_compute
+from clusterviz.gl.staging import GROWTH, Bytes, Copies, Part, Staging
 
 Kind = Literal["storage", "uniform"]
 LEAST_BYTES = 16
 """OpenGL has no buffers without bytes."""
-GROWTH = 1.25
 COMPARED_BYTES = 1 << 16
 """Larger data are known again only if they are one array that cannot be written."""
 
@@ -62,6 +63,7 @@ class Device:
     Parameters
     ----------
     context : a context that this thread has current, or that of a recording
+    is_mapped : as in `Staging`
 
     Attributes
     ----------
@@ -69,8 +71,9 @@ class Device:
     counts : what was done since the device was made
     """
 
-    def __init__(self, context: moderngl.Context) -> None:
+    def __init__(self, context: moderngl.Context, is_mapped: bool | None = None) -> None:
         self.context, self.counts = context, Counts()
+        self._staging = Staging(context, is_mapped)
         self._held: dict[tuple[str, int], _Held] = {}
 
     def give(self, binding: int, data: NDArray[Any], kind: Kind = "storage") -> moderngl.Buffer:
@@ -83,8 +86,7 @@ class Device:
         if not _is_known(held.given, data):
             held.made.write(data.tobytes() or bytes(LEAST_BYTES))
             self.counts.uploaded += data.nbytes
-            small = data.nbytes <= COMPARED_BYTES
-            held.given = data.tobytes() if small else None if data.flags.writeable else data
+            held.given = _remembered(data)
         return self._bound(held, kind, binding, data.nbytes)
 
     def begin(self, binding: int, data: NDArray[Any]) -> moderngl.Buffer:
@@ -114,7 +116,7 @@ class Device:
         elif not _is_known(held.given, texels):
             held.made.write(texels.tobytes())
             self.counts.uploaded += texels.nbytes
-        held.given = texels.tobytes() if texels.nbytes <= COMPARED_BYTES else None if texels.flags.writeable else texels
+        held.given = _remembered(texels)
         held.made.use(unit)
         return held.made
 
@@ -124,16 +126,28 @@ class Device:
         self.context.memory_barrier()
         self.counts.dispatches += 1
 
+    def copy(self, parts: Sequence[Part]) -> Copies:
+        """Queue copies of parts of buffers to the host, where `arrived` returns them."""
+        before = self._staging.made
+        copies = self._staging.copy(parts)
+        self.counts.made += self._staging.made - before
+        return copies
+
+    def arrived(self, copies: Copies) -> list[Bytes]:
+        """Wait, without Python's lock, and return the bytes of copies; they stay until two more have been queued."""
+        found = copies.wait()
+        self.counts.waits += 1
+        self.counts.read += sum(each.nbytes for each in found)
+        return found
+
     def read(self, buffer: moderngl.Buffer, size: int = -1, offset: int = 0) -> bytes:
         """Wait until all that is queued is done, without Python's lock, and return bytes of a buffer."""
-        finish(self.context)
-        data = buffer.read(size, offset=offset)
-        self.counts.waits += 1
-        self.counts.read += len(data)
-        return data
+        size = buffer.size - offset if size < 0 else size
+        return self.arrived(self.copy([(buffer, offset, size)]))[0].tobytes()
 
     def release(self) -> None:
         """Free all buffers and tables."""
+        self._staging.release()
         for held in self._held.values():
             held.made.release()
         self._held.clear()
@@ -157,6 +171,13 @@ class Device:
         else:
             held.made.bind_to_storage_buffer(binding, size=size)
         return held.made
+
+
+def _remembered(data: NDArray[Any]) -> NDArray[Any] | bytes | None:
+    """Return by what data are known again; None: they are not."""
+    if data.nbytes <= COMPARED_BYTES:
+        return data.tobytes()
+    return None if data.flags.writeable else data
 
 
 def _is_known(given: NDArray[Any] | bytes | None, data: NDArray[Any]) -> bool:

@@ -96,15 +96,15 @@ def _part(part: str, slot: str, where: str) -> tuple[str, str]:
 
 
 @cache
-def _folders(folder: Path) -> tuple[Path, ...]:
-    """Return the folders in which shader files lie."""
-    return folder, *sorted(path for path in folder.iterdir() if path.is_dir())
+def _files(folder: Path) -> dict[str, Path]:
+    """Return the paths of shader files by name, looked for once, as a variant has dozens."""
+    return {path.name: path for path in folder.rglob("*.glsl")}
 
 
 def shader_file(name: str) -> Path:
     """Return the path of a shader file, in whichever folder of `shader_folder` it lies; names are unique."""
     folder = shader_folder()
-    return next((each / name for each in _folders(folder) if (each / name).is_file()), folder / name)
+    return _files(folder).get(name, folder / name)
 
 
 def _read(name: str, where: str) -> str:

@@ -3,8 +3,8 @@
 The error of a step depends on the field, the transfer function and the view, and bounds from slopes alone are wrong by
 an order of magnitude. So the scene is drawn with few rays at steps of 2, 1, ½, … voxels, until the errors that
 `estimate.py` finds in these pictures are within the bound. Both classifications converge to the same picture, so only
-the one that is likely to be cheaper is refined, unless they disagree. From frame to frame, pictures around the last
-step, with the last classification, show if it still holds.
+the one that is likely to be cheaper is refined, unless they disagree. The choice is then verified in all pixels. From
+frame to frame, pictures around the last step, with the last classification, show if it still holds.
 
 An eighth of the bound is for early ray termination, the rest for the step. docs/measurements/accuracy.md says how often
 the choice was right.
@@ -36,6 +36,7 @@ from clusterviz.plan.estimate import (
     left_of,
     levels_of,
     logarithms,
+    still_missing,
 )
 from clusterviz.plan.plan import Filter
 from clusterviz.scene.complete import transfer_function
@@ -50,9 +51,9 @@ TERMINATION = 1 / 8
 SAFETY = 2.0
 """Safety factor of all estimates."""
 VERIFIED_SAFETY, VERIFIED_FINEST = 2.0, FINEST + 1
-"""Where opacity or colour jump, or nearly so, single pixels have far larger errors than all others, which a sample of
-pixels misses. Then an estimate needs a picture one level finer, and the choice is verified in all pixels, with this
-safety factor, at steps down to this level."""
+"""A first view's choice is verified in all pixels, with this safety factor, at steps down to this level. Where opacity
+or colour jump, or nearly so, single pixels have far larger errors than all others, which a sample of pixels misses.
+Then an estimate needs a picture one level finer, and every view is verified."""
 STEEP = 8.0
 """Slope of opacity or colour, in full scales over the range of clim, above which a transfer function counts as a
 jump."""
@@ -77,6 +78,7 @@ class Aim:
     jumps : opacity or colour jump, or nearly so, along rays
     last : choice of the frame before, which is updated; None if there is none
     coarsest : level of the longest step that may be chosen
+    safety : factor of all errors estimated in a sample of pixels
     """
 
     bound: float
@@ -85,6 +87,7 @@ class Aim:
     jumps: bool = False
     last: Trial | None = None
     coarsest: float = COARSEST
+    safety: float = SAFETY
 
     @property
     def target(self) -> float:
@@ -161,7 +164,7 @@ def next_trial(pictures: Pictures, aim: Aim) -> Trial | None:
         for level in aim.levels:
             if Trial(classification, level) not in pictures:
                 return Trial(classification, level)
-    errors = errors_of(pictures, aim.pixels, SAFETY)
+    errors = errors_of(pictures, aim.pixels, aim.safety)
     disputed = _disputed(pictures, aim)
     if disputed:
         return disputed
@@ -173,7 +176,7 @@ def next_trial(pictures: Pictures, aim: Aim) -> Trial | None:
 
 def choose(pictures: Pictures, aim: Aim) -> Choice:
     """Return the cheapest setting that is expected to hold the bound, or else the most accurate one."""
-    found, errors = [], errors_of(pictures, aim.pixels, SAFETY)
+    found, errors = [], errors_of(pictures, aim.pixels, aim.safety)
     few = max(np.count_nonzero(picture.any(axis=-1)) for picture in pictures.values()) < FEW
     for classification, curve in errors.items():
         wanted = _wanted(curve, classification, aim.target).level
@@ -205,18 +208,25 @@ def _with_reason(choice: Choice, among: list[Choice], aim: Aim) -> Choice:
     return replace(choice, reason=text)
 
 
-def verified(pictures: Sequence[NDArray[Any]], aim: Aim) -> float:
-    """Estimate the error of a whole picture from those of longer steps, including the residual.
+def verified(pictures: Sequence[NDArray[Any]], aim: Aim, coarser: int = 0) -> float:
+    """Estimate the error of a whole picture from itself and two others, including the residual.
 
     Parameters
     ----------
-    pictures : three pictures (h, w, 4) with four times, twice and once the step
+    pictures : three pictures (h, w, 4), each with half the step of the one before
+    coarser : 0: the last picture is estimated, from longer steps; 1 or 2: the one so many before it
     """
     first, before, finest = pictures
-    last, earlier = float(difference(finest, before).max()), float(difference(before, first).max())
+    last, earlier = difference(finest, before), difference(before, first)
     # The largest changes of two halvings are in different pixels, so that their ratio is no order of convergence: a
-    # narrow peak that both missed appears later. So no convergence faster than that of jumps is assumed.
-    return VERIFIED_SAFETY * max(last, FASTEST * earlier) + aim.residual
+    # narrow peak that both missed appears later. So each pixel has an order of its own, that of jumps where anything
+    # jumps, and no error is expected to fall faster than without jumps.
+    shares = SLOWEST if aim.jumps else np.clip(last / np.maximum(earlier, 1e-30), FASTEST, SLOWEST)
+    missing = float((last * shares / (1 - shares)).max())
+    least = FASTEST * float(earlier.max())
+    missing = max(missing, least if aim.jumps else still_missing(least, 4 * least))
+    moved = float(difference(finest, pictures[-1 - coarser]).max())
+    return VERIFIED_SAFETY * missing + moved + aim.residual
 
 
 def has_strayed(choice: Choice, calibrated: Choice, aim: Aim) -> bool:
@@ -238,7 +248,7 @@ def _disputed(pictures: Pictures, aim: Aim) -> Trial | None:
     lacking = sum(left_of(pictures, classification, known, aim.pixels) for classification, known in levels.items())
     one, other = (pictures[Trial(classification, known[-1])] for classification, known in levels.items())
     classification, known = min(levels.items(), key=lambda item: item[1][-1])
-    agree = largest(difference(one, other), aim.pixels) * (1 - SLOWEST) <= max(lacking, aim.target / SAFETY)
+    agree = largest(difference(one, other), aim.pixels) * (1 - SLOWEST) <= max(lacking, aim.target / aim.safety)
     return None if agree or known[-1] >= FINEST else Trial(classification, known[-1] + 1)
 
 

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.gl.compute import run_compute
-from clusterviz.gl.context import compile_compute
+from clusterviz.gl.context import compile_compute, is_software
+from clusterviz.gl.device import Device
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
@@ -40,6 +41,7 @@ from clusterviz.render.cells.table import walk_planes
 from clusterviz.render.content_bricks import store_as
 from clusterviz.render.frame_block import ASK, ONLY, frame_block
 from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
+from clusterviz.render.packed_picture import PIXEL_BYTES, PictureReader
 from clusterviz.render.passes import Passes
 from clusterviz.render.refraction import CarriedRays, Paths, rays_block
 from clusterviz.render.render_result import (
@@ -59,7 +61,6 @@ from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer_counts import KBufferCounts
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
-PIXEL_BYTES = 16
 ITERATIONS = (1 << 16, 3600)
 """Of the loops of a ray in a dispatch, on GPUs and on llvmpipe, which silently leaves all loops after 65535 in total:
 sixteen lanes that diverge may take sixteen times the iterations that each of them counts."""
@@ -79,9 +80,11 @@ class Raycaster:
     block_bytes : largest size of a GPU buffer, for tests
     limit_bytes : GPU memory beyond which no free slots are added; None: no limit
     band_pixels : larger pictures are drawn in bands; None: `MOST_PIXELS_AT_ONCE`
+    packs : whether pictures are packed on the device before they are read; None: unless that is software
 
     Attributes
     ----------
+    reader : reads pictures back, and counts bytes
     slot : layout of a brick
     pool : the bricks
     """
@@ -93,6 +96,7 @@ class Raycaster:
         block_bytes: int | None = None,
         limit_bytes: int | None = None,
         band_pixels: int | None = None,
+        packs: bool | None = None,
     ) -> None:
         self._context, self._band_pixels = context, band_pixels or MOST_PIXELS_AT_ONCE
         self.slot = slot_of(plan)
@@ -100,6 +104,8 @@ class Raycaster:
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._programs, self._passes = self._compiled(plan), compile_passes(context, plan)
         self._primitives, self._last_frame = TableCache(), LastFrame()
+        packs = not is_software(self.renderer) if packs is None else packs
+        self.reader = PictureReader(Device(context, None if packs else False), packs)
         self.forget()
 
     def forget(self) -> None:
@@ -183,6 +189,7 @@ class Raycaster:
         progress: Progress = no_progress,
         carried: Sequence[CarriedRays] = (),
         passes: Passes | None = None,
+        pixel: str = "float32",
     ) -> list[RenderResult]:
         """Draw one frame's pieces, whose visible bricks are loaded, unless `passes` does.
 
@@ -192,12 +199,14 @@ class Raycaster:
         progress : called with the part of the pieces that is drawn, in [0, 1], if their number is known
         carried : rays of each piece, which are written: of a plan that only finds crossings, or paths that bend
         passes : loads the bricks of the pieces part by part
+        pixel : format that partial images may have, if they are converted on the device anyway: float32, float16, uint8
 
         Returns
         -------
         drawn : one result for each piece; its partial image is the footprint of the piece
         """
         variant = self.variant_of(plan)
+        self.reader.next_frame(pixel)
         with Buffers(self._context) as buffers:
             table, rows, sums = all_segments(plan)
             buffers.bind(4, table)
@@ -383,20 +392,22 @@ class Raycaster:
                             march.through(block)
                 if hidden:
                     hidden.pixels[:] = np.frombuffer(kept.read(), HIDDEN).reshape(hidden.pixels.shape)
-                read = np.frombuffer(progress.read(offset=4 * ahead), np.uint32)
                 if hidden and (again or not hidden.draw_again()):
                     break
-                if starts and not starts.keep(
-                    read[squares:][: planes.size].view(np.float32).reshape(-1, rect.height, rect.width)
-                ):
-                    break
+                if starts:
+                    noted = np.frombuffer(progress.read(planes.nbytes, offset=4 * (ahead + squares)), np.float32)
+                    if not starts.keep(noted.reshape(-1, rect.height, rect.width)):
+                        break
             rendered = perf_counter()
-            rgba = np.frombuffer(pixels.read(PIXEL_BYTES * rect.pixels), np.float32).reshape(rect.height, rect.width, 4)
+            beside = [(progress, 4 * ahead, 4 * squares)]
+            if walks.size:  # those that were cut short
+                beside.append((progress, 4 * (ahead + squares + planes.size + rect.pixels), 4 * rect.pixels))
+            before = self.reader.device.counts.read
+            rgba, (read, *cut_short) = self.reader.begin(pixels, rect, beside=beside).finish()
+            work = read.view(np.uint32).reshape(groups[::-1]).copy()
             if isinstance(starts, Paths):
                 starts.pixels[:] = np.frombuffer(pixels.read(), np.float32).reshape(starts.pixels.shape)
-            work = read[:squares].reshape(groups[::-1])
             taken = int(work.sum(dtype=np.int64))
-            cut_short = int(read[squares + planes.size :].reshape(-1, rect.pixels)[1:2].sum())
         seconds = rendered - started, perf_counter() - rendered
         partial, shown = PartialImage(rect, rgba), sum(bricks.values())
         return RenderResult(
@@ -406,13 +417,15 @@ class Raycaster:
             *seconds,
             work,
             fragments=fragments,
-            cut_short=cut_short,
+            cut_short=sum(int(each.view(np.uint32).sum()) for each in cut_short),
             kbuffer=all_counts(counts),
+            bytes_read=self.reader.device.counts.read - before,
         )
 
     def release(self) -> None:
         """Free all GPU resources."""
         self.pool.release()
+        self.reader.release()
         for program in (*self._programs.values(), *self._passes.values()):
             program.release()
 

@@ -47,7 +47,7 @@ class RenderResult:
 
     Attributes
     ----------
-    partial : float32; `image/merge.py` defines the four floats for each operator
+    partial : float32, or the format that was asked for; `image/merge.py` defines the four floats for each operator
     samples : number of samples of the field
     bricks : number of bricks drawn
     seconds_render, seconds_readback : time for drawing, and for reading pixels back
@@ -56,6 +56,7 @@ class RenderResult:
     early_discarding : counts of fragments; None if all are stored
     kbuffer : counts of a k-buffer; None without one
     fragments : int32 (h, w), fragments of meshes, lines and points, or of a k-buffer, at each pixel; (0, 0) without any
+    bytes_read : bytes of the picture, and of what is counted beside it, that were read from a GPU
     cut_short : walks through unstructured grids that were ended, as they went in a circle
     work : uint32 (rows, columns), samples in each square of `SQUARE` pixels of the partial image, from its corner
     """
@@ -72,6 +73,7 @@ class RenderResult:
     early_discarding: EarlyDiscarding | None = None
     kbuffer: KBufferCounts | None = None
     cut_short: int = 0
+    bytes_read: int = 0
 
 
 def joined_bands(rect: Rect, drawn: Sequence[RenderResult], axis: int = 0) -> RenderResult:
@@ -88,6 +90,7 @@ def joined_bands(rect: Rect, drawn: Sequence[RenderResult], axis: int = 0) -> Re
         fragments=fragments,
         cut_short=sum(each.cut_short for each in drawn),
         kbuffer=all_counts(each.kbuffer for each in drawn),
+        bytes_read=sum(each.bytes_read for each in drawn),
     )
 
 

@@ -126,8 +126,12 @@ class RendererCache:
         pieces: Iterable[Piece],
         progress: Progress = no_progress,
         passes: Passes | None = None,
+        pixel: str = "float32",
     ) -> list[RenderResult]:
-        """Draw this rank's pieces of a frame; they are blank if it never had a brick. See `Raycaster.draw`."""
+        """Draw this rank's pieces of a frame; they are blank if it never had a brick. See `Raycaster.draw`.
+
+        Partial images have the format `pixel` only if nothing but compositing is done with them.
+        """
         if self._caster is None:
             return [RenderResult(blank()) for _ in pieces]
         caster = self._caster
@@ -135,7 +139,8 @@ class RendererCache:
             from clusterviz.render.tall_picture import draw_tall_picture
 
             return draw_tall_picture(caster.draw, plan, pieces, progress, passes)
-        return caster.draw(plan, pieces, progress, passes=passes)
+        kept = plan.layers or plan.refraction or plan.march.frame_coherence is not None
+        return caster.draw(plan, pieces, progress, passes=passes, pixel="float32" if kept else pixel)
 
     def find_layers(
         self,

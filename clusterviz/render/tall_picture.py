@@ -87,4 +87,5 @@ def _tall(plan: Plan, results: Iterable[tuple[int, RenderResult]]) -> RenderResu
         seconds_readback=sum(one.seconds_readback for one in kept),
         work=np.sum([one.work for one in kept], axis=0, dtype=np.uint32),
         cut_short=sum(one.cut_short for one in kept),
+        bytes_read=sum(one.bytes_read for one in kept),
     )

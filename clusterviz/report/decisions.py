@@ -19,7 +19,7 @@ class Accuracy:
     step : sampling distance, voxels
     classification, filter, early_termination, pixel : as in the scene
     reasons : setting -> reason in words
-    verified : whether the error was estimated in all pixels, from a picture with longer steps, or in a sample of pixels
+    verified : whether the error was estimated in all pixels, from pictures of other steps, or in a sample of pixels
     pilot_pixels : pixels of each pilot picture
     pilot_samples, pilot_seconds : samples and seconds of all pilot pictures, on all ranks
     """

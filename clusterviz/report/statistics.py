@@ -72,6 +72,7 @@ class RankFrame:
     voxels : voxels held in memory, including ghost voxels
     voxel_bytes : memory of the voxels on the device that draws, including reserved memory
     bricks_read, bytes_read : bricks that were read for the frame, and bytes: encoded ones of stores, else of samples
+    readback_bytes, readback_pixel : bytes read from a GPU for pictures, and their pixel format; "" without a GPU
     passes : parts of this rank's bricks that were loaded one after another, within a limit of memory; 0 without one
     brick_memory_bytes : with a limit, most memory of voxels, samples that were read, and decoded bricks of stores
     samples : field samples of all rays, and their segments in the tetrahedra of unstructured grids; a segment counts
@@ -98,6 +99,8 @@ class RankFrame:
     voxel_bytes: int = 0
     bricks_read: int = 0
     bytes_read: int = 0
+    readback_bytes: int = 0
+    readback_pixel: str = ""
     passes: int = 0
     brick_memory_bytes: int = 0
     samples: int = 0
@@ -119,7 +122,7 @@ class RankFrame:
 
 def summed(counts: Sequence[RankFrame]) -> RankFrame:
     """Return the costs of pictures of one rank that became one frame: sums, and all else as of the last."""
-    names = ["samples", "samples_estimate", "cpu_seconds", "bricks_read", "bytes_read"]
+    names = ["samples", "samples_estimate", "cpu_seconds", "bricks_read", "bytes_read", "readback_bytes"]
     names += ["bytes_raw", "bytes_sent", "messages_sent", "cut_short"]
     return replace(counts[-1], **{name: sum(getattr(one, name) for one in counts) for name in names})
 

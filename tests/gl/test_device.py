@@ -5,15 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clusterviz.errors import DeviceError
+from clusterviz.gl import staging
 from clusterviz.gl.device import COMPARED_BYTES, Device
 
 pytestmark = pytest.mark.gl
 SMALL, LARGE = np.arange(8, dtype=np.uint32), np.arange(COMPARED_BYTES, dtype=np.uint32)
 
 
-@pytest.fixture
-def device(context):
-    made = Device(context)
+@pytest.fixture(params=[True, False], ids=["mapped", "read"])
+def device(context, request):
+    made = Device(context, is_mapped=request.param)
     yield made
     made.release()
 
@@ -69,3 +71,24 @@ def test_only_reads_wait(device):
     buffer = device.begin(2, SMALL)
     counts = _counted(device, lambda: device.read(buffer, 8))
     assert (counts.waits, counts.read, counts.dispatches) == (1, 8, 0)
+
+
+def test_parts_of_buffers_arrive_together_with_one_wait(device):
+    small, large = device.give(3, SMALL), device.give(4, LARGE)
+    parts = [(small, 4, 12), (large, 8, LARGE.nbytes - 8), (small, 28, 4)]
+    counts = _counted(device, lambda: [device.arrived(device.copy(parts)) for _ in range(2)])
+    again = _counted(device, lambda: device.arrived(device.copy(parts)))
+    found = [each.view(np.uint32).tolist() for each in device.arrived(device.copy(parts))]
+    assert found == [[1, 2, 3], LARGE[2:].tolist(), [7]]
+    assert (again.waits, again.made, again.read) == (1, 0, 12 + LARGE.nbytes - 8 + 4)
+    assert counts.waits == 2
+
+
+@pytest.mark.parametrize(("call", "answer", "message"), [("map", None, "no memory"), ("wait", 0x911D, "lost")])
+def test_a_driver_that_fails_is_named(context, monkeypatch, call, answer, message):
+    failing = replace(staging._functions(), **{call: lambda *_: answer})
+    monkeypatch.setattr(staging, "_functions", lambda: failing)
+    device = Device(context, is_mapped=True)
+    with pytest.raises(DeviceError, match=message):
+        device.read(device.give(3, SMALL), SMALL.nbytes)
+    device.release()

@@ -185,3 +185,14 @@ def test_a_narrow_peak_that_does_not_converge_like_the_other_pixels_is_verified(
         one[3, 4, 1] += peak
     aim = Aim(2 / 255, PATTERN[..., 0].size, ("post",), jumps=True)
     assert verified(pictures, aim) > aim.bound
+
+
+def test_what_only_some_pixels_miss_is_verified_without_jumps_too() -> None:
+    """Smooth pixels promise a third of their last change; one that converges late, all of it; a long step, its own."""
+    smooth = [np.zeros(SHAPE) + 0.016 * 4.0**-level for level in range(3)]
+    aim = Aim(0.05, PATTERN[..., 0].size, ("post",))
+    assert verified(smooth, aim) - aim.residual == pytest.approx(2 * 0.001)
+    late = [one.copy() for one in smooth]
+    late[2][7, 9, 1] += 0.01
+    assert 2 * 0.005 < verified(late, aim) - aim.residual <= 2 * 0.01
+    assert verified(smooth, aim, 2) - aim.residual == pytest.approx(2 * 0.001 + 0.015)

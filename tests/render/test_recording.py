@@ -286,10 +286,13 @@ def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
 
 
 def test_probes_look_into_every_file_of_the_shaders() -> None:
-    """A new file needs a look in the table, in which a pixel comes to it; other tests probe geometry and jobs."""
+    """A new file needs a look in the table, in which a pixel comes to it; other tests probe geometry and jobs.
+
+    No ray comes to those that pack pictures.
+    """
     files = " ".join(
         [*(look[2] for look in LOOKS.values()), *ON_CPUS.values(), OF_16_LANES, WITHOUT_CODE, NOT_PROBED]
     ).split()
     every = [path.relative_to(shader_folder()) for path in shader_folder().rglob("*.glsl")]
-    elsewhere = r"abuffer|(cells|flow|jobs|pyramid|slices)/"
+    elsewhere = r"abuffer|packed|(cells|flow|jobs|pyramid|slices)/"
     assert sorted(files) == sorted(path.stem for path in every if not re.search(elsewhere, str(path)))

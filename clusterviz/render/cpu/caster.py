@@ -165,8 +165,9 @@ class VectorCaster:
         progress: Progress = no_progress,
         carried: Sequence[CarriedRays] = (),
         passes: Passes | None = None,
+        pixel: str = "float32",
     ) -> list[RenderResult]:
-        """Draw one frame's pieces. See `Raycaster.draw`."""
+        """Draw one frame's pieces. See `Raycaster.draw`; partial images are float32."""
         drawn: list[RenderResult] = []
         shown: _Shown | None = None
         if not carried:
