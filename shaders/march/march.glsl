@@ -18,8 +18,8 @@ struct Sum {
 void add(inout Sum sum, vec4 more) {
     precise vec4 term = more - sum.low;
     precise vec4 total = sum.high + term;
-    sum.low = (total - sum.high) - term;
-    sum.high = total;
+    precise vec4 lost = (total - sum.high) - term;
+    sum = Sum(total, lost);
 }
 
 struct Place {
