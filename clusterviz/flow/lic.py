@@ -144,7 +144,7 @@ def _lic(
 
 
 _KERNELS = {
-    name: kernel("line.glsl", stepper, "lic.glsl", writes=("lic",), vectors=("field",))(_lic)
+    name: kernel("numbers.glsl", "line.glsl", stepper, "lic.glsl", writes=("lic",), vectors=("field",))(_lic)
     for name, stepper in STEPPERS.items()
 }
 

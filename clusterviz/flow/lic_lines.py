@@ -337,6 +337,8 @@ def _lic_lines(
 
 
 _KERNELS = {
-    name: kernel("line.glsl", stepper, "lic_lines.glsl", writes=("lines", "state"), vectors=("field",))(_lic_lines)
+    name: kernel("numbers.glsl", "line.glsl", stepper, "lic_lines.glsl", writes=("lines", "state"), vectors=("field",))(
+        _lic_lines
+    )
     for name, stepper in STEPPERS.items()
 }

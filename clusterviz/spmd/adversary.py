@@ -32,7 +32,7 @@ from typing import Any
 from clusterviz.spmd.analysis import children, root
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.emitter import Emitter, Part, constant
-from clusterviz.spmd.ir import Assign, BuiltIn, Declare, Expression, Function, Name, Operation, Program, Variable
+from clusterviz.spmd.ir import Assign, BuiltIn, Declare, Expression, Function, Loop, Name, Operation, Program, Variable
 from clusterviz.spmd.variables import Parts
 
 
@@ -67,28 +67,40 @@ BY_ZERO = -1_234_567
 FLUSHED = 0x9FC0  # of x86: no exceptions, subnormal arguments and results are 0
 
 
-def precise_variables(program: Program) -> frozenset[int]:
-    """Return the ids of the variables whose values go into precise ones: within a function, by assignments."""
+def precise_assignments(program: Program) -> frozenset[int]:
+    """Return the ids of the assignments and declarations whose values go into precise ones of the same function.
+
+    What a variable gets behind its last use for a precise value goes into none, though a later call may use it for one.
+    """
     found = set[int]()
     for function in (one for named in program.functions.values() for one in named if one.body is not None):
-        pairs = list(_assignments(function.body))
-        known = {id(target) for target, _ in pairs if target.is_precise}
+        places = list(_assignments(function.body))
+        ends = {id(loop): at for at, (*_, loop) in enumerate(places) if loop is not None}
+        # Of each variable, the last place at which it goes into a precise value.
+        last = {id(target): len(places) for _, target, _, _ in places if target.is_precise}
         while True:
-            used = {id(v) for target, value in pairs if id(target) in known for v in _variables(value)}
-            if used <= known:
+            reached = dict(last)
+            for at, (_, target, value, loop) in enumerate(places):
+                if at <= last.get(id(target), -1):
+                    until = ends.get(id(loop), at)
+                    last |= {id(one): max(last.get(id(one), -1), until) for one in _variables(value)}
+            if reached == last:
                 break
-            known |= used
-        found |= known
+        found |= {id(node) for at, (node, target, _, _) in enumerate(places) if at <= last.get(id(target), -1)}
     return frozenset(found)
 
 
-def _assignments(node: Any) -> Iterator[tuple[Variable, Expression]]:
-    if isinstance(node, Declare) and node.value is not None:
-        yield node.variable, node.value
-    if isinstance(node, Assign) and (target := root(node.target)) is not None:
-        yield target, node.value
+def _assignments(
+    node: Any, loop: Loop | None = None
+) -> Iterator[tuple[Declare | Assign, Variable, Expression, Loop | None]]:
+    """Yield assignments and declarations in their order: node, variable, value and the outermost loop around them."""
+    loop = loop or (node if isinstance(node, Loop) else None)
     for child in children(node):
-        yield from _assignments(child)
+        yield from _assignments(child, loop)
+    if isinstance(node, Declare) and node.value is not None:
+        yield node, node.variable, node.value, loop
+    if isinstance(node, Assign) and (target := root(node.target)) is not None:
+        yield node, target, node.value, loop
 
 
 def _variables(node: Any) -> Iterator[Variable]:
@@ -233,7 +245,7 @@ class AdversarialGenerator(Generator):
 
     def __init__(self, program: Program, lanes: int, intrinsics: dict[str, Callable[..., Parts]], driver: str) -> None:
         super().__init__(program, lanes, intrinsics)
-        self._driver, self._precise = DRIVERS[driver], precise_variables(program)
+        self._driver, self._precise = DRIVERS[driver], precise_assignments(program)
 
     def _emitter(self, name: str, caller: Emitter | None = None) -> Emitter:
         return AdversarialEmitter(name, self.lanes, caller, self._driver)
@@ -249,12 +261,11 @@ class AdversarialGenerator(Generator):
         self.emit.is_precise = before
 
     def _declare(self, declaration: Declare) -> None:
-        with self._precisely(id(declaration.variable) in self._precise):
+        with self._precisely(id(declaration) in self._precise):
             super()._declare(declaration)
 
     def _assign(self, node: Assign) -> Parts:
-        target = root(node.target)
-        with self._precisely(target is not None and id(target) in self._precise):
+        with self._precisely(id(node) in self._precise):
             return super()._assign(node)
 
     def _body(self, function: Function, bindings: Any, path: int) -> Parts:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from clusterviz.errors import InputError
 from clusterviz.spmd.ir import (
     Assign,
     BuiltIn,
@@ -246,7 +247,8 @@ class Checker:
             stride = of.stride(base.block.kind == "uniform") if kind.of else NUMBERS[kind.element, 1].parts * 4
             if isinstance(index, Constant):
                 return replace(base, type=of, at=at, offset=base.offset + int(index.value) * stride)
-            return replace(base, type=of, at=at, terms=(*base.terms, (index, stride)))
+            of_vector = None if kind.is_array else kind
+            return replace(base, type=of, at=at, terms=(*base.terms, (index, stride)), component_of=of_vector)
         if isinstance(index, Constant) and not kind.is_array:
             begin = int(index.value) * of.parts
             return Pick(of, at, base, tuple(range(begin, begin + of.parts)))
@@ -340,11 +342,19 @@ class Checker:
         while isinstance(root, Pick | Element):
             if isinstance(root, Pick) and len(set(root.numbers)) < len(root.numbers):
                 raise self.error("a component is assigned twice", value.at)
+            if isinstance(root, Element) and not root.base.type.is_array:
+                raise self.component(value, root.base.type)
             root = root.base
+        if isinstance(root, Memory) and root.component_of is not None:
+            raise self.component(value, root.component_of)
         variable = root.variable if isinstance(root, Name) else root.block if isinstance(root, Memory) else None
         if variable is None or variable.kind in ("const", "uniform", "sampler", "system") or variable.is_read_only:
             raise self.error("this cannot be assigned", value.at, variable.name if variable else "an expression")
         variable.is_assigned = True
+
+    def component(self, value: Expression, of: Type) -> InputError:
+        """Return the error of an assignment for which some drivers do not link a program."""
+        return self.error("a component is assigned by an index that is not constant", value.at, of.name)
 
     def assign(self, target: Expression, operator: str, value: Expression, at: int, gives_old: bool = False) -> Assign:
         """Return `target = value` or `target op= value`."""

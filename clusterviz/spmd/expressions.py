@@ -312,16 +312,7 @@ class Expressions(Blocks):
 
     def _assign_element(self, target: Element, numbers: Sequence[int], parts: Parts) -> None:
         (index,), emit = self.value(target.index), self.emit
-        if not target.base.type.is_array:
-            width, old = target.type.parts, self.value(target.base)
-            new = list(old)
-            for n in range(target.base.type.size):
-                here = self._compare("==", index, constant("i", n))
-                for number, part in zip(numbers, parts, strict=True):
-                    new[n * width + number] = emit.select(here, part, old[n * width + number])
-            self._assign_to(target.base, new)
-            return
-        assert isinstance(target.base, Name)
+        assert isinstance(target.base, Name), "the checker has seen to that"
         index = self._inside(index, target.base.type.size)
         cells = self._bindings[id(target.base.variable)]
         for number, part in zip(numbers, parts, strict=True):

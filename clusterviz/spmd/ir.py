@@ -81,11 +81,15 @@ class Element(Expression):
 
 @dataclass(eq=False, slots=True)
 class Memory(Expression):
-    """Value in a block: `offset` bytes from its begin, plus indices times bytes."""
+    """Value in a block: `offset` bytes from its begin, plus indices times bytes.
+
+    `component_of` is the vector of which an index that is not constant takes a component.
+    """
 
     block: Variable
     offset: int
     terms: tuple[tuple[Expression, int], ...]
+    component_of: Type | None = None
 
 
 @dataclass(eq=False, slots=True)

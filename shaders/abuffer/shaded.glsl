@@ -23,14 +23,15 @@ vec4 classified(float s, int first) {
 
 // Numbers of the corners' vertices, or of the primitive, by their weights.
 vec4 attribute_of(ivec4 of, int row, vec3 weights, int first, int count, bool of_vertices) {
-    vec4 found = vec4(0.0);
+    float found[4];
     for (int part = 0; part < 4; ++part) {
-        if (part >= count) break;
+        found[part] = 0.0;
+        if (part >= count) continue;
         found[part] = !of_vertices ? number_in(first, count, row, part)
                                    : weights.x * number_in(first, count, of.x, part) + weights.y * number_in(first, count, of.y, part) +
                                          weights.z * number_in(first, count, of.z, part);
     }
-    return found;
+    return vec4(found[0], found[1], found[2], found[3]);
 }
 
 // Distance of a point of a triangle to the nearest edge: its weights times the triangle's heights.

@@ -11,10 +11,10 @@ const vec4 NOTHING_IN_FRONT = vec4(0.0, 0.0, 1.0, 0.0);
 
 void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
     if (!is_seen(s)) return;
-    vec2 coefficients = max(segment_at(s).colour.xy, vec2(0.0));
+    // Thicker slabs look the same, and might leave the range of float32. Eighths, as drivers need not divide by more than 2^126.
+    vec2 coefficients = 0.125 * max(segment_at(s).colour.xy, vec2(0.0));
     float most = max(coefficients.x, coefficients.y);
-    // Thicker slabs look the same, and might leave the range of float32.
-    vec2 depths = coefficients * min(thickness * frame.optics.x * share, THICKEST / max(most, 1e-30));
+    vec2 depths = coefficients * min(8.0 * (thickness * frame.optics.x * share), THICKEST / max(most, 1e-20));
     if (depths.x + depths.y > 0.0) sum = stacked(sum.w > 0.0 ? sum : NOTHING_IN_FRONT, slab_fluxes(depths.x, depths.y));
 }
 

@@ -1,14 +1,15 @@
 // Twice the area between the ray and an edge, never 0: a ray through an edge or a corner counts as one that is moved by (e, e^2) for an e below every
 // number (H. Edelsbrunner, E. P. Muecke, Simulation of simplicity, 1990). Exchanging the ends changes the sign and nothing else. The sign is exact,
-// so all tetrahedra around an edge agree on it, and a ray that has entered one leaves it through one other face.
+// so all tetrahedra around an edge agree on it, and a ray that has entered one leaves it through one other face. What stands for e is far above the
+// least normal number, as it weighs depths, and drivers may take subnormal numbers for 0.
 float strict_side(vec2 a, vec2 b) {
     precise float first = a.x * b.y;
     precise float second = a.y * b.x;
     precise float found = first - second;
     if (found != 0.0) return found;
     double exact = double(a.x) * double(b.y) - double(a.y) * double(b.x);
-    if (exact != 0.0LF) return float(sign(exact)) * 1e-37;
-    return a.y != b.y ? sign(a.y - b.y) * 1e-38 : sign(b.x - a.x) * 1e-38;
+    if (exact != 0.0LF) return float(sign(exact)) * 1e-30;
+    return a.y > b.y || (a.y == b.y && b.x > a.x) ? 1e-31 : a == b ? 0.0 : -1e-31;
 }
 
 // Sum of three numbers in any order, the same in each.

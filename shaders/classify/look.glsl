@@ -1,7 +1,7 @@
 // A user's look: straight colour and opacity of a unit distance, from value, gradient and position in the units of the data and of the world. The
 // last rows of `grading` are those of plan/shading.py. The scene's opacity is a factor of the look's, so that what it hides is skipped.
 float within_limit(float x, float most) {
-    return x > 0.0 ? min(x, most) : 0.0; // NaN compares false
+    return (floatBitsToUint(x) & 0x7fffffffu) <= 0x7f800000u && x > 0.0 ? min(x, most) : 0.0; // NaN by its bits
 }
 
 vec4 classified(float s, vec3 gradient, Place place, vec3 beyond) {

@@ -5,7 +5,7 @@ vec4 entry_at(float s, float magnitude) {
     ivec2 last = textureSize(transfer_table, 0) - 1;
     vec4 axes = grading[3];
     vec2 place = clamp(vec2((s - axes.x) * axes.y, (magnitude - axes.z) * axes.w), vec2(0.0), vec2(last));
-    ivec2 first = ivec2(place), next = min(first + 1, last);
+    ivec2 first = clamp(ivec2(place), ivec2(0), last), next = min(first + 1, last);
     vec2 w = place - vec2(first);
     vec4 low = texelFetch(transfer_table, first, 0), high = texelFetch(transfer_table, ivec2(first.x, next.y), 0);
     low += (texelFetch(transfer_table, ivec2(next.x, first.y), 0) - low) * w.x;

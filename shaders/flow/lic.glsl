@@ -19,5 +19,5 @@ void kernel(ivec3 at) {
     }
     float squared = dot(start.xyz, start.xyz);
     // NaN where there are no vectors.
-    lic_set(at, squared == squared ? sum / whole : squared);
+    lic_set(at, is_number(squared) ? sum / whole : uintBitsToFloat(0x7fc00000u));
 }

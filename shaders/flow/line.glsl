@@ -23,7 +23,7 @@ vec4 field_between(ivec3 voxel, vec3 moved) {
 // Whether a place lies in the grid, but for rounding, so that lines along the border do not end; NaN does not.
 bool is_inside(ivec3 voxel, vec3 moved) {
     vec3 low = vec3(first_voxel - voxel) - BORDER, high = vec3(last_voxel - voxel) + BORDER;
-    return all(greaterThanEqual(moved, low)) && all(lessThanEqual(moved, high));
+    return is_number(moved.x + moved.y + moved.z) && all(greaterThanEqual(moved, low)) && all(lessThanEqual(moved, high));
 }
 
 // Move for a unit of length along the field; where steps have equal lengths, NaN if there are no vectors, or they are 0.
@@ -32,5 +32,6 @@ vec3 velocity(vec4 here) {
 }
 
 bool has_vector(vec4 here) {
-    return dot(here.xyz, here.xyz) > 0.0;
+    float squared = dot(here.xyz, here.xyz);
+    return is_number(squared) && squared > 0.0;
 }

@@ -43,7 +43,7 @@ float grain_at(ivec3 cell, uint lattice) {
 float lattice_noise(dvec3 place, int level) {
     dvec3 scaled = place * camera_at(ivec3(SCALES + level, 0, 0));
     dvec3 corner = floor(scaled);
-    ivec3 cell = ivec3(corner);
+    ivec3 cell = ivec3(corner - 4294967296.0LF * floor(corner / 4294967296.0LF + 0.5LF)); // the noise repeats
     vec3 share = vec3(scaled - corner);
     uint lattice = mixed_bits(uint(level + first_level) * 0x9e3779b9u + uint(seed));
     float found = 0.0;
@@ -57,7 +57,8 @@ float lattice_noise(dvec3 place, int level) {
 
 float noise_at(dvec3 place, double side) {
     float size = log2(float(double(grain) * side * camera_at(ivec3(SCALES, 0, 0)))); // in octaves above the first level
-    int level = clamp(int(floor(size)), 0, LEVELS - 2);
+    size = clamp(size, 0.0, float(LEVELS - 1));
+    int level = min(int(size), LEVELS - 2);
     float share = clamp(size - float(level), 0.0, 1.0);
     float lower = lattice_noise(place, level) - 0.5, upper = lattice_noise(place, level + 1) - 0.5;
     return 0.5 + ((1.0 - share) * lower + share * upper) / sqrt((1.0 - share) * (1.0 - share) + share * share);

@@ -8,7 +8,7 @@ void kernel(ivec3 at) {
         float scale = 1.0 / dot(matrices_at(ivec3(2, view, 0)), voxel);
         vec2 place = scale * vec2(dot(matrices_at(ivec3(0, view, 0)), voxel), dot(matrices_at(ivec3(1, view, 0)), voxel));
         if (all(greaterThanEqual(place, vec2(0.0))) && all(lessThanEqual(place, last))) {
-            ivec2 pixel = min(ivec2(place), detector - 2);
+            ivec2 pixel = clamp(ivec2(place), ivec2(0), detector - 2);
             vec2 t = place - vec2(pixel);
             vec4 quad = quads_at(ivec3(pixel - corner, view));
             vec2 rows = quad.xz + (quad.yw - quad.xz) * t.x;

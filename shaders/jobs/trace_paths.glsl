@@ -175,8 +175,9 @@ void advance(ivec3 pixel, inout Path path) {
         path.at = clamp(path.at + exit * along, vec3(0.0), size);
         int axis = faces.x <= exit ? 0 : faces.y <= exit ? 1 : 2;
         int forward = along[axis] > 0.0 ? 1 : -1;
-        path.block[axis] += forward;
-        path.at[axis] = forward > 0 ? 0.0 : float(block_cells[axis]);
+        float face = forward > 0 ? 0.0 : float(block_cells[axis]);
+        path.block += forward * ivec3(axis == 0, axis == 1, axis == 2);
+        path.at = vec3(axis == 0 ? face : path.at.x, axis == 1 ? face : path.at.y, axis == 2 ? face : path.at.z);
         if (!is_inside(path.block, ivec3(0), majorants_size())) leave(pixel, path);
         return;
     }

@@ -18,8 +18,8 @@ struct Sum {
 void add(inout Sum sum, vec4 more) {
     precise vec4 term = more - sum.low;
     precise vec4 total = sum.high + term;
-    sum.low = (total - sum.high) - term;
-    sum.high = total;
+    precise vec4 lost = (total - sum.high) - term;
+    sum = Sum(total, lost);
 }
 
 struct Place {
@@ -56,7 +56,7 @@ Place place_at(Real3 position, vec3 slab) {
     vec3 ahead = mix(vec3(cell - low) + beyond, vec3(high - cell) - beyond, greaterThanEqual(slab, vec3(0.0))) * (1.0 - 1e-6) - 1e-5;
     vec3 slabs = ahead * (1.0 / max(abs(slab), vec3(1e-30)));
     int limit = visible ? LONGEST_RUN : LONGEST_SKIP;
-    int inside = clamp(int(min(min(slabs.x, slabs.y), min(slabs.z, float(limit))) - 1e-3) + 1, 1, limit);
+    int inside = min(int(max(min(min(slabs.x, slabs.y), min(slabs.z, float(limit))) - 1e-3, 0.0)) + 1, limit);
     return Place(visible ? brick_offset[brick] : GAP, cell, beyond, inside);
 }
 

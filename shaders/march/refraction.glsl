@@ -9,12 +9,9 @@ struct Path {
     ivec3 awaited;                        // cell whose brick is not here, or NOTHING_AWAITED
     dvec3 position, momentum;             // in voxels; in index space
 };
-dvec3 kept_vector(int plane) {
-    dvec3 found;
-    for (int axis = 0; axis < 3; ++axis)
-        found[axis] = double(kept_in(plane + 2 * axis, path_pixel)) + double(kept_in(plane + 2 * axis + 1, path_pixel));
-    return found;
-}
+double kept_number(int plane) { return double(kept_in(plane, path_pixel)) + double(kept_in(plane + 1, path_pixel)); }
+
+dvec3 kept_vector(int plane) { return dvec3(kept_number(plane), kept_number(plane + 2), kept_number(plane + 4)); }
 
 void keep_vector(int plane, dvec3 vector) {
     for (int axis = 0; axis < 3; ++axis) {

@@ -65,7 +65,8 @@ double begin_in_box(Ray ray, int k, dvec2 box) {
 // A slab belongs to the box in which it begins.
 ivec2 slabs_in_box(Ray ray, int k) {
     dvec2 box = in_box(ray);
-    return ivec2(int(ceil(max(double(k), box.x))), min(ray.end, int(ceil(min(box.y, double(ray.slabs))))));
+    dvec2 part = clamp(box, dvec2(0.0LF), dvec2(ray.slabs));
+    return ivec2(max(k, int(ceil(part.x))), min(ray.end, int(ceil(part.y))));
 }
 
 void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {

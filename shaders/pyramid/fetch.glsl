@@ -26,7 +26,7 @@ void kernel(ivec3 at) {
             }
             plane += 0.5 * row;
         }
-        sum += plane / float(layers);
+        sum += (layers == 1 ? 1.0 : 0.5) * plane;
     }
     result_set(at, sum);
 }

@@ -20,7 +20,7 @@ vec2 way_from_edge(vec2 place) {
     float bend = slope.x * slope.x * xx + 2.0 * slope.x * slope.y * xy + slope.y * slope.y * yy;
     vec2 way = -strength * bend / (steepness * steepness + 1e-30) * slope;
     float length = sqrt(dot(way, way)), weight = steepness / (steepness + noise * noise);
-    return length <= 1e6 ? way * weight * min(1.0, farthest / max(length, 1e-6)) : vec2(0.0); // NaN compares false
+    return is_number(length) && length <= 1e6 ? way * weight * min(1.0, farthest / max(length, 1e-6)) : vec2(0.0);
 }
 
 void kernel(ivec3 at) {

@@ -20,13 +20,11 @@ float across(vec4 edges, vec2 aside) {
 // `before` and `after` the voxels beyond these, if the volume goes on there.
 float derivative(vec4 before, vec4 low, vec4 high, vec4 after, bool begins, bool ends, float along, vec2 aside) {
     vec4 edge = 2.0 * (high - low), from = high - before, to = after - low;
-    bvec4 none_before = invalid(before), none_after = invalid(after);
     if (MAY_BE_INVALID) {
-        for (int n = 0; n < 4; ++n) {
-            vec2 both = at_ends(edge[n], from[n], to[n], begins || none_before[n], ends || none_after[n]);
-            from[n] = both.x;
-            to[n] = both.y;
-        }
+        bvec4 none_before = begins ? bvec4(true) : invalid(before), none_after = ends ? bvec4(true) : invalid(after);
+        vec4 only_from = mix(from, edge, none_before), only_to = mix(to, edge, none_after);
+        from = mix(from, 2.0 * edge - only_to, none_before);
+        to = mix(to, 2.0 * edge - only_from, none_after);
     }
     vec2 both = vec2(across(from, aside), across(to, aside));
     if (!MAY_BE_INVALID) both = at_ends(across(edge, aside), both.x, both.y, begins, ends);

@@ -13,7 +13,8 @@ float ambient_at(Place place, vec3 beyond) {
         vec3 faces = vec3(n >> 1 == 0, n >> 1 == 1, n >> 1 == 2) * float(1 - 2 * (n & 1));
         vec3 corners = 0.577350269 * vec3(1 - 2 * (n & 1), 1 - (n & 2), 1 - (n >> 1 & 2));
         vec3 toward = n < 6 ? faces : corners, way = TO_LEVEL * (toward.x * x.xyz + toward.y * y.xyz + toward.z * z.xyz);
-        vec4 steps = vec4(0.5, 1.5, 2.5, 3.5), kept = vec4(1.0), density;
+        vec4 steps = vec4(0.5, 1.5, 2.5, 3.5), kept = vec4(1.0);
+        float within[4], density[4];
         for (int p = 0; p < OCCLUSION_PLANES; ++p) {
             vec4 plane = lighting[row + 4 + p];
             vec3 normal = FROM_LEVEL * plane.xyz;
@@ -22,10 +23,10 @@ float ambient_at(Place place, vec3 beyond) {
         for (int k = 0; k < 4; ++k) {
             vec3 at = beyond + steps[k] * way, inside = min(at - low, high - at) * FROM_LEVEL * lighting[row + 3].xyz;
             // A step that leaves the volume counts by its part inside; its sample stays in the last cell.
-            kept[k] = min(kept[k], clamp(0.5 + min(inside.x, min(inside.y, inside.z)), 0.0, 1.0));
+            within[k] = min(kept[k], clamp(0.5 + min(inside.x, min(inside.y, inside.z)), 0.0, 1.0));
             density[k] = density_at(scalar_at(place.brick, place.cell, clamp(at, low, high - 1e-4)));
         }
-        lost += absorbed(y.w * dot(kept, density));
+        lost += absorbed(y.w * dot(vec4(within[0], within[1], within[2], within[3]), vec4(density[0], density[1], density[2], density[3])));
     }
     return material.x * (1.0 - x.w * lost / 14.0);
 }

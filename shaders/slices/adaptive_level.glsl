@@ -35,7 +35,7 @@ vec3 position_of(ivec2 pixel) {
 // Integrals of the transfer function up to a scalar, and what it is there: premultiplied colour and extinction.
 vec4 entry(float at, int row) {
     float place = clamp(at, 0.0, float(table_size().x - 1));
-    int low = min(int(place), table_size().x - 2);
+    int low = clamp(int(place), 0, table_size().x - 2);
     return mix(table_at(ivec3(low, row, 0)), table_at(ivec3(low + 1, row, 0)), place - float(low));
 }
 

@@ -27,8 +27,9 @@ float sample_at(ivec3 cell, int corner) {
 float scalar_at(dvec3 place) {
     ivec3 cell = clamp(ivec3(floor(place)), ivec3(0), textureSize(samples, 0) - 2);
     vec3 beyond = clamp(vec3(place - dvec3(cell)), 0.0, 1.0);
-    vec4 along = vec4(0.0);
-    for (int line = 0; line < 4; ++line) along[line] = mix(sample_at(cell, 2 * line), sample_at(cell, 2 * line + 1), beyond.x);
+    float edges[4];
+    for (int line = 0; line < 4; ++line) edges[line] = mix(sample_at(cell, 2 * line), sample_at(cell, 2 * line + 1), beyond.x);
+    vec4 along = vec4(edges[0], edges[1], edges[2], edges[3]);
     vec2 across = mix(along.xz, along.yw, beyond.y);
     return mix(across.x, across.y, beyond.z);
 }

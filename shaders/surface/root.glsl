@@ -75,11 +75,9 @@ Course course_of(Walk walk, ivec3 cell, float leaves) {
     vec3 begin = fma(vec3(walk.enters), walk.slab, walk.place.beyond - vec3(cell - walk.place.cell)), by = way * walk.slab;
     vec4 cubic = cubic_of(walk.place.brick, cell, begin, by);
     vec4 t = vec4(0.0, turns_of(cubic), 1.0), field = vec4(cubic.x, 0.0, 0.0, cubic.x + cubic.y + cubic.z + cubic.w);
-    ivec4 reached = ivec4(walk.reached < 0 ? reached_by(field.x) : walk.reached, 0, 0, 0);
-    for (int n = 1; n < 4; ++n) {
-        if (n < 3) field[n] = field_on(walk.place.brick, cell, begin, by, cubic, t[n]);
-        reached[n] = reached_by(field[n]);
-    }
+    field.y = field_on(walk.place.brick, cell, begin, by, cubic, t.y);
+    field.z = field_on(walk.place.brick, cell, begin, by, cubic, t.z);
+    ivec4 reached = ivec4(walk.reached < 0 ? reached_by(field.x) : walk.reached, reached_by(field.y), reached_by(field.z), reached_by(field.w));
     run_iterations += 4 * (1 + SURFACES);
     return Course(cell, begin, by, walk.enters, leaves, cubic, t, field, reached);
 }

@@ -92,6 +92,7 @@ def test_a_constant_field_convolves_rows(kernel: str) -> None:
     np.testing.assert_allclose(plain(vectors, **settings), sums / whole, atol=1e-6)
 
 
+@pytest.mark.bits
 def test_lines_end_and_begin_at_walls() -> None:
     """Noise behind a wall does not count, a voxel of zeros keeps its own, and one of NaN has no value."""
     values = np.broadcast_to(np.array([1, 0, 0], np.float32), (4, 4, 30, 3)).copy()
@@ -149,6 +150,7 @@ HANDED = (
 )
 
 
+@pytest.mark.bits
 @pytest.mark.parametrize("lic", HANDED)
 def test_handed_lines_have_the_bits_of_halos(lic: Lic) -> None:
     vectors = VectorArray(abc(14, 16, 18, walls=True), Grid((14, 16, 18), (1.0, 0.5, 1.0)))

@@ -12,7 +12,8 @@ from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.gl.shader import ShaderSource, shader_file
 from clusterviz.reference.cells import find_passages
 from clusterviz.reference.rays import Rays
-from clusterviz.spmd.machine_code import addresses, function_of, object_code
+from clusterviz.spmd.adversary import DRIVERS
+from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE, addresses, function_of, object_code
 
 PROGRAM = """
 layout(std430, binding = 0) readonly buffer VerticesBlock { vec4 vertices[]; };
@@ -120,7 +121,10 @@ def test_slivers_are_passed() -> None:
     np.testing.assert_allclose(found[:, 0], 3e-6, atol=5e-7)  # three roundings of the depth, which is 1
 
 
-def test_rays_through_every_corner_and_edge_pass_what_the_reference_passes() -> None:
+@pytest.mark.parametrize("driver", ["", *DRIVERS])
+def test_rays_through_every_corner_and_edge_pass_what_the_reference_passes(
+    driver: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In a frustum of layers at powers of two all slopes to corners, and between them, are exact in float32."""
     box = lattice(3, 5, 5)
     depth = 2.0 ** box.points[:, 2]
@@ -140,6 +144,7 @@ def test_rays_through_every_corner_and_edge_pass_what_the_reference_passes() -> 
     slopes = slopes[(np.abs(slopes) < 5 / 8).all(axis=1)]
     slopes = np.concatenate([slopes, np.zeros((-len(slopes) % 16, 2))])
     np.testing.assert_array_equal(slopes, slopes.astype(np.float32))
+    monkeypatch.setenv(ADVERSARY_VARIABLE, driver)
     found = walked(cells, slopes, 16)
     passed = find_passages(Rays(np.zeros((len(slopes), 3)), np.column_stack([slopes, np.ones(len(slopes))])), cells)
     way = (passed.end - passed.begin) / ((slopes**2).sum(axis=1) + 1)[passed.ray]

@@ -14,7 +14,7 @@ from clusterviz.spmd.look_checks import make_look
 LOOKS = {
     "loops": make_look(
         "struct A { int n; vec3 c; };\nconst float F = 0.5;\n"
-        "void grow(out A a, float x) { a.n = int(x); a.c[a.n] = x; }\n"
+        "void grow(out A a, float x) { a.n = int(x); a.c[1] = x; }\n"
         "vec4 look(float value, vec3 gradient, vec3 position) {\n    A a;\n    float w[3];\n    grow(a, value);\n"
         "    for (float x = F; x < length(gradient); x *= 2.0) { w[a.n] += x; while (a.n > 3) a.n /= 2; }\n"
         "    return vec4(a.c, w[a.n]);\n}\n",

@@ -69,6 +69,16 @@ def test_variables_that_go_into_a_precise_one_are_precise(driver: str) -> None:
     assert run(own, 1.0) == np.float32(-1e-8)
 
 
+def test_what_a_variable_gets_after_it_went_into_a_precise_one_is_not_precise(driver: str) -> None:
+    """A later call that needs the value for a precise one is another function."""
+    late = (
+        "float f(float x) {{ float lost = 0.0; {0} {{ precise float t = x + 1e-8 - lost; lost = (t - x) - 1e-8; }}"
+        " return lost; }}"
+    )
+    assert run(late.format("if (x > 0.0)"), 1.0) == (0 if DRIVERS[driver].backwards else np.float32(-1e-8))
+    assert run(late.format("for (int n = 0; n < 1; ++n)"), 1.0) == np.float32(-1e-8)
+
+
 def test_subnormal_numbers_are_zero(driver: str) -> None:
     assert run(shown("x * 1e30 > 0.0"), SUBNORMAL, 1e-30).tolist() == [0, 1]
     assert np.float32(1e-30) * np.float32(1e-10) != 0, "the caller's arithmetic is as before"

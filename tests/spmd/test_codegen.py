@@ -129,8 +129,8 @@ FUNCTIONS: dict[str, tuple[str, Callable[[int], int]]] = {
         lambda x: min(x, 7) + 3,
     ),
     "struct, swizzle, index": (
-        "int f(int x) { Pair p = Pair(x, vec2(1.0, 2.0)); p.b.yx = vec2(float(x), 0.5); p.b[x % 2] += 1.0; "
-        "return int(10.0 * p.b.x + p.b.y); }",
+        "int f(int x) { Pair p = Pair(x, vec2(1.0, 2.0)); p.b.yx = vec2(float(x), 0.5); p.b[1] += float(x % 2); "
+        "p.b[0] += float(1 - x % 2); return int(10.0 * p.b[x - x] + p.b.y); }",
         lambda x: int(10.0 * (0.5 + (x % 2 == 0)) + x + (x % 2)),
     ),
     "array": (

@@ -61,6 +61,12 @@ MISTAKES = {
     "float f(float a) { return f(a); }\nvoid main() { f(1.0); }": "f calls itself: recursion is outside of the subset",
     "float f(float a);\nvoid main() { f(1.0); }": "look.glsl:2:15: f is called, but has no body",
     "float f(float a) { return 1.0; }\nvoid main() { f(1.0, 2.0); }": "f has no such parameters; found float, float",
+    "void f(int n) {\n  dvec3 a;\n  a[n] = 1.0LF;\n}": (
+        "look.glsl:3:4: a component is assigned by an index that is not constant; found dvec3"
+    ),
+    "layout(std430, binding = 0) buffer A { vec4 b[]; };\nvoid f(int n) { b[n].x = 1.0; b[n][n] = 1.0; }": (
+        "look.glsl:2:35: a component is assigned by an index that is not constant; found vec4"
+    ),
     "void f(out int a) {}\nvoid main() { f(3); }": "this cannot be assigned; found an expression",
     "const int N = 3;\nvoid main() { N = 4; }": "look.glsl:2:15: this cannot be assigned",
     "layout(std140, binding = 0) uniform A { vec4 b; };\nvoid main() { b.x = 1.0; }": "cannot be assigned; found A",

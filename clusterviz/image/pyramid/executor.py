@@ -55,7 +55,7 @@ def _fetch_pixels(
 
 def kernels_of(name: str, function: Callable[..., None]) -> dict[bool, Kernel]:
     """Return kernels of `source` and `result`, by whether they take channels by four."""
-    files, writes = ("pyramid/bilinear.glsl", f"pyramid/{name}.glsl"), ("result",)
+    files, writes = ("numbers.glsl", "pyramid/bilinear.glsl", f"pyramid/{name}.glsl"), ("result",)
     return {
         False: kernel("pyramid/channels.glsl", *files, writes=writes)(function),
         True: kernel("pyramid/channels_by_four.glsl", *files, writes=writes, vectors=("source", "result"))(function),
