@@ -151,8 +151,9 @@ def make_aim(scene: Scene) -> Aim:
             raise _of_one_scalar(bound, volume)
     both = all(is_preintegrated(volume, "pre-integrated") for volume in scene.volumes)
     steep = any(map(_is_steep, scene.volumes))
-    # Between two samples, slabs that are integrated before miss nothing that is thin.
-    classifications: tuple[Classification, ...] = ("post", "pre-integrated")[steep and both : 1 + both]
+    classifications: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
+    if steep and both:  # between two samples, slabs that are integrated before miss nothing that is thin
+        classifications = ("pre-integrated",)
     # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
     cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
     return Aim(bound, math.prod(scene.image.size), classifications, cut or steep)
