@@ -298,10 +298,15 @@ class BrickPool:
     slot : layout of a brick
     capacity : most bricks of one atlas
     most : most slots in all, unless more are needed; None: no limit
+
+    Attributes
+    ----------
+    version : another number whenever bricks have come, gone or moved
     """
 
     def __init__(self, context: moderngl.Context, slot: Slot, capacity: int, most: int | None = None) -> None:
         self._context, self._slot, self._capacity, self._most = context, slot, capacity, most
+        self.version = 0
         self._atlases: list[BrickAtlas] = []
         self._waiting: dict[Index, Callable[[], Stored]] = {}
 
@@ -331,6 +336,7 @@ class BrickPool:
 
     def put(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Add bricks; each is removed from the mapping, so that none is held twice for long."""
+        self.version += bool(bricks)
         for atlas in self._atlases:
             for index in sorted(bricks)[: atlas.free]:
                 atlas.put(index, stored(index, bricks.pop(index)))
@@ -341,6 +347,7 @@ class BrickPool:
 
     def put_later(self, bricks: MutableMapping[Index, T], stored: Callable[[Index, T], Stored]) -> None:
         """Add bricks, removed from the mapping, that stay in host memory until they are needed."""
+        self.version += bool(bricks)
         for index in list(bricks):
             self._waiting[index] = partial(stored, index, bricks.pop(index))
 
@@ -354,6 +361,7 @@ class BrickPool:
     def drop(self, bricks: Iterable[Index]) -> None:
         """Drop bricks."""
         wanted = set(bricks)
+        self.version += bool(wanted)
         for index in wanted & self._waiting.keys():
             del self._waiting[index]
         for atlas in self._atlases:
@@ -405,6 +413,7 @@ class BrickPool:
 
     def release(self) -> None:
         """Free all GPU memory."""
+        self.version += 1
         for atlas in self._atlases:
             atlas.release()
         self._atlases, self._waiting = [], {}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.gl.device import Device
-from clusterviz.partition import BrickBox, Piece, bounding_box
+from clusterviz.partition import BrickBox, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.brick_atlas import BrickAtlas, BrickPool
 
@@ -49,11 +49,16 @@ class Part:
 
 
 class BrickTables:
-    """Offsets and visible groups of the bricks of a piece, in parts from front to back."""
+    """Offsets and visible groups of the bricks of a piece, in parts from front to back.
 
-    def __init__(self, device: Device, pool: BrickPool, plan: Plan, piece: Piece) -> None:
-        self.piece, self._device, self._pool, self._plan = piece, device, pool, plan
-        self._members = piece.members(plan.cost > 0)
+    Parameters
+    ----------
+    device, pool : with the tables, and with the bricks
+    members : int64 (m, 3), the bricks
+    """
+
+    def __init__(self, device: Device, pool: BrickPool, plan: Plan, members: NDArray[np.int64]) -> None:
+        self._device, self._pool, self._plan, self._members = device, pool, plan, members
         self.waits = waits_for_rays(plan) and pool.holds_in_one(self._members)
         self._reached = np.zeros(len(self._members), np.bool_)
         self.parts = self._made()
@@ -65,6 +70,16 @@ class BrickTables:
                 found=f"bricks in {len(self.parts)} buffers",
                 allowed="one; set cluster.memory_limit to load them in turn",
             )
+
+    def hold_for(self, plan: Plan) -> bool:
+        """Return True if a plan of another view has the same tables, as neither bricks nor what they show changed."""
+        names = "transfer", "blend_mode", "content", "march", "layout"
+        same = all(getattr(plan, name) is getattr(self._plan, name) for name in names)
+        return same and self.alone and self._version == self._pool.version
+
+    def begin(self) -> None:
+        """Begin another view: no ray has come to a brick."""
+        self._reached[:] = False
 
     @property
     def alone(self) -> bool:
@@ -114,5 +129,9 @@ class BrickTables:
         found = []
         for atlas, bricks in self._pool.parts(self._plan, self._members, self.waits):
             box = bounding_box(bricks)
-            found.append(Part(atlas, box, bricks, *atlas.tables(self._plan, box, bricks)))
+            tables = atlas.tables(self._plan, box, bricks)
+            for table in tables:
+                table.setflags(write=False)  # they stay on the device
+            found.append(Part(atlas, box, bricks, *tables))
+        self._version = self._pool.version
         return found

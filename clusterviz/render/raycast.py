@@ -63,6 +63,8 @@ sixteen lanes that diverge may take sixteen times the iterations that each of th
 MOST_PIXELS_AT_ONCE, BAND_SECONDS = 1 << 18, 0.5
 """Of a device whose speed is not known yet; from then on, pictures that would take longer are drawn in bands, with
 progress reports, and so that no driver takes the device for lost."""
+MOST_TABLES = 64
+"""Pieces whose tables are kept from view to view."""
 Index = tuple[int, int, int]
 Rays = Starts | CarriedRays
 
@@ -106,7 +108,7 @@ class Raycaster:
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._programs, self._finder = self._compiled(plan), FragmentFinder(self._device, plan, raster)
-        self._last_frame = LastFrame()
+        self._last_frame, self._tables = LastFrame(), dict[bytes, BrickTables]()
         self.forget()
 
     def forget(self) -> None:
@@ -224,6 +226,7 @@ class Raycaster:
             self._last_frame.next_frame()
             self._last_ends.next_frame()
         tables: BrickTables | None = None
+        last: Piece | None = None
         for number, piece in enumerate(pieces):
             rect, part = footprint(plan, piece), PartOf(progress, number, count)
             part(0.0)
@@ -239,8 +242,8 @@ class Raycaster:
             else:
                 if passes:
                     passes.load(piece)
-                if tables is None or not piece.shows_bricks_of(tables.piece):
-                    tables = BrickTables(self._device, self.pool, plan, piece)
+                if tables is None or last is None or not piece.shows_bricks_of(last):
+                    tables, last = self._tables_of(plan, piece), piece
                 hidden = self._last_ends.begin(plan, piece, rect)
                 drawn.append(self._draw_bands(plan, rect, tables, starts, hidden, part))
                 if hidden:
@@ -250,6 +253,16 @@ class Raycaster:
             if isinstance(starts, Starts):
                 drawn[-1] = replace(drawn[-1], frame_coherence=starts.finish(drawn[-1].partial.rgba[..., 3]))
         return drawn
+
+    def _tables_of(self, plan: Plan, piece: Piece) -> BrickTables:
+        """Return the tables of a piece: those of an earlier view if they hold."""
+        members = piece.members(plan.cost > 0)
+        key, self._tables = members.tobytes(), {} if len(self._tables) > MOST_TABLES else self._tables
+        known = self._tables.get(key)
+        if known is None or not known.hold_for(plan):
+            known = self._tables[key] = BrickTables(self._device, self.pool, plan, members)
+        known.begin()
+        return known
 
     def _give_constants(self, plan: Plan) -> None:
         """Bind what is the same for all pieces."""
@@ -320,7 +333,7 @@ class Raycaster:
                 hides = number > 0 and plan.blend_mode.traits.composited
                 if not hides or is_reached(plan, part, rect, self._drawn_pixels(rect)[..., 3]):
                     passes.load(part)
-                    tables = drawn_parts[part.box] = BrickTables(self._device, self.pool, plan, part)
+                    tables = drawn_parts[part.box] = self._tables_of(plan, part)
                     yield tables
 
         try:

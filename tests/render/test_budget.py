@@ -78,14 +78,19 @@ def test_a_moving_camera_takes_few_calls_one_wait_and_no_buffers(
     caster = Raycaster(context, one.plan, band_pixels=1 << 62, packs=True)
     caster.load(one.plan, one.shown | other.shown)
     found = list[Counts]()
+    pieces = [Piece(0, build_tree(one.plan.cost, 1).leaves[0].trimmed)]
     for number in range(6):
-        plan = (one, other)[number % 2].plan
-        if plan.content:
-            plan = replace(plan, content=one.plan.content)
+        plan = replace(one.plan, view=(one, other)[number % 2].plan.view)
         before = replace(caster.counts)
-        caster.draw(plan, [Piece(0, build_tree(plan.cost, 1).leaves[0].trimmed)])
+        (drawn,) = caster.draw(plan, pieces)
         found.append(caster.counts.since(before))
     caster.release()
+    fresh = Raycaster(context, other.plan)
+    fresh.load(other.plan, other.shown)
+    (expected,) = fresh.draw(other.plan, pieces)
+    fresh.release()
+    assert np.array_equal(drawn.partial.rgba, expected.partial.rgba)
+    assert (drawn.bricks, drawn.occluded) == (expected.bricks, expected.occluded)
     for each in found[4:]:
         assert each.dispatches <= dispatches + 1
         assert (each.waits, each.made) == (waits, 0)
