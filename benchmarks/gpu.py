@@ -158,8 +158,8 @@ def orbit(scene_file: Path, frames: int, device: int) -> None:
     """Draw an orbit on this rank; rank 0 prints one JSON line."""
     devices, made = list[Device](), Device.__init__
 
-    def note(self: Device, context: Any) -> None:
-        made(self, context)
+    def note(self: Device, *given: Any) -> None:
+        made(self, *given)
         devices.append(self)
 
     Device.__init__ = note  # type: ignore[method-assign]
