@@ -108,7 +108,7 @@ class Raycaster:
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._programs, self._finder = self._compiled(plan), FragmentFinder(self._device, plan, raster)
-        self._last_frame, self._tables = LastFrame(), dict[bytes, BrickTables]()
+        self._last_frame, self._tables, self._has_run = LastFrame(), dict[bytes, BrickTables](), set[Variant]()
         self.forget()
 
     def forget(self) -> None:
@@ -299,7 +299,7 @@ class Raycaster:
     ) -> RenderResult:
         """Draw a picture that takes long from top to bottom, in bands of about `BAND_SECONDS`."""
         drawn: list[RenderResult] = []
-        top, most = rect.y_begin, rect.pixels
+        top, most, program = rect.y_begin, rect.pixels, self.variant_of(plan)
         while top < rect.y_end:
             began, rows = perf_counter(), -(-max(1, min(self._band_pixels, most)) // (TILE * rect.width)) * TILE
             band = replace(rect, y_begin=top, y_end=min(rect.y_end, top + rows))
@@ -316,9 +316,10 @@ class Raycaster:
                 continue
             progress((band.y_end - rect.y_begin) / rect.height)
             top, seconds = band.y_end, perf_counter() - began
-            if not self._has_fixed_bands:
+            if not self._has_fixed_bands and program in self._has_run:  # a driver may compile when it first runs
                 by_speed = int(band.pixels * BAND_SECONDS / seconds)
                 self._band_pixels = by_speed if seconds > BAND_SECONDS else max(by_speed, self._band_pixels)
+            self._has_run.add(program)
         return replace(joined_bands(rect, drawn), bricks=tables.reached, occluded=tables.occluded)
 
     def _draw_parts(

@@ -185,7 +185,7 @@ def test_only_what_is_shown_is_made(context: moderngl.Context, name: str) -> Non
     case = CASES[name]
     plan, bricks = planned(name)
     counted = Counted(context)
-    caster = Raycaster(counted, plan)
+    caster = Raycaster(counted, plan, band_pixels=1 << 62)
     assert counted.made == {"programs": 1}
     caster.load(plan, {index: bricks[index] for index in map(tuple, np.argwhere(plan.cost).tolist())})
     shown = np.count_nonzero(plan.cost)
