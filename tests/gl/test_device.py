@@ -1,6 +1,7 @@
 """Buffers that stay on the device from draw to draw."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,8 +69,7 @@ def test_a_table_is_uploaded_when_it_changes(device):
 
 
 def test_only_reads_wait(device, context):
-    text = "#version 430\nlayout(local_size_x = 1) in;\nlayout(std430, binding = 2) buffer B { uint n[]; };\n"
-    program = context.compute_shader(text + "void main() { n[gl_WorkGroupID.x] += 10u; }")
+    program = context.compute_shader(Path(__file__).with_name("add_ten.glsl").read_text())
     buffer = device.begin(2, SMALL)
 
     def draw():
