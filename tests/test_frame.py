@@ -289,9 +289,8 @@ def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pyte
 
     at_once = render_frame(scene, LoopbackChannel(), None, Options(device=device))
     monkeypatch.setattr(threads, "REPORT_SECONDS", 0.0)
-    monkeypatch.setattr(raycast, "PROGRESS_SECONDS", 0.0)
-    monkeypatch.setattr(raycast, "MOST_PIXELS_AT_ONCE", 1 << 8)
-    monkeypatch.setattr(raycast, "FIRST_BAND_PIXELS", 1 << 10)
+    monkeypatch.setattr(raycast, "BAND_SECONDS", 0.0)
+    monkeypatch.setattr(raycast, "MOST_PIXELS_AT_ONCE", 1 << 10)
     in_parts = render_frame(scene, LoopbackChannel(), None, Options(device=device, progress=tell))
     assert np.array_equal(pixels(in_parts), pixels(at_once))
     assert len(told) > 1

@@ -19,27 +19,28 @@ from clusterviz.scene.features import features_of
 from clusterviz.scene.values import Scene
 
 
-def with_right_device(run: Run, scene: Scene, opened: Opened | None) -> Run:
+def with_right_device(run: Run, scene: Scene, opened: Opened | None, step: str) -> Run:
     """Return the run, on the CPU if a rank's driver is known to draw a scene wrong; collective.
 
-    Before its content is opened, a scene is as the user has given it, and nothing is known of its voxels.
+    Before its content is opened, a scene is as the user has given it, and nothing is known of its voxels. Progress and
+    failures name `step`.
 
     Raises
     ------
     DeviceError
         There is such a driver, and the user has chosen its device.
     """
-    with run.collective("context"):
+    with run.collective(step):
         local_rank = run.channel.placement().local_rank
-    with run.local("context"):
+    with run.local(step):
         found = _found(run, scene, opened, local_rank)
-    with run.collective("context"):
+    with run.collective(step):
         every = [each for each in run.channel.allgather(found) if each]
     if not every:
         return run
     text = every[0]
     asked = os.environ.get(ENVIRONMENT, "").strip()
-    with run.local("context"):
+    with run.local(step):
         if isinstance(run.options.device, int) or asked:
             raise DeviceError(f"{text}; allowed --device cpu, another device, or another driver: then test that again")
     if run.channel.rank == 0:

@@ -135,9 +135,9 @@ class FrameLoop:
         self._compositing = Compositing(several)
         with run.clock.stage("total", "open"):
             if scene.flows:  # which are convolved as they are opened
-                run = with_right_device(run, scene, None)
+                run = with_right_device(run, scene, None, "open")
             self.scene, opened, bricks = open_volumes(run, scene, source)
-            run = self._run = with_right_device(run, self.scene, opened)
+            run = self._run = with_right_device(run, self.scene, opened, "plan")
             self._painter = open_painter(run, self.scene, opened)
         self._infos = opened.infos if opened else ()
         self._opened, self._is_given = opened, source is not None
