@@ -15,10 +15,8 @@ struct Ray {
 
 // Entry and exit of a line between two planes, for one axis. A line between the planes and parallel to them never leaves.
 Real2 between(Real origin, Real direction, Real high) {
-    if (is_zero(direction)) {
-        bool is_inside = !is_less(origin, ZERO) && !is_less(high, origin);
-        return Real2(is_inside ? negated(ENDLESS) : ENDLESS, is_inside ? ENDLESS : negated(ENDLESS));
-    }
+    Real never = !is_less(origin, ZERO) && !is_less(high, origin) ? ENDLESS : negated(ENDLESS);
+    if (is_zero(direction)) return Real2(negated(never), never);
     Real a = quotient(negated(origin), direction), b = quotient(difference(high, origin), direction);
     return Real2(smaller(a, b), larger(a, b));
 }
