@@ -110,7 +110,7 @@ class BrickTables:
         self._reached |= noted.reshape(part.offsets.shape)[tuple((self._members - part.box.begin_zyx).T)]
         if self._pool.fetch(self._members[self._reached]):
             self.parts = self._made()
-        if not self.alone:
+        if not self.alone:  # made again, with those that rays have not come to
             self.waits = False
             self.parts = self._made()
             raise BricksApartError

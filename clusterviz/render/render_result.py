@@ -19,8 +19,6 @@ from clusterviz.report.kbuffer_counts import KBufferCounts
 SQUARE = 8  # pixels along the side of the squares in which samples are counted
 Progress = Callable[[float], None]
 """Progress callback; its argument is the part of the drawing that is done, in [0, 1]."""
-PROGRESS_SECONDS = 0.05
-"""Time between progress reports, if the device allows."""
 
 
 def no_progress(done: float) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +102,6 @@ class FragmentFinder:
 
     def release(self) -> None:
         """Free the programs."""
-        programs: Iterable[moderngl.ComputeShader] = self._passes.values()
-        for program in programs:
+        for program in self._passes.values():
             program.release()
         self._raster.release()
