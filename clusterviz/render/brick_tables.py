@@ -109,10 +109,9 @@ class BrickTables:
         (part,) = self.parts
         self._reached |= noted.reshape(part.offsets.shape)[tuple((self._members - part.box.begin_zyx).T)]
         if self._pool.fetch(self._members[self._reached]):
+            self.waits = self._pool.holds_in_one(self._members)
             self.parts = self._made()
-        if not self.alone:  # made again, with those that rays have not come to
-            self.waits = False
-            self.parts = self._made()
+        if not self.waits:
             raise BricksApartError
 
     @property

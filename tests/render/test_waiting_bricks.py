@@ -15,6 +15,7 @@ from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.partition.pieces import Piece
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render import brick_tables
+from clusterviz.render.brick_atlas import BrickAtlas
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.render_result import RenderResult
 from clusterviz.scene import VolumeInfo, complete_scene, scene_of_data
@@ -83,3 +84,21 @@ def test_a_brick_that_waits_is_stored_when_another_view_reaches_it() -> None:
     assert caster.pool.voxels > 2 * found.bricks
     caster.drop(list(bricks)[:5])
     assert len(caster.pool.bricks) == len(bricks) - 5
+
+
+@pytest.mark.gl
+def test_bricks_that_do_not_fit_into_one_buffer_while_rays_wait_are_drawn_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As on a card without memory for a buffer that grows."""
+    plan, bricks = planned(FAINT)
+    expected, _ = drawn(plan, bricks)
+
+    def full(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(BrickAtlas, "grown", full)
+    found, caster = drawn(plan, bricks)
+    assert len(list(caster.pool.parts(plan, np.array(sorted(bricks))))) > 1
+    assert np.abs(found.partial.rgba - expected.partial.rgba).max() < 1e-6
+    assert found.bricks == len(bricks)
