@@ -4,6 +4,9 @@ Every volume is a `Source`: it knows its `Grid` and reads any box of samples. Br
 extremes, histogram and exact percentiles. Meshes, lines and points are read whole, as a `Geometry`; `MESH_FORMATS` has
 their formats. Unstructured grids are read by pieces, each as an `UnstructuredGrid`, by `GRID_FORMATS`.
 
+All functions of this package raise `DataError` for what is missing, damaged, impossible, not supported or not unique in
+data. Their docstrings do not repeat it.
+
 To add a format: a file in formats/ with `open_<format>`, which raises `DataError` for every fault and compares sizes
 with the file (`check_size`, `check_packed`) before it allocates memory; one entry in `FORMATS`; one test with the
 shared checks of `tests/data/checks.py`; one line in `tests/fuzz/readers.py`. `open_source` turns any other exception
@@ -609,11 +612,6 @@ def open_first_parts(volume: Volume) -> tuple[Source, list[Choice]]:
     -------
     source : the volume
     choices : that were made
-
-    Raises
-    ------
-    DataError
-        As `open_source`, or all time steps are to be shown.
     """
     if volume.time == "all":
         raise DataError(ONE_STEP, where=volume.path, found="time: all", allowed=ALL_STEPS)
@@ -624,13 +622,7 @@ def open_first_parts(volume: Volume) -> tuple[Source, list[Choice]]:
 
 
 def open_time_step(source: Source, volume: Volume) -> Source:
-    """Open a scene's volume, of which another time step is open.
-
-    Raises
-    ------
-    DataError
-        As `open_source`, or the shape, type or grid is another one.
-    """
+    """Open a scene's volume, of which another time step is open."""
     known = getattr(source, "at_time", lambda time: None)(volume.time) if isinstance(volume.time, int) else None
     found: Source = known if known is not None else open_volume(volume)
     check_same(source, found)

@@ -72,11 +72,6 @@ def first_parts(
     opened : by the opener
     subset : with all names that it needs
     choices : that were made
-
-    Raises
-    ------
-    DataError
-        As the opener.
     """
     choices = list[Choice]()
     while True:
@@ -188,11 +183,6 @@ def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_
     subset : of the file
     where : the file, for messages
     channel_names : of the file, if it has any
-
-    Raises
-    ------
-    DataError
-        No samples, more than three axes of space, several time steps or channels and none named, or no such one.
     """
     sizes = [int(n) for n in shape]
     check_shape([min(sizes), 1, 1] if sizes else [], where)

@@ -151,11 +151,6 @@ def read_bricks(source: Source, layout: Boxes, wanted: Iterable[Index]) -> Itera
     ------
     index_zyx, samples : `source.dtype`, C order, owned by the caller: the samples of `layout.sample_box(index_zyx)`. A
         margin before the volume repeats the first samples, so that it has the same width in every brick.
-
-    Raises
-    ------
-    DataError
-        The file ends early or cannot be decoded.
     """
     for _, layer in groupby(sorted(set(wanted)), key=lambda index: index[0]):
         filled = _read_layer(source, {index: layout.sample_box(index) for index in layer})

@@ -81,13 +81,7 @@ MAPPED = (".ply", ".trk", ".tck")
 
 
 def check_free_memory(path: Path, size: int) -> None:
-    """Refuse a file of so many bytes, which is read as a whole, if less memory is free.
-
-    Raises
-    ------
-    DataError
-        Names both.
-    """
+    """Refuse a file of so many bytes, which is read as a whole, if less memory is free."""
     free = memory().available_bytes
     if 0 < free < size and path.suffix.lower() not in MAPPED:
         raise DataError(
@@ -101,11 +95,6 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
     Returns
     -------
     size : bytes in the file
-
-    Raises
-    ------
-    DataError
-        Missing, a directory, unreadable, empty, or a wrong magic.
     """
     with readable(path):
         descriptor = os.open(path, os.O_RDONLY)
@@ -146,12 +135,6 @@ def _remedy(path: _Named) -> str | None:
 
 
 def refuse_array(array: str | None, path: Path) -> None:
-    """Check that no array is named, for formats whose files hold one unnamed array.
-
-    Raises
-    ------
-    DataError
-        One is.
-    """
+    """Check that no array is named, for formats whose files hold one unnamed array."""
     if array is not None:
         raise DataError("no such array", where=str(path), found=array, allowed="none: the file holds one unnamed array")

@@ -292,13 +292,7 @@ def scaled_colours(colours: NDArray[Any]) -> NDArray[Any]:
 
 
 def check_indices(indices: NDArray[np.integer[Any]], count: int, where: str) -> None:
-    """Check that indices of vertices lie in [0, count).
-
-    Raises
-    ------
-    DataError
-        One does not.
-    """
+    """Check that indices of vertices lie in [0, count)."""
     if indices.size and (indices.min() < 0 or indices.max() >= count):
         wrong = indices[(indices < 0) | (indices >= count)].ravel()[0]
         allowed = f"0 to {count - 1}" if count else "none: there are no vertices"
@@ -320,11 +314,6 @@ def as_geometry(given: Any, section: str, where: str) -> Geometry:
     given : see `ALLOWED_OBJECTS`; arrays of points and cells by name are kept
     section : meshes, lines or points
     where : for errors
-
-    Raises
-    ------
-    DataError
-        It is none of these, or indices are out of range.
     """
     if isinstance(given, Geometry):
         return given

@@ -51,11 +51,6 @@ def grid_files(path: Path, time: float | None = None) -> list[GridFile]:
     ----------
     path : a file, or a pattern with *, ? or []
     time : number of a time step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        No file matches the pattern, no such time step, or a list that is damaged or empty.
     """
     if re.search(r"[*?[]", path.name) and not path.exists():
         found = sorted(path.parent.glob(path.name), key=by_numbers)
@@ -75,13 +70,7 @@ def grid_files(path: Path, time: float | None = None) -> list[GridFile]:
 
 
 def choose_step(times: NDArray[Any], time: float | None, where: str) -> int:
-    """Return the number of the step that a number (int) or a time (float) names; None: the last one, with a warning.
-
-    Raises
-    ------
-    DataError
-        There is no such step.
-    """
+    """Return the number of the step that a number (int) or a time (float) names; None: the last one, with a warning."""
     if time is None:
         if len(times) > 1:
             found = f"{len(times)} from {times[0]:g} to {times[-1]:g}"

@@ -58,11 +58,6 @@ def open_object(given: Any, subset: Subset, where: str) -> Source | None:
     given : see the module
     subset : array, time step and channel
     where : for errors
-
-    Raises
-    ------
-    DataError
-        No volume, no such array, time step or channel, or several of which none is named.
     """
     for attributes, opener in LIBRARIES:
         if all(hasattr(given, name) for name in attributes):

@@ -102,11 +102,6 @@ def drawn_primitives(geometry: Mesh | Lines | Points, radii: str | None = None, 
     ----------
     radii : array of the points' radii; None: all have one radius
     key : of the entry in the scene, for errors
-
-    Raises
-    ------
-    InputError
-        There is no such array of radii.
     """
     if isinstance(geometry, Mesh):
         of = geometry.vertex_attributes, geometry.triangle_attributes

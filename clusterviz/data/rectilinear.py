@@ -59,11 +59,6 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
     coordinates : (n,), at least one; how far the numbers of their type lie apart is no unevenness
     spaced : the spacing is given elsewhere, so impossible coordinates count as even
     name : of the axis, for messages
-
-    Raises
-    ------
-    DataError
-        Not finite, neither ascending nor descending, or the smallest distance is tiny.
     """
     numbers, rounding = np.asarray(coordinates, np.float64), _rounding(coordinates)
     first, count = float(numbers[0]), len(numbers)
@@ -197,12 +192,6 @@ def placed(source: Any, lines_xyz: Sequence[Line], axes: NDArray[np.float64], sp
     source : the stored samples, a source that is a dataclass with a field `grid`, which is replaced
     axes : float64 (3, 3); column a is the unit vector of the coordinates along index axis a (x, y, z) in the world
     spaced : the spacing is given elsewhere, so coordinates count as even if their lattice is too fine
-
-    Raises
-    ------
-    DataError
-        The lattice has more than `MAX_GROWTH` times the samples of the volume and `FEW_SAMPLES`, or a singular
-        placement.
     """
     stored, shape = [len(line.places) for line in lines_xyz], [int(line.places[-1]) + 1 for line in lines_xyz]
     if prod(shape) > max(MAX_GROWTH * prod(stored), FEW_SAMPLES):

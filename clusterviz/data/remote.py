@@ -148,11 +148,6 @@ def find_range(
     Parameters
     ----------
     fresh : ask the server again
-
-    Raises
-    ------
-    DataError
-        As of `read_range`.
     """
     wanted = -begin if begin < 0 else count
     limits = [limit for limit in (wanted, most) if limit is not None] or [WHOLE_FILE_BYTES]

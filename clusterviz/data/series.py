@@ -91,13 +91,7 @@ class FileOfSeries:
 
 
 def files_of_pattern(text: str) -> list[str]:
-    """Return the files that a pattern with *, ? or [] stands for, 2 before 10; the text itself if it is a name.
-
-    Raises
-    ------
-    DataError
-        No file matches.
-    """
+    """Return the files that a pattern with *, ? or [] stands for, 2 before 10; the text itself if it is a name."""
     path = Path(text)
     if ":" in text or not re.search(r"[*?[]", path.name) or path.exists():
         return [text]
@@ -108,13 +102,7 @@ def files_of_pattern(text: str) -> list[str]:
 
 
 def open_step(files: Sequence[str], subset: Subset, opener: Open, where: str) -> Source:
-    """Open the file of a time step.
-
-    Raises
-    ------
-    DataError
-        No time step is named, or there is no such step; as the opener.
-    """
+    """Open the file of a time step."""
     steps, time = range(len(files)), 0 if len(files) == 1 else subset.time
     found, allowed = f"{len(files)} time steps", f"time: 0 to {steps[-1]}"
     if time is None:
@@ -131,11 +119,6 @@ def open_series(names: Sequence[str], along: str, subset: Subset, opener: Open) 
     ----------
     names : files and patterns; if they are in alphabetical order, 2 comes before 10
     along : what several files are: time or channels
-
-    Raises
-    ------
-    DataError
-        As the opener, or the volumes differ in shape, type or grid.
     """
     if list(names) == sorted(names):  # as a shell lists them
         names = sorted(names, key=lambda name: by_numbers(Path(name)))
@@ -169,13 +152,7 @@ def open_series(names: Sequence[str], along: str, subset: Subset, opener: Open) 
 
 
 def check_same(first: Source, other: Source) -> None:
-    """Refuse a volume of another shape, type or grid.
-
-    Raises
-    ------
-    DataError
-        It names both volumes.
-    """
+    """Refuse a volume of another shape, type or grid."""
     if first.grid.shape_zyx != other.grid.shape_zyx or first.dtype != other.dtype:
         each = [f"{' × '.join(map(str, s.grid.shape_zyx[::-1]))} {s.dtype}" for s in (other, first)]
         what = "volumes of different shape or type"

@@ -143,23 +143,11 @@ class SeriesSource(Source, Protocol):
     """Volume at one of several time steps, which knows the others."""
 
     def at_time(self, time: int) -> Source:
-        """Return the volume at another time step.
-
-        Raises
-        ------
-        DataError
-            There is no such step, or it cannot be read.
-        """
+        """Return the volume at another time step."""
         ...
 
     def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
-        """Return whether a box of samples is known to be the same at another time step.
-
-        Raises
-        ------
-        DataError
-            What tells this cannot be read.
-        """
+        """Return whether a box of samples is known to be the same at another time step."""
         ...
 
 

@@ -255,13 +255,7 @@ def _count_part(layout: BrickLayout, bricks: Bricks, shift: int) -> _Part:
 
 
 def _merge_parts(layout: BrickLayout, parts: Sequence[_Part]) -> _FirstPass:
-    """Merge the parts of all ranks.
-
-    Raises
-    ------
-    ValueError
-        The bricks do not make up the volume.
-    """
+    """Merge the parts of all ranks."""
     held, samples = sum(part.samples for part in parts), prod(layout.shape_zyx)
     if held != samples:
         raise ValueError(f"the ranks' bricks hold {held} samples, the volume {samples}")

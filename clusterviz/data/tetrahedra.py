@@ -84,11 +84,6 @@ def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahe
     Parameters
     ----------
     array : name of an array of scalars; None: the only one
-
-    Raises
-    ------
-    DataError
-        No such array, no cells with a volume, or more points or tetrahedra than 2³⁰ − 1.
     """
     check_volume(grid)
     values, on_cells, name = grid.array(array)

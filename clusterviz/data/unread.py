@@ -76,13 +76,7 @@ def unknown_file(path: Path, read: Iterable[str], others: str = "") -> DataError
 
 
 def check_folder(path: Path) -> None:
-    """Refuse a folder of a format that is known but not read.
-
-    Raises
-    ------
-    DataError
-        It is one.
-    """
+    """Refuse a folder of a format that is known but not read."""
     header = path / "Header"
     start = start_of(header) if header.is_file() else b""
     for magic, name in FOLDERS.items():

@@ -111,11 +111,6 @@ class UnstructuredGrid:
         Parameters
         ----------
         name : of the array; the points' if points and cells have one; None: the only array of scalars
-
-        Raises
-        ------
-        DataError
-            There is no such array, several and none is named, or it does not hold one number each.
         """
         found = [(key, array, on_cells) for key, array, on_cells in self._arrays() if name in (None, key)]
         scalars = [each for each in found if each[1].size == len(each[1]) and each[1].dtype.kind in "iufb"]
@@ -212,11 +207,6 @@ def linearised(
     blocks : kind and corners (m, c) of some cells, by meshio's names, or `Polyhedra`; kinds without a volume are
         dropped
     of_points, of_cells : arrays by name, (n, …), and of all cells in the order of the blocks
-
-    Raises
-    ------
-    DataError
-        A kind is unknown, or as of `UnstructuredGrid`.
     """
     ignored, begin, curved, flat = 0, 0, dict[str, float](), list[tuple[NDArray[Any], NDArray[np.int64]]]()
     cells: dict[str, list[NDArray[Any]]] = {kind: [] for kind in FACES}
@@ -261,13 +251,7 @@ def linearised(
 
 
 def grid_of_blocks(mesh: Any, where: str) -> UnstructuredGrid:
-    """Return the grid of a mesh with the attributes of meshio's; arrays that are not of numbers are left out.
-
-    Raises
-    ------
-    DataError
-        Points in a plane, or as of `linearised`.
-    """
+    """Return the grid of a mesh with the attributes of meshio's; arrays that are not of numbers are left out."""
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     count, points = sum(len(corners) for _, corners in blocks), np.asarray(mesh.points)
     if points.ndim == 2 and points.shape[1] == 2:

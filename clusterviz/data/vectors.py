@@ -61,22 +61,11 @@ class VectorSource(Protocol):
         -------
         vectors : float32 or float64 (z, y, x, 3), components along x, y, z of the world per unit of time, owned by the
             caller; NaN where there are none
-
-        Raises
-        ------
-        DataError
-            The file ends early or cannot be decoded.
         """
         ...
 
     def at_time(self, step: int) -> VectorSource:
-        """Return the vectors at a time step.
-
-        Raises
-        ------
-        DataError
-            There is no such step, or it cannot be read.
-        """
+        """Return the vectors at a time step."""
         ...
 
 
@@ -292,13 +281,7 @@ def _at_first_step(path: str, subset: Subset) -> tuple[Source, Subset]:
 
 
 def _step_numbers(files: Sequence[str], where: str) -> list[float]:
-    """Return the times of files in steps, by the numbers in their names: 0, 1, 2, … if these are even.
-
-    Raises
-    ------
-    DataError
-        The numbers skip steps.
-    """
+    """Return the times of files in steps, by the numbers in their names: 0, 1, 2, … if these are even."""
     keys = [[number for number, _ in by_numbers(Path(file)) if number >= 0] for file in files]
     varying = [column for column in zip(*keys, strict=False) if len(set(column)) == len(files)]
     if len(files) < 2 or len({len(key) for key in keys}) > 1 or len(varying) != 1:

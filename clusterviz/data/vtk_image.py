@@ -57,11 +57,6 @@ def choose_array(arrays: Sequence[Array], name: str | None, noun: str, path: Pat
     arrays : of the file, in order
     name : of the wanted array, or None
     noun : what messages call an array
-
-    Raises
-    ------
-    DataError
-        No such array, no array, or several and none named or active.
     """
     arrays = [a for a in arrays if a.name not in ARRAYS] if name is None else arrays
     listed = ", ".join(f"{a.name} ({'cells' if a.on_cells else 'points'})" for a in arrays) or f"none: no {noun}"
@@ -97,11 +92,6 @@ def image_grid(
     steps : float64 (3, 3), column a is the world vector between neighbours along axis a
     origin : float64 (3,), world position of index 0
     first : float64 (3,), index of the first point along x, y, z
-
-    Raises
-    ------
-    DataError
-        An axis without samples, or a singular placement.
     """
     samples = points
     if on_cells:

@@ -144,11 +144,6 @@ def scan_xml(path: Path, kind: str) -> XmlLayout:
     Parameters
     ----------
     kind : type of the file: ImageData, PolyData, …
-
-    Raises
-    ------
-    DataError
-        Not XML, ends early, or not a VTK file of this type.
     """
     scan, layout = _Scan(), XmlLayout()
     with readable(path), path.open("rb") as file:
@@ -267,13 +262,7 @@ class BlockBytes:
 
 
 def decompressor(name: str, where: str) -> Callable[[bytes, int], bytes]:
-    """Return the function that decompresses blocks of VTK's compressor `name`.
-
-    Raises
-    ------
-    DataError
-        Unknown, or its library is not installed.
-    """
+    """Return the function that decompresses blocks of VTK's compressor `name`."""
     # One byte more than expected detects a block that is too long.
     if name == "vtkZLibDataCompressor":
         return lambda packed, expected: zlib.decompressobj().decompress(packed, expected + 1)
@@ -301,11 +290,6 @@ def unpack(
     text : base64, not raw bytes
     integer : dtype of the header's numbers
     compressor : VTK's name of it; empty for none
-
-    Raises
-    ------
-    DataError
-        The array's header disagrees with the dataset's size, or is damaged.
     """
 
     def header(count: int) -> list[int]:
@@ -425,11 +409,6 @@ def load_array(path: Path, size: int, layout: XmlLayout, chosen: XmlArray, tuple
     Parameters
     ----------
     size : bytes in the file
-
-    Raises
-    ------
-    DataError
-        Damaged, truncated, or of another size.
     """
     where = f"{path}:{chosen.name or chosen.section}"
     stored, components = stored_dtype(layout, chosen, where), chosen.components

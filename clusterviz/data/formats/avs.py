@@ -36,13 +36,7 @@ KINDS: dict[bytes, tuple[str, tuple[int, ...]]] = {
 
 
 def read_avs(path: Path) -> UnstructuredGrid:
-    """Read a file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, damaged or truncated, unknown cells or numbers, or as of `linearised`.
-    """
+    """Read a file."""
     where = str(path)
     require_file(path)
     with readable(path):

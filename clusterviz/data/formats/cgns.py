@@ -34,13 +34,7 @@ NODES = {**ORDERS, "hexahedron27": [*range(12), *range(16, 20), *range(12, 16), 
 
 
 def read_cgns(path: Path) -> UnstructuredGrid:
-    """Read the zones of a file.
-
-    Raises
-    ------
-    DataError
-        Not CGNS in HDF5, structured zones only, polyhedra, or damaged.
-    """
+    """Read the zones of a file."""
     import h5py
 
     require_file(path, (b"\x89HDF\r\n\x1a\n",))

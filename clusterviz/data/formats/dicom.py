@@ -104,13 +104,7 @@ def is_dicom(path: Path) -> bool:
 
 
 def open_dicom(path: Path, subset: Subset) -> Source:
-    """Open a file of several frames, or the series in its folder that a file belongs to.
-
-    Raises
-    ------
-    DataError
-        As `open_series`.
-    """
+    """Open a file of several frames, or the series in its folder that a file belongs to."""
     require_file(path)
     header = _header(path)
     if int(header.get("NumberOfFrames") or 1) > 1:
@@ -130,12 +124,6 @@ def open_series(files: Sequence[Path], subset: Subset, where: str) -> Source:
     files : of one or more series
     subset : its `array` names the series
     where : the folder or file, for messages
-
-    Raises
-    ------
-    DataError
-        pydicom or a decoder is not installed, damaged files, several series and none named, no such series, colours,
-        or slices that are no even stack.
     """
     series = _members(files, subset.array, where)
     names = {uid: _names(members[0][1]) for uid, members in series.items()}

@@ -42,11 +42,6 @@ def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
     Parameters
     ----------
     time : number of the step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        netCDF4 is not installed, no such step, or the file is damaged or holds unsupported elements.
     """
     where = str(path)
     require_file(path, (b"CDF", b"\x89HDF\r\n\x1a\n"))

@@ -23,13 +23,7 @@ MAX_COMMENT = 1 << 16  # bytes
 
 
 def read_freesurfer(path: Path) -> Geometry:
-    """Read a surface of triangles.
-
-    Raises
-    ------
-    DataError
-        Not such a file, truncated, or indices out of range.
-    """
+    """Read a surface of triangles."""
     where, size = str(path), require_file(path, (TRIANGLES,))
     with readable(path), path.open("rb") as file:
         head = file.read(MAX_COMMENT)

@@ -24,13 +24,7 @@ POINTS, TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
 
 
 def read_gifti(path: Path) -> Geometry:
-    """Read a GIFTI file.
-
-    Raises
-    ------
-    DataError
-        Not GIFTI, damaged or truncated, no surface, or indices out of range.
-    """
+    """Read a GIFTI file."""
     nibabel: Any = import_module("nibabel")
     where, packed = str(path), path.name.lower().endswith(".gz")
     require_file(path)

@@ -50,13 +50,7 @@ class _Primitive:
 
 
 def read_gltf(path: Path) -> Geometry:
-    """Read a glTF file.
-
-    Raises
-    ------
-    DataError
-        Not glTF 2.0, truncated, a required extension, nodes that are no tree, or indices out of range.
-    """
+    """Read a glTF file."""
     file = _File(path)
     required = [str(name) for name in file.document.get("extensionsRequired", []) if name not in READ_EXTENSIONS]
     if required:

@@ -59,11 +59,6 @@ def read_gmsh(path: Path, time: float | None = None) -> UnstructuredGrid:
     Parameters
     ----------
     time : number of the step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        Another version, no such step, damaged or truncated, or as of `linearised`.
     """
     where = str(path)
     require_file(path)
@@ -320,13 +315,7 @@ def _nodes_of(kind: int, where: str) -> int:
 
 
 def numbers_of_text(text: bytes, dtype: type[np.float64] | type[np.int64], where: str) -> NDArray[Any]:
-    """Return the numbers in text, several times as fast as from words.
-
-    Raises
-    ------
-    DataError
-        A word is no number; by old versions of NumPy numbers end there.
-    """
+    """Return the numbers in text, several times as fast as from words."""
     try:
         return np.fromstring(text, dtype, sep=" ")
     except ValueError as error:

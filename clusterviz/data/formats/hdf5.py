@@ -145,14 +145,7 @@ def check_chunks(dataset: Any, box: tuple[slice, ...], where: str) -> None:
 
 
 def open_hdf5(path: Path, subset: Subset) -> Source:
-    """Open the dataset that `subset` names, or the only volume.
-
-    Raises
-    ------
-    DataError
-        Neither HDF5 nor netCDF, truncated, no such dataset, several and none named, not a scalar volume, or coordinates
-        that are refused as in `clusterviz.data.rectilinear`.
-    """
+    """Open the dataset that `subset` names, or the only volume."""
     require_file(path)
     with readable(path):
         start = start_of(path)

@@ -40,13 +40,7 @@ READERS = {
 
 
 def read_meshlane(path: Path) -> UnstructuredGrid:
-    """Read a file of one of meshlane's formats.
-
-    Raises
-    ------
-    DataError
-        meshlane is not installed, or the file is damaged, holds no cells with a volume, or unsupported ones.
-    """
+    """Read a file of one of meshlane's formats."""
     where, name = str(path), READERS[path.suffix.lower()]
     require_file(path)
     try:

@@ -56,13 +56,7 @@ ZLIB_OR_GZIP = 47
 
 
 def open_metaimage(path: Path, subset: Subset) -> StridedSource:
-    """Open the volume, or one time step and channel of several, in a MetaImage file.
-
-    Raises
-    ------
-    DataError
-        No such header or a damaged one, data missing, truncated or too long, or no such time step or channel.
-    """
+    """Open the volume, or one time step and channel of several, in a MetaImage file."""
     require_file(path)
     refuse_array(subset.array, path)
     where = str(path)

@@ -37,13 +37,7 @@ NUMBER = re.compile(rb" *[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)? *")
 
 
 def read_molecule(path: Path) -> Geometry:
-    """Read the atoms of a PDB or mmCIF file, which may be packed by gzip.
-
-    Raises
-    ------
-    DataError
-        gemmi is not installed, or the file is damaged or holds no atoms.
-    """
+    """Read the atoms of a PDB or mmCIF file, which may be packed by gzip."""
     where = str(path)
     require_file(path)
     gemmi = _gemmi(where)
@@ -75,11 +69,6 @@ def atoms_of_xyz(file: TextIO, count: int, where: str) -> Geometry:
     Parameters
     ----------
     file : behind its first line, the number of atoms
-
-    Raises
-    ------
-    DataError
-        gemmi is not installed, fewer atoms, or a line that is no element, by symbol or number, and position.
     """
     gemmi, _ = _gemmi(where), file.readline()
     lines = [line.split() for line in islice(file, count)]
@@ -114,13 +103,7 @@ def _gemmi(where: str) -> Any:
 
 
 def _check_pdb(path: Path) -> None:
-    """Check that atoms have positions: gemmi takes what is no number as 0.
-
-    Raises
-    ------
-    DataError
-        One has none.
-    """
+    """Check that atoms have positions: gemmi takes what is no number as 0."""
     with readable(path), gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
         for number, line in enumerate(file, 1):
             words = [line[begin : begin + 8] for begin in (30, 38, 46)]

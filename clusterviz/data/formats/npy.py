@@ -26,13 +26,7 @@ from clusterviz.errors import DataError
 
 
 def open_npy(path: Path, subset: Subset) -> StridedSource:
-    """Open an array of two to five axes in a .npy file.
-
-    Raises
-    ------
-    DataError
-        Not a .npy file, truncated or longer than its header says, or not a scalar volume.
-    """
+    """Open an array of two to five axes in a .npy file."""
     size = require_file(path)
     refuse_array(subset.array, path)
     where = str(path)
@@ -76,13 +70,7 @@ class _Member:
 
 
 def open_npz(path: Path, subset: Subset) -> StridedSource:
-    """Open one array of a .npz archive.
-
-    Raises
-    ------
-    DataError
-        Not a ZIP file, damaged or truncated, encrypted, no such array, several and none named, or not a scalar volume.
-    """
+    """Open one array of a .npz archive."""
     size = require_file(path)
     try:
         with readable(path), zipfile.ZipFile(path) as archive:

@@ -55,13 +55,7 @@ MAX_HEADER = 1 << 20
 
 
 def open_nrrd(path: Path, subset: Subset) -> StridedSource:
-    """Open the volume in an attached or detached NRRD file.
-
-    Raises
-    ------
-    DataError
-        Wrong magic, a damaged header, an unknown encoding, missing or truncated data, or not a scalar volume.
-    """
+    """Open the volume in an attached or detached NRRD file."""
     require_file(path)
     refuse_array(subset.array, path)
     where = str(path)

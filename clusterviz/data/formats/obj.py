@@ -26,13 +26,7 @@ UNREAD = {b"usemtl": "materials", b"curv": "curves", b"surf": "free-form surface
 
 
 def read_obj(path: Path) -> Geometry:
-    """Read an OBJ file.
-
-    Raises
-    ------
-    DataError
-        No vertices, no numbers, too few corners, or indices out of range.
-    """
+    """Read an OBJ file."""
     where = str(path)
     require_file(path)
     with readable(path):

@@ -28,13 +28,7 @@ COLOURS = {3: "RGB", 4: "RGBA"}
 
 
 def read_off(path: Path) -> Geometry:
-    """Read an OFF file.
-
-    Raises
-    ------
-    DataError
-        Another variant, truncated, longer than its header says, no numbers, or indices out of range.
-    """
+    """Read an OFF file."""
     where = str(path)
     require_file(path)
     with readable(path):

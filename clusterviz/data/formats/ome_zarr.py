@@ -194,13 +194,7 @@ class ZarrSource:
 
 
 def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
-    """Open the finest level of a store, or the level or image that `subset` names.
-
-    Raises
-    ------
-    DataError
-        Not a store of Zarr, half written, no such array, or not a scalar volume.
-    """
+    """Open the finest level of a store, or the level or image that `subset` names."""
     path, attributes, level = find_image(path, subset.array)
     where, own = str(path), attributes.get("clusterviz")
     if own and not own.get("complete"):
@@ -248,13 +242,7 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
 
 
 def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, Any], str | None]:
-    """Return the folder of an image, its attributes, and the part of `array` that names its level, if any does.
-
-    Raises
-    ------
-    DataError
-        Not a store of Zarr, or it holds several images and none is named, or the name leads out of it.
-    """
+    """Return the folder of an image, its attributes, and the part of `array` that names its level, if any does."""
     check_below(array or "", str(path))
     attributes, parts = _attributes(path), (array or "").split("/")
     if attributes is None:
@@ -282,13 +270,7 @@ def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, A
 
 
 def check_below(name: object, where: str) -> None:
-    """Check that the path of an array is one below the store, so that nothing else is read in its name.
-
-    Raises
-    ------
-    DataError
-        It is absolute, or has a part "..".
-    """
+    """Check that the path of an array is one below the store, so that nothing else is read in its name."""
     plain = unquote(name).replace("\\", "/") if isinstance(name, str) else "/"
     if plain.startswith("/") or ".." in plain.split("/"):
         raise DataError("an array outside of the store", where=where, found=name, allowed="a path below it")
@@ -331,13 +313,7 @@ def _omero_channel(number: int, found: Mapping[str, Any]) -> OmeroChannel:
 
 
 def channel_sections(path: FilePath) -> list[dict[str, Any]]:
-    """Return keys of a scene's volumes, one a channel that is shown if the file says how, else one without keys.
-
-    Raises
-    ------
-    DataError
-        As of `find_image`.
-    """
+    """Return keys of a scene's volumes, one a channel that is shown if the file says how, else one without keys."""
     shown = [(n, each) for n, each in enumerate(omero_channels(find_image(path, None)[1])) if each.active]
     if len(shown) < 2 or not all(each.color and each.window for _, each in shown):
         return [{}]
@@ -366,13 +342,7 @@ def _check_same(path: FilePath, attributes: Mapping[str, Any]) -> None:
 
 
 def _check_description(attributes: Mapping[str, Any], where: str) -> bool:
-    """Check the description of a store of clusterviz; return whether its statistics have checksums.
-
-    Raises
-    ------
-    DataError
-        It was changed since it was written, or is of a version to come.
-    """
+    """Check the description of a store of clusterviz; return whether its statistics have checksums."""
     own = attributes["clusterviz"]
     version, found = own.get("version"), own.get("checksum")
     if version not in VERSIONS:

@@ -46,11 +46,6 @@ def read_openfoam(path: Path, time: float | None = None) -> UnstructuredGrid:
     Parameters
     ----------
     time : number of the time step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        No mesh, no such step, fields that do not fit, or damaged.
     """
     mesh = path.parent / "constant" / "polyMesh"
     points, _ = _load(mesh / "points").numbers(3)

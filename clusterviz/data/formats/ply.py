@@ -61,13 +61,7 @@ class _Element:
 
 
 def read_ply(path: Path) -> Geometry:
-    """Read a PLY file.
-
-    Raises
-    ------
-    DataError
-        Not PLY, truncated, longer than its header says, or indices out of range.
-    """
+    """Read a PLY file."""
     where = str(path)
     require_file(path, (b"ply",))
     with readable(path), path.open("rb") as file:

@@ -38,13 +38,7 @@ def sidecar_of(path: Path) -> Path:
 
 
 def open_raw(path: Path, subset: Subset) -> StridedSource:
-    """Open a raw file with its sidecar.
-
-    Raises
-    ------
-    DataError
-        No sidecar, an unknown, missing or impossible key in it, or a file of another length.
-    """
+    """Open a raw file with its sidecar."""
     size = require_file(path)
     refuse_array(subset.array, path)
     sidecar = sidecar_of(path)

@@ -19,14 +19,7 @@ from clusterviz.errors import DataError
 
 
 def open_scattered(path: Path, subset: Subset) -> ScatteredSource:
-    """Open a file of points; it is read whole.
-
-    Raises
-    ------
-    DataError
-        As `read_geometry` and `read_grid`; no such array, several and none named, or not one number each; as
-        `scattered`.
-    """
+    """Open a file of points; it is read whole."""
     assert subset.scattered is not None
     positions, arrays = _points(path)
     numbers = {name: array.reshape(-1) for name, array in arrays.items() if array.size == len(array)}

@@ -29,13 +29,7 @@ END = re.compile(rb"^[ \t]*end(facet|solid)\b", FLAGS)
 
 
 def read_stl(path: Path) -> Geometry:
-    """Read an STL file; a file of exactly the size that a binary header states is binary.
-
-    Raises
-    ------
-    DataError
-        Neither binary nor ascii, truncated, or longer than its header says.
-    """
+    """Read an STL file; a file of exactly the size that a binary header states is binary."""
     where, size = str(path), require_file(path)
     with readable(path):
         content = path.read_bytes()

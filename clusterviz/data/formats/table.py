@@ -31,13 +31,7 @@ VECTORS = ((":0", ":1", ":2"), ("_x", "_y", "_z"))
 
 
 def read_table(path: Path) -> Geometry:
-    """Read a table in text; the separator is a comma, semicolon, tab or blanks. Lines from # on are comments.
-
-    Raises
-    ------
-    DataError
-        No positions, rows of different lengths, or no numbers.
-    """
+    """Read a table in text; the separator is a comma, semicolon, tab or blanks. Lines from # on are comments."""
     where = str(path)
     require_file(path)
     with readable(path), path.open(encoding="utf-8-sig") as file:
@@ -87,13 +81,7 @@ def _fields(line: str, separator: str | None) -> list[str]:
 
 
 def _first_entries(rows: Sequence[str], count: int, separator: str | None, where: str) -> list[str]:
-    """Return the first entry of each column that is not empty.
-
-    Raises
-    ------
-    DataError
-        The first row has another number of columns.
-    """
+    """Return the first entry of each column that is not empty."""
     found = [""] * count
     for number, row in enumerate(rows):
         fields = _fields(row, separator)
@@ -106,13 +94,7 @@ def _first_entries(rows: Sequence[str], count: int, separator: str | None, where
 
 
 def read_npy_table(path: Path) -> Geometry:
-    """Read points from a .npy file.
-
-    Raises
-    ------
-    DataError
-        Not a .npy file, truncated, or not points.
-    """
+    """Read points from a .npy file."""
     where = str(path)
     require_file(path, (b"\x93NUMPY",))
     array = np.load(path, mmap_mode="r", allow_pickle=False)  # the map refuses what the file is too short for
@@ -132,13 +114,7 @@ def is_npy_table(path: Path) -> bool:
 
 
 def read_npz_mesh(path: Path) -> Geometry:
-    """Read a mesh from a .npz file.
-
-    Raises
-    ------
-    DataError
-        Not a .npz file, damaged, no mesh, or indices out of range.
-    """
+    """Read a mesh from a .npz file."""
     where = str(path)
     require_file(path, (b"PK",))
     with np.load(path, allow_pickle=False) as archive:

@@ -104,13 +104,7 @@ def _check_codec(page: Any, where: str) -> None:
 
 
 def open_tiff(path: Path, subset: Subset) -> Source:
-    """Open a stack of pages, or one picture as a single layer.
-
-    Raises
-    ------
-    DataError
-        Not TIFF, damaged, no such series, or several channels or time steps and none named.
-    """
+    """Open a stack of pages, or one picture as a single layer."""
     import tifffile
 
     size = require_file(path)

@@ -103,13 +103,7 @@ def _index(numbers: NDArray[np.int64]) -> Index:
 
 
 def open_vti(path: Path, subset: Subset) -> Source:
-    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, damaged or truncated, several pieces, no such array, several and none named, or vectors.
-    """
+    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file."""
     piece = _open_piece(path, subset, _kind(path))
     if (piece.extent != piece.whole).any():
         found, allowed = piece.extent.tolist(), piece.whole.tolist()
@@ -118,13 +112,7 @@ def open_vti(path: Path, subset: Subset) -> Source:
 
 
 def open_pvti(path: Path, subset: Subset) -> Source:
-    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file in pieces.
-
-    Raises
-    ------
-    DataError
-        As `open_vti`, no pieces, or pieces that do not fit.
-    """
+    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file in pieces."""
     where, kind = str(path), _kind(path)
     require_file(path)
     layout = scan_xml(path, f"P{kind}")

@@ -271,13 +271,7 @@ def _kind_of(path: Path) -> list[str]:
 
 
 def open_vtk(path: Path, subset: Subset) -> Source:
-    """Open one array, or one component of one, of a legacy VTK file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, not image data, damaged or truncated, no such array, several and none named.
-    """
+    """Open one array, or one component of one, of a legacy VTK file."""
     scan = _scan(path, ("STRUCTURED_POINTS", "RECTILINEAR_GRID"), "image data")
     arrays = vector_arrays(scan.arrays) if subset.vectors else scan.arrays
     chosen = choose_array(arrays, subset.array, "array of vectors" if subset.vectors else "array", path)
@@ -325,13 +319,7 @@ def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
 
 
 def read_polydata(path: Path) -> Geometry:
-    """Read polygonal data from a legacy VTK file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, not polygonal data, damaged or truncated, or indices out of range.
-    """
+    """Read polygonal data from a legacy VTK file."""
     scan = _scan(path, ("POLYDATA",), "polygonal data")
     points, cells, of_points, of_cells = _parts(path, scan)
     cells.pop("Cells", None)
@@ -344,13 +332,7 @@ def is_unstructured(path: Path) -> bool:
 
 
 def read_unstructured(path: Path) -> UnstructuredGrid:
-    """Read an unstructured grid from a legacy VTK file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, not an unstructured grid, damaged or truncated, or indices out of range.
-    """
+    """Read an unstructured grid from a legacy VTK file."""
     where, scan = str(path), _scan(path, ("UNSTRUCTURED_GRID",), "an unstructured grid")
     points, cells, of_points, of_cells = _parts(path, scan)
     if (scan.types is None) != ("Cells" not in cells):

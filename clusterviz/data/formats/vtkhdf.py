@@ -23,13 +23,7 @@ MOST = 1 << 36
 
 
 def read_vtkhdf(path: Path) -> UnstructuredGrid:
-    """Read a .vtkhdf file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, damaged, with time steps, or as of `grid_of_cells`.
-    """
+    """Read a .vtkhdf file."""
     import h5py
 
     require_file(path, (b"\x89HDF\r\n\x1a\n",))

@@ -53,13 +53,7 @@ def is_grid(path: Path) -> bool:
 
 
 def open_vtkhdf(path: Path, subset: Subset) -> Source:
-    """Open one array of an image, or of overlapping levels.
-
-    Raises
-    ------
-    DataError
-        Not such a file, damaged, no such array, several and none named, or levels that do not fit.
-    """
+    """Open one array of an image, or of overlapping levels."""
     import h5py
 
     require_file(path, (b"\x89HDF\r\n\x1a\n",))

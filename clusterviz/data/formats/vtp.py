@@ -21,13 +21,7 @@ from clusterviz.image.replace import replacing
 
 
 def read_vtp(path: Path) -> Geometry:
-    """Read a .vtp file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, damaged or truncated, counts that do not fit, or indices out of range.
-    """
+    """Read a .vtp file."""
     size = require_file(path)
     layout = scan_xml(path, "PolyData")
     if not layout.pieces:

@@ -20,13 +20,7 @@ from clusterviz.errors import DataError
 
 
 def read_vtu(path: Path) -> UnstructuredGrid:
-    """Read a .vtu file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, damaged or truncated, counts that do not fit, or indices out of range.
-    """
+    """Read a .vtu file."""
     grids = [_grid(piece, str(path)) for piece in _pieces(path)]
     return grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
 

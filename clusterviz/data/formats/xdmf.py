@@ -54,11 +54,6 @@ def read_xdmf(path: Path, time: float | None = None) -> UnstructuredGrid:
     Parameters
     ----------
     time : number of the step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        Not such a file, no such step, structured grids, damaged, or as of `linearised`.
     """
     where = str(path)
     require_file(path)

@@ -249,13 +249,7 @@ class ShardedArray:
         return self.path.parent / "bricks" / f"{'-'.join(map(str, ('statistics', *self.index)))}.npz"
 
     def statistics(self) -> NDArray[np.float64]:
-        """Return minimum, maximum and error of the bricks, float64 (3, z, y, x bricks); see `writer.py`.
-
-        Raises
-        ------
-        DataError
-            They are missing, damaged, or not of the array's size.
-        """
+        """Return minimum, maximum and error of the bricks, float64 (3, z, y, x bricks); see `writer.py`."""
         return self._statistics()[:3]
 
     def steps(self) -> NDArray[np.int64]:
@@ -345,13 +339,7 @@ class ShardedArray:
         return read
 
     def brick(self, brick: Index) -> NDArray[Any]:
-        """Return a decoded brick, of the full size, not to be written.
-
-        Raises
-        ------
-        DataError
-            It is missing, damaged, or ends early.
-        """
+        """Return a decoded brick, of the full size, not to be written."""
         return CACHE.get(self._owner, (*self.index, *brick), lambda: self._decoded(brick))
 
     def _decoded(self, brick: Index) -> NDArray[Any]:
@@ -430,11 +418,6 @@ def open_array(
     Parameters
     ----------
     check, has_checksums : see `ShardedArray`
-
-    Raises
-    ------
-    DataError
-        Its metadata are missing or damaged.
     """
     found = read_json(path / "zarr.json")
     try:
@@ -478,13 +461,7 @@ def array_metadata(
 
 
 def require_packages(where: str, *names: str, extra: str = "store") -> None:
-    """Check that packages are installed.
-
-    Raises
-    ------
-    DataError
-        One is not.
-    """
+    """Check that packages are installed."""
     for name in names:
         if find_spec(name) is None:
             raise DataError(f"needs the {name} package", where=where, allowed=installation(extra))
@@ -497,13 +474,7 @@ def description_checksum(attributes: Mapping[str, Any]) -> str:
 
 
 def read_json(path: FilePath) -> dict[str, Any]:
-    """Return what a JSON file holds.
-
-    Raises
-    ------
-    DataError
-        Missing, or not an object of JSON.
-    """
+    """Return what a JSON file holds."""
     try:
         found = json.loads(read_range(path)[0])
     except ValueError as error:

@@ -198,13 +198,7 @@ def compress(numbers: NDArray[Any], effort: int, repeats: bool = True) -> bytes:
 
 
 def decompress(frame: memoryview, size: int, where: str) -> bytes:
-    """Return the bytes of a frame of zstd.
-
-    Raises
-    ------
-    DataError
-        It does not hold `size` bytes, or is damaged.
-    """
+    """Return the bytes of a frame of zstd."""
     import zstandard
 
     try:

@@ -48,13 +48,7 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0) -> bytes:
 
 
 def decode_brick(data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
-    """Return the samples of a brick.
-
-    Raises
-    ------
-    DataError
-        Not a brick of this shape and type.
-    """
+    """Return the samples of a brick."""
     import zfpy
 
     try:
