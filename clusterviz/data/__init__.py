@@ -57,7 +57,6 @@ class Format:
 
     Attributes
     ----------
-    name : for messages
     extensions : of its files
     magic : possible first bytes; empty if they vary
     opener : module in clusterviz.data.formats and its function, imported on first use
@@ -173,11 +172,6 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
     path : a file of a format in `FORMATS`, a folder of slices, `file.h5:/path/to/dataset`, `field:NAME[:SIZE]`, or a
         URL of OME-Zarr, or a pattern of names of files, which are time steps
     array : name of the array, for files with several; short for `Subset(array=array)`
-    subset : array, time step and channel
-
-    Returns
-    -------
-    source : the volume
 
     Raises
     ------
@@ -523,10 +517,6 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = (), preset:
 
     Channels of OME-Zarr with known colours and windows are a volume each; then the override `time=N` is for all.
 
-    Parameters
-    ----------
-    overrides, preset : see `load_scene`
-
     Raises
     ------
     SceneError, DataError
@@ -610,7 +600,6 @@ def open_first_parts(volume: Volume) -> tuple[Source, list[Choice]]:
 
     Returns
     -------
-    source : the volume
     choices : that were made
     """
     if volume.time == "all":

@@ -29,7 +29,6 @@ class Choice:
     ----------
     key : that names a part
     parts : names or numbers, at least two; the first is chosen
-    noun : what messages call a part
     """
 
     key: Part
@@ -63,13 +62,8 @@ def first_parts(
 ) -> tuple[Opened, Subset, list[Choice]]:
     """Open the part of a file that a subset names, and the first of those that it leaves open.
 
-    Parameters
-    ----------
-    keys : that may be left open
-
     Returns
     -------
-    opened : by the opener
     subset : with all names that it needs
     choices : that were made
     """
@@ -91,7 +85,6 @@ def warn_of_choices(path: str, choices: Sequence[Choice], key: str = "", option:
     Parameters
     ----------
     key : of the file's entry in the scene and a point; empty if the last name of a key is enough
-    option : that sets a key
     """
     if choices:
         drawn = ", ".join(map(str, choices))
@@ -134,7 +127,6 @@ class Hyperslab:
     ----------
     shape : of the whole array, slowest axis first
     index : for each axis the index taken along it; None along z, y and x
-    shape_zyx : of the volume
     time, channel : the index taken along these axes
     time_steps, channels : their number; 1 without such an axis
     channel_names : one a channel, or empty
@@ -180,9 +172,6 @@ def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_
     shape : slowest axis first
     axes : a letter an axis: T time, C channel, any other space. The last three axes of space are z, y and x; if there
         are more, axes with one sample are dropped.
-    subset : of the file
-    where : the file, for messages
-    channel_names : of the file, if it has any
     """
     sizes = [int(n) for n in shape]
     check_shape([min(sizes), 1, 1] if sizes else [], where)

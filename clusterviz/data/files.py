@@ -90,12 +90,7 @@ def check_free_memory(path: Path, size: int) -> None:
 
 
 def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
-    """Check that `path` is a readable, non-empty regular file that begins with one of `magic`.
-
-    Returns
-    -------
-    size : bytes in the file
-    """
+    """Check that `path` is a readable, non-empty regular file that begins with one of `magic`; return its bytes."""
     with readable(path):
         descriptor = os.open(path, os.O_RDONLY)
         try:

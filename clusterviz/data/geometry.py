@@ -31,7 +31,6 @@ class Mesh:
 
     Attributes
     ----------
-    name : the file, for messages
     vertices : float32 or float64 (n, 3)
     triangles : int (m, 3), indices of vertices, counter-clockwise seen from outside
     vertex_attributes : arrays (n,) or (n, components) by name
@@ -111,7 +110,6 @@ class Lines:
 
     Attributes
     ----------
-    name : the file, for messages
     points : float32 or float64 (n, 3), line by line
     offsets : int (k + 1,); line i has the points [offsets[i], offsets[i + 1])
     point_attributes, line_attributes : arrays by name, of n and of k
@@ -155,7 +153,6 @@ class Points:
 
     Attributes
     ----------
-    name : the file, for messages
     positions : float32 or float64 (n, 3)
     attributes : arrays (n,) or (n, components) by name; `radius` in world units where the file has radii
 
@@ -312,8 +309,6 @@ def as_geometry(given: Any, section: str, where: str) -> Geometry:
     Parameters
     ----------
     given : see `ALLOWED_OBJECTS`; arrays of points and cells by name are kept
-    section : meshes, lines or points
-    where : for errors
     """
     if isinstance(given, Geometry):
         return given

@@ -49,7 +49,6 @@ def grid_files(path: Path, time: float | None = None) -> list[GridFile]:
 
     Parameters
     ----------
-    path : a file, or a pattern with *, ? or []
     time : number of a time step (int), or its time (float); None: the last one
     """
     if re.search(r"[*?[]", path.name) and not path.exists():

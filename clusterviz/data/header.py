@@ -53,7 +53,6 @@ def check_packed(packed: int, needed: int, packing: str, where: str) -> None:
 
     Parameters
     ----------
-    packed, needed : bytes
     packing : a key of `MAX_COMPRESSION_RATIO`
     """
     if packed * MAX_COMPRESSION_RATIO[packing] < needed:

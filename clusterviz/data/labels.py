@@ -23,13 +23,7 @@ Labels = tuple[int, ...] | Literal["hashed"]
 
 @dataclass(frozen=True)
 class LabelSource:
-    """Volume of small numbers, one for each label of another volume.
-
-    Attributes
-    ----------
-    stored : the labels
-    labels : see `Labels`
-    """
+    """Volume of small numbers, one for each label of another volume."""
 
     stored: Source
     labels: Labels

@@ -32,7 +32,6 @@ class ObjectSource:
     Attributes
     ----------
     array : numbers (z, y, x)
-    slab : the volume's part of the object
     owner : what must live as long as the array, whose memory it may be
     """
 
@@ -51,14 +50,7 @@ class ObjectSource:
 
 
 def open_object(given: Any, subset: Subset, where: str) -> Source | None:
-    """Return a volume of another library as a source; None if the object is none.
-
-    Parameters
-    ----------
-    given : see the module
-    subset : array, time step and channel
-    where : for errors
-    """
+    """Return a volume of another library as a source; None if the object is none."""
     for attributes, opener in LIBRARIES:
         if all(hasattr(given, name) for name in attributes):
             return opener(given, subset, where)

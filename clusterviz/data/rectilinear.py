@@ -120,7 +120,6 @@ class RectilinearSource:
 
     Attributes
     ----------
-    source : of the stored samples
     grid : of the lattice
     places_zyx : for each axis, the places of the stored samples
     """

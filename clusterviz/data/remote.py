@@ -92,7 +92,6 @@ class Version:
 
     Attributes
     ----------
-    size : bytes
     tag : inode and time of a file on disk, ETag or date of one on a server; empty if it sends none
     """
 

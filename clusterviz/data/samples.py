@@ -35,8 +35,6 @@ class Sample:
     package : its name, for `kind` "wheel" in the Python index, for "deb" in Debian
     version : of the wheel; Debian has one version
     member : path inside the package, or inside its tar file if `inside_tar` is set
-    sha256 : of the extracted file
-    file_name : in the cache
     sidecar : description of a raw file; see `clusterviz.data.formats.raw`
     """
 

@@ -39,8 +39,6 @@ class ScatteredSource:
 
     Attributes
     ----------
-    name : for messages
-    grid : of the volume
     sides : samples along z, y, x that differ; 1 along the axis of a layer
     index : int64 (n,), number in C order of the sample of each point, of these
     values : float64 (n,)
@@ -86,11 +84,9 @@ def scattered(
     Parameters
     ----------
     positions : (n, 3), or (n, 2) for a layer at z = 0; world
-    values : (n,)
     size : samples along x, y, z, of which 1 projects the points on a layer; along x, y of a layer; or one number, along
         the longest side, and the others at about the same distance
     bounds : xmin, xmax, ymin, ymax(, zmin, zmax) of the first and last samples; default: those of the points.
-    name : for messages
 
     Raises
     ------

@@ -74,7 +74,6 @@ class Source(Protocol):
     Attributes
     ----------
     name : for messages: the path as given, with the array's name if there are several
-    grid : positions of the samples
     dtype : of the samples, native byte order: any NumPy integer or float type
     """
 
@@ -110,7 +109,6 @@ class MultilevelSource(Source, Protocol):
 
     Attributes
     ----------
-    levels : number of levels, at least 1
     brick : samples along the side of a stored brick, the same for all levels; the last one may have fewer
     """
 

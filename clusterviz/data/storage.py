@@ -93,9 +93,7 @@ class StreamBytes:
 
     Parameters
     ----------
-    path : Path
     decoder : wraps the file, positioned at `start`, in a stream of decoded bytes: `gzip.open`, `bz2.open`
-    start : offset of the compressed bytes in the file
     keep : number of decoded bytes to keep
     """
 
@@ -147,7 +145,6 @@ class Inflated:
 
     Parameters
     ----------
-    file : positioned at the first byte
     window : `wbits` of `zlib.decompressobj`: −15 for deflate without a header, 47 for zlib or gzip
     checksum : number of decoded bytes and their CRC-32, for streams without one
     """

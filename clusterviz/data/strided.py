@@ -22,7 +22,6 @@ class StridedSource:
 
     Attributes
     ----------
-    name, grid, dtype : as in `Source`
     storage : of the bytes
     stored_dtype : dtype in the file, with its byte order
     offset : bytes before the first sample

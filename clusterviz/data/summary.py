@@ -148,12 +148,9 @@ def summarise(
     Parameters
     ----------
     source_dtype : dtype of the samples
-    layout : division of the volume into bricks
     bricks : yields this rank's bricks with their overlap; called once for types of 8 and 16 bits, up to twice for 32
         and four times for 64
     allgather : shares one picklable value with all ranks, and returns those of all ranks
-    bins : of the histogram
-    percentiles : to find, 0 to 100
 
     Raises
     ------
@@ -199,7 +196,6 @@ class _Part:
     samples : number of samples that the bricks own
     counts : sparse counts of the leading digit
     blocks : flat indices of the blocks met (n,), and their extremes (2, n)
-    categories : of the bricks
     """
 
     bricks: list[tuple[Index, float, float]]

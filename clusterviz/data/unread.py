@@ -11,14 +11,7 @@ from clusterviz.errors import DataError
 
 
 class UnreadFormat(NamedTuple):
-    """Format that is not read.
-
-    Attributes
-    ----------
-    name : for messages
-    extensions : of its files, in lower case
-    remedy : what to do
-    """
+    """Format that is not read."""
 
     name: str
     extensions: tuple[str, ...]
@@ -59,13 +52,7 @@ FOLDERS = {b"HyperCLaw": AMREX, b"NavierStokes": AMREX}
 
 
 def unknown_file(path: Path, read: Iterable[str], others: str = "") -> DataError:
-    """Return the error about a file of no extension that is read: its format's name and what to do, if it is known.
-
-    Parameters
-    ----------
-    read : extensions that are read
-    others : what else is
-    """
+    """Return the error about a file of no extension that is read: its format's name and what to do, if it is known."""
     require_file(path)
     name = path.name.lower()
     for each in UNREAD:

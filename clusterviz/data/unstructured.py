@@ -44,7 +44,6 @@ class UnstructuredGrid:
 
     Attributes
     ----------
-    name : the file, for messages
     points : float32 or float64 (n, 3), world
     cells : int (m, c) by kind, indices of points in VTK's order; kinds in the order of `FACES`
     point_arrays : arrays (n,) or (n, components) by name
@@ -203,7 +202,6 @@ def linearised(
 
     Parameters
     ----------
-    points : (n, 3)
     blocks : kind and corners (m, c) of some cells, by meshio's names, or `Polyhedra`; kinds without a volume are
         dropped
     of_points, of_cells : arrays by name, (n, …), and of all cells in the order of the blocks
@@ -281,7 +279,6 @@ class Polyhedra:
 
     Attributes
     ----------
-    count : number of cells
     owners : int64 (f,), cell of each face
     begins, sizes : int64 (f,); face i has the corners values[begins[i]:begins[i] + sizes[i]]
     values : int (n,), indices of points among others

@@ -40,8 +40,6 @@ class VectorSource(Protocol):
 
     Attributes
     ----------
-    name : for messages
-    grid : positions of the samples
     times : of the time steps, ascending; () if the flow is steady
     """
 
@@ -104,7 +102,6 @@ class VectorArray:
     values : numbers (z, y, x, 3), or (steps, z, y, x, 3) with `times`; components along x, y, z of the world
     grid : positions of the samples; by default 1 apart from the world's origin
     times : of the steps, ascending
-    name : for messages
 
     Raises
     ------
@@ -153,7 +150,6 @@ class ComponentVectors:
     Attributes
     ----------
     components : along x, y, z; None is zero everywhere
-    scale : factor of all components
     open_step : function that opens a time step
     """
 
@@ -200,7 +196,6 @@ def open_vectors(
     array : name of the array of vectors, or of three arrays of components, "u,v,w"
     time : number of the time step, from 0; None: the first
     order : the axes of the stored components, such as "zyx"
-    scale : factor of all vectors
     interval : time between two steps of files
 
     Raises

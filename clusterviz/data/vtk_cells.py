@@ -59,7 +59,6 @@ def grid_of_cells(
 
     Parameters
     ----------
-    types : (m,)
     offsets : int64 (m + 1,); cell i has the points corners[offsets[i]:offsets[i + 1]]
     polyhedra : cells of type 42, in their order
     """
@@ -157,7 +156,6 @@ def as_grid(given: Any, where: str) -> UnstructuredGrid:
     ----------
     given : an `UnstructuredGrid`, a grid of pyvista, a mesh of meshio, or points (n, 3), tetrahedra
         (m, 4) and scalars (n,) or (m,), which become the array values
-    where : for errors
     """
     if isinstance(given, UnstructuredGrid):
         return given

@@ -75,7 +75,6 @@ class GhostBits:
 
     Attributes
     ----------
-    source : of the bits
     mask : bits that count
     before, after : a sample takes those of so many places before and behind it along each axis: of points, if samples
         are cells, and the reverse
@@ -107,8 +106,6 @@ class VisibleSource:
 
     Attributes
     ----------
-    source : of all samples
-    grid : of the image
     hidden : what hides a sample
     duplicates : where another piece has the sample
     """

@@ -22,10 +22,7 @@ class VtkImageArray(Protocol):
 
     Attributes
     ----------
-    name : of the array
-    on_cells : whether it is cell data, else point data
     active : whether the file marks it as the active scalars
-    components : numbers for each tuple
     """
 
     @property
@@ -50,14 +47,7 @@ def vector_arrays(arrays: Sequence[Array]) -> list[Array]:
 
 
 def choose_array(arrays: Sequence[Array], name: str | None, noun: str, path: Path) -> Array:
-    """Return the named array; without a name the active scalars, point data first, or the only array.
-
-    Parameters
-    ----------
-    arrays : of the file, in order
-    name : of the wanted array, or None
-    noun : what messages call an array
-    """
+    """Return the named array; without a name the active scalars, point data first, or the only array."""
     arrays = [a for a in arrays if a.name not in ARRAYS] if name is None else arrays
     listed = ", ".join(f"{a.name} ({'cells' if a.on_cells else 'points'})" for a in arrays) or f"none: no {noun}"
     if name is not None:
@@ -108,8 +98,6 @@ def rectilinear(
     Parameters
     ----------
     source : the stored samples, a source that is a dataclass with a field `grid`
-    coordinates_xyz : of the points along x, y and z
-    spaced : as of `rectilinear.placed`
     """
     lines = []
     for coordinates, name in zip(coordinates_xyz, "xyz", strict=True):

@@ -34,8 +34,6 @@ def polydata(
 
     Parameters
     ----------
-    points : (n, 3)
-    cells : by section
     of_points, of_cells : arrays by name; cells are numbered in the order of `SECTIONS`
     """
     points = points.astype(np.promote_types(points.dtype, np.float32), copy=False)

@@ -139,12 +139,7 @@ class _Scan:
 
 
 def scan_xml(path: Path, kind: str) -> XmlLayout:
-    """Read the XML of the file at `path` up to its appended data.
-
-    Parameters
-    ----------
-    kind : type of the file: ImageData, PolyData, …
-    """
+    """Read the XML of the file at `path` up to its appended data."""
     scan, layout = _Scan(), XmlLayout()
     with readable(path), path.open("rb") as file:
         try:
@@ -183,14 +178,7 @@ PACKINGS = {"vtkZLibDataCompressor": "gzip", "vtkLZ4DataCompressor": "lz4", "vtk
 
 @dataclass(frozen=True)
 class Base64Bytes:
-    """Decoded bytes of base64 text without blanks; four characters hold three bytes.
-
-    Attributes
-    ----------
-    text : the file
-    begin : offset of the text in it
-    where : the file, for messages
-    """
+    """Decoded bytes of base64 text without blanks; four characters hold three bytes."""
 
     text: Storage
     begin: int
@@ -214,11 +202,7 @@ class BlockBytes:
 
     Parameters
     ----------
-    packed : storage of the compressed blocks
     begins : the blocks' offsets in `packed`, and the end of the last
-    block_bytes, total_bytes : uncompressed
-    decompress : (packed bytes, bytes expected) -> bytes
-    where : the file, for messages
     """
 
     def __init__(
@@ -404,12 +388,7 @@ def _first_character(path: Path, begin: int) -> int:
 
 
 def load_array(path: Path, size: int, layout: XmlLayout, chosen: XmlArray, tuples: int) -> NDArray[Any]:
-    """Read an array of `tuples` tuples: (tuples,), or (tuples, components) if it has several components.
-
-    Parameters
-    ----------
-    size : bytes in the file
-    """
+    """Read an array of `tuples` tuples: (tuples,), or (tuples, components) if it has several components."""
     where = f"{path}:{chosen.name or chosen.section}"
     stored, components = stored_dtype(layout, chosen, where), chosen.components
     shape = (tuples,) if components == 1 else (tuples, components)

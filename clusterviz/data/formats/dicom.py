@@ -65,7 +65,6 @@ class Slice:
     kind : of rows, columns, bits allocated, bits stored, and kind of type: u, i or f
     position : float64 (3,), world position of the first sample
     axes : float64 (3, 2), world steps from column to column and from row to row
-    scale : (slope, intercept)
     """
 
     path: Path
@@ -121,9 +120,7 @@ def open_series(files: Sequence[Path], subset: Subset, where: str) -> Source:
 
     Parameters
     ----------
-    files : of one or more series
     subset : its `array` names the series
-    where : the folder or file, for messages
     """
     series = _members(files, subset.array, where)
     names = {uid: _names(members[0][1]) for uid, members in series.items()}

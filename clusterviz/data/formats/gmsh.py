@@ -324,12 +324,7 @@ def numbers_of_text(text: bytes, dtype: type[np.float64] | type[np.int64], where
 
 
 class NumberedRows:
-    """Rows of numbered nodes or elements.
-
-    Attributes
-    ----------
-    count : number of rows
-    """
+    """Rows of numbered nodes or elements."""
 
     def __init__(self, numbers: Ints) -> None:
         self.count = len(numbers)

@@ -100,13 +100,7 @@ AS_STORED = CfValues((), (-np.inf, np.inf), (1.0, 0.0))
 
 @dataclass(frozen=True)
 class Hdf5Source:
-    """Volume in a dataset; `dataset` stays open as long as the source lives.
-
-    Attributes
-    ----------
-    slab : the volume's part of the dataset
-    values : conversion of stored values
-    """
+    """Volume in a dataset; `dataset` stays open as long as the source lives."""
 
     name: str
     grid: Grid

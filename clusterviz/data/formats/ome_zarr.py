@@ -63,7 +63,6 @@ class OmeroChannel:
 
     Attributes
     ----------
-    label : name
     color : red, green and blue, 0 to 1; None if the file has none
     window : the values that are black, and in full colour; None if the file has none
     active : whether it is shown
@@ -83,7 +82,6 @@ class LevelSource:
     ----------
     paths : of the arrays of all levels of the store
     number : of this level in the store; coarser ones are its levels
-    brick : samples along the side of a brick
     omero : how the channels are shown
     version : another one for each description of a store
     """

@@ -39,12 +39,9 @@ class Piece:
     Attributes
     ----------
     source : its samples, on a grid without a place
-    array : its name
-    on_cells : whether it is cell data
     extent : int64 (3, 2), first and last point along x, y, z
     whole : extent of the dataset
     coordinates : of the points along x, y and z, in a rectilinear file; else empty
-    layout : of the file
     """
 
     source: StridedSource | VisibleSource
@@ -64,7 +61,6 @@ class PiecesSource:
     ----------
     boxes : int64 (n, 2, 3), first sample and end of each piece along z, y, x
     open_piece : function of a piece's number
-    slab : the volume's part of the stored array
     """
 
     name: str

@@ -103,12 +103,7 @@ def _kind(grid: Element) -> str:
 
 @dataclass(frozen=True)
 class _File:
-    """Parsed file.
-
-    Attributes
-    ----------
-    unread : what is left out, for a warning
-    """
+    """Parsed file."""
 
     path: Path
     root: Element

@@ -137,11 +137,8 @@ class ShardedArray:
     Attributes
     ----------
     path : of the folder; a `RemotePath` of what is only read
-    shape_zyx : samples
     brick_zyx : samples of a brick
     shard_zyx : bricks of a shard
-    dtype : native
-    codec : of bricks
     axes : letters of the axes before z: t, c, both, or none
     counts : time steps and channels, along these axes
     index : of the volume along these axes
@@ -413,12 +410,7 @@ def make_array(
 def open_array(
     path: FilePath, check: Callable[[], None] = lambda: None, has_checksums: bool = True
 ) -> ShardedArray | None:
-    """Return the array in a folder, at its first time step and channel; None if its layout is not one read here.
-
-    Parameters
-    ----------
-    check, has_checksums : see `ShardedArray`
-    """
+    """Return the array in a folder, at its first time step and channel; None if its layout is not one read here."""
     found = read_json(path / "zarr.json")
     try:
         sharding = found["codecs"][0]["configuration"]

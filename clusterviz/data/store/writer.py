@@ -68,10 +68,6 @@ class StoreWriter:
 
     Attributes
     ----------
-    source : the volume
-    path : of the store
-    codec : of bricks
-    brick : samples along the side of a brick
     rank, size : of this process, and their number; files are shared evenly
     series : time steps and channels of which the volume is one; None: it is the only one
     index : of the volume among them; those of earlier time steps must be complete

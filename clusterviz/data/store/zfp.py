@@ -32,7 +32,6 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0) -> bytes:
 
     Parameters
     ----------
-    samples : of one of `DTYPES`, three axes
     error : largest difference between a sample and the decoded one, for floats; 0: bit for bit, as with samples that
         zfp does not keep within it
     """
