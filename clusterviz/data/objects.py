@@ -22,7 +22,7 @@ from clusterviz.data.formats.hdf5 import choose_dataset, open_dataset
 from clusterviz.data.formats.nifti import placed_volume
 from clusterviz.data.header import check_box, check_dtype, make_grid
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear
+from clusterviz.data.vtk_image import ImageArray, choose_array, image_grid, rectilinear
 
 
 @dataclass(frozen=True)
@@ -85,29 +85,18 @@ def _itk(given: Any, subset: Subset, where: str) -> Source:
     return replace(source, grid=replace(grid, orientation="LPS"), owner=given)
 
 
-@dataclass(frozen=True)
-class _Array:
-    """Array of an image of pyvista; see `VtkImageArray`."""
-
-    name: str
-    on_cells: bool
-    active: bool
-    components: int
-    values: NDArray[Any]
-
-
-def _pyvista_arrays(given: Any) -> Iterator[_Array]:
+def _pyvista_arrays(given: Any) -> Iterator[ImageArray]:
     for on_cells, arrays in ((False, given.point_data), (True, given.cell_data)):
         for name in arrays.keys():  # noqa: SIM118 (not all are mappings)
             values = np.asarray(arrays[name])
-            yield _Array(name, on_cells, name == given.active_scalars_name, values.size // len(values), values)
+            yield ImageArray(name, on_cells, name == given.active_scalars_name, values.size // len(values), values)
 
 
 def _pyvista(given: Any, subset: Subset, where: str) -> Source:
     points = np.asarray(given.dimensions)
     chosen = choose_array(list(_pyvista_arrays(given)), subset.array, "array", Path(where))
     samples = np.maximum(points - 1, 1) if chosen.on_cells else points
-    source = _source(chosen.values.reshape(*samples[::-1], chosen.components), "ZYXC", subset, f"{where}:{chosen.name}")
+    source = _source(chosen.held.reshape(*samples[::-1], chosen.components), "ZYXC", subset, f"{where}:{chosen.name}")
     if not hasattr(given, "spacing"):
         lines = [np.asarray(each) for each in (given.x, given.y, given.z)]
         return rectilinear(source, lines, chosen.on_cells, subset.spaced, where)

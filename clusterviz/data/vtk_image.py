@@ -2,48 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import UnnamedPartError
+from clusterviz.data.axes import Subset, UnnamedPartError
 from clusterviz.data.header import check_shape, make_grid
 from clusterviz.data.rectilinear import line_of, placed
 from clusterviz.data.source import Grid, Source
-from clusterviz.data.vtk_ghosts import ARRAYS
+from clusterviz.data.vtk_ghosts import ARRAYS, TYPE, visible
 from clusterviz.errors import DataError
 
 
-class VtkImageArray(Protocol):
-    """Array of an image.
+@dataclass(frozen=True)
+class ImageArray:
+    """Array of an image; `active`: the file marks it as the active scalars, `held`: the numbers of some formats."""
 
-    Attributes
+    name: str
+    on_cells: bool
+    active: bool
+    components: int
+    held: Any = None
+
+
+Array = TypeVar("Array", bound=ImageArray)
+
+
+def open_image(
+    arrays: Sequence[Array], subset: Subset, path: Path, noun: str, source_of: Callable[[Array, Subset], Any]
+) -> tuple[Array, Any]:
+    """Return the array that a subset names, see `choose_array`, and its samples without those that ghosts hide.
+
+    Parameters
     ----------
-    active : whether the file marks it as the active scalars
+    arrays : of the file; with `subset.vectors` those of three components are vectors
+    source_of : returns the samples of an array
     """
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def on_cells(self) -> bool: ...
-
-    @property
-    def active(self) -> bool: ...
-
-    @property
-    def components(self) -> int: ...
-
-
-Array = TypeVar("Array", bound=VtkImageArray)
-
-
-def vector_arrays(arrays: Sequence[Array]) -> list[Array]:
-    """Return the arrays of three components."""
-    return [array for array in arrays if array.components == 3]
+    fitting = [array for array in arrays if array.components == 3] if subset.vectors else arrays
+    chosen = choose_array(fitting, subset.array, "array of vectors" if subset.vectors else noun, path)
+    ghosts = [
+        (array.on_cells, source_of(array, Subset(time=subset.time)))
+        for array in arrays
+        if array.name == TYPE and array is not chosen and array.components == 1
+    ]
+    return chosen, visible(source_of(chosen, subset), chosen.on_cells, ghosts)
 
 
 def choose_array(arrays: Sequence[Array], name: str | None, noun: str, path: Path) -> Array:

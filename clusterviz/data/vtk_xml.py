@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from clusterviz.data.files import kind_of, readable, start_of
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
+from clusterviz.data.vtk_image import ImageArray
 from clusterviz.errors import DataError
 
 CHUNK = 1 << 16
@@ -41,34 +42,22 @@ SECTIONS = ("PointData", "CellData", "Points", "Verts", "Lines", "Strips", "Poly
 
 
 @dataclass(frozen=True)
-class XmlArray:
+class XmlArray(ImageArray):
     """DataArray of a file.
 
     Attributes
     ----------
+    components : numbers for each tuple; 0 if the file does not say it properly
     section : the tag that it lies in, one of `SECTIONS`
     piece : number of its piece
-    active : whether it is the active scalars
     text_begin, text_end : bytes of the file that hold its inline text
     """
 
-    name: str
-    section: str
-    piece: int
-    active: bool
-    attributes: Attributes
-    text_begin: int
-    text_end: int
-
-    @property
-    def on_cells(self) -> bool:
-        return self.section == "CellData"
-
-    @property
-    def components(self) -> int:
-        """Numbers for each tuple; 0 if the file does not say it properly."""
-        stated = self.attributes.get("NumberOfComponents") or "1"
-        return int(stated) if stated.isdecimal() and len(stated) < 10 else 0
+    section: str = ""
+    piece: int = 0
+    attributes: Attributes = field(default_factory=dict)
+    text_begin: int = 0
+    text_end: int = 0
 
 
 @dataclass
@@ -128,8 +117,13 @@ class _Scan:
         if tag == "DataArray" and parent in SECTIONS:
             begin, name = end if self.text_begin is None else self.text_begin, self.attributes.get("Name", "")
             active = bool(name) and self.active == name and parent in ("PointData", "CellData")
-            piece = len(self.layout.pieces) - 1
-            self.layout.arrays.append(XmlArray(name, parent, piece, active, self.attributes, begin, end))
+            stated, piece = self.attributes.get("NumberOfComponents") or "1", len(self.layout.pieces) - 1
+            components = int(stated) if stated.isdecimal() and len(stated) < 10 else 0
+            self.layout.arrays.append(
+                XmlArray(
+                    name, parent == "CellData", active, components, None, parent, piece, self.attributes, begin, end
+                )
+            )
             self.parser.CharacterDataHandler = None
 
     def _text(self, text: str) -> None:

@@ -24,8 +24,8 @@ from clusterviz.data.files import require_file
 from clusterviz.data.header import check_box, check_dtype, check_packed, check_shape
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.strided import StridedSource
-from clusterviz.data.vtk_ghosts import TYPE, VisibleSource, visible
-from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear
+from clusterviz.data.vtk_ghosts import VisibleSource
+from clusterviz.data.vtk_image import image_grid, open_image, rectilinear
 from clusterviz.data.vtk_xml import PACKINGS, XmlArray, XmlLayout, load_array, scan_xml, storage_of, stored_dtype
 from clusterviz.errors import DataError
 
@@ -160,12 +160,7 @@ def _kind(path: Path) -> str:
 
 
 def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
-    size = require_file(path)
-    layout = scan_xml(path, kind)
-    components, noun = (3, "array of vectors") if subset.vectors else (1, "scalar array")
-    fitting = [a for a in layout.arrays if a.components == components and a.section in ("PointData", "CellData")]
-    chosen = choose_array(fitting, subset.array, noun, path)
-    where = f"{path}:{chosen.name}"
+    size, where, layout = require_file(path), str(path), scan_xml(path, kind)
     if len(layout.pieces) != 1:
         raise DataError("unsupported", where=where, found=f"{len(layout.pieces)} pieces", allowed="one piece")
     image, piece = layout.dataset, layout.pieces[0]
@@ -173,6 +168,7 @@ def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
     whole = _extent(image, "WholeExtent", where) if "WholeExtent" in image else extent
 
     def source_of(array: XmlArray, subset: Subset) -> StridedSource:
+        where = f"{path}:{array.name}"
         stored, shape = stored_dtype(layout, array, where), _samples(extent, array.on_cells, where)
         slab = select((*shape, array.components), "ZYXC", replace(subset, array=None), where)
         storage, begin = storage_of(path, size, layout, array, stored, slab.samples, where)
@@ -180,12 +176,8 @@ def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
         name, dtype = where + slab.label, check_dtype(stored, where)
         return StridedSource(name, Grid(shape), dtype, storage, stored, begin + offset, strides, slab=slab)
 
-    ghosts = [
-        (array.on_cells, source_of(array, Subset()))
-        for array in layout.arrays
-        if array.name == TYPE and array is not chosen and array.components == 1 and "Data" in array.section
-    ]
-    source = visible(source_of(chosen, subset), chosen.on_cells, ghosts)
+    fitting = [a for a in layout.arrays if "Data" in a.section and a.components in ((1, 3) if subset.vectors else (1,))]
+    chosen, source = open_image(fitting, subset, path, "scalar array", source_of)
     coordinates: tuple[NDArray[Any], ...] = ()
     if kind == "RectilinearGrid":
         arrays = [a for a in layout.arrays if a.section == "Coordinates"]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +32,8 @@ from clusterviz.data.formats.vtkhdf import load_dataset
 from clusterviz.data.header import check_box, check_dtype, check_shape, make_grid
 from clusterviz.data.rectilinear import interpolate
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.vtk_ghosts import HIDDEN_CELL, TYPE, visible
-from clusterviz.data.vtk_image import choose_array, image_grid, vector_arrays
+from clusterviz.data.vtk_ghosts import HIDDEN_CELL, TYPE
+from clusterviz.data.vtk_image import ImageArray, choose_array, image_grid, open_image
 from clusterviz.errors import DataError
 
 IMAGES = ("ImageData", "OverlappingAMR")
@@ -65,48 +66,28 @@ def open_vtkhdf(path: Path, subset: Subset) -> Source:
     return _open_levels(root, path, subset) if kind == "OverlappingAMR" else _open_image(root, path, subset)
 
 
-@dataclass(frozen=True)
-class HdfArray:
-    """Array of point or cell data."""
-
-    name: str
-    on_cells: bool
-    active: bool
-    dataset: Any
-
-    @property
-    def components(self) -> int:
-        """Size of the last axis."""
-        return int(self.dataset.shape[-1]) if self.dataset.shape else 0
-
-
-def _arrays(group: Any) -> list[HdfArray]:
-    return [
-        HdfArray(name, section == "CellData", name == _text(group[section].attrs.get("Scalars", "")), dataset)
-        for section in ("PointData", "CellData")
-        for name, dataset in (group[section].items() if section in group else ())
-        if hasattr(dataset, "shape")
-    ]
+def _arrays(group: Any) -> list[ImageArray]:
+    found = list[ImageArray]()
+    for section in ("PointData", "CellData"):
+        for name, dataset in group[section].items() if section in group else ():
+            if shape := getattr(dataset, "shape", None):
+                active = name == _text(group[section].attrs.get("Scalars", ""))
+                found.append(ImageArray(name, section == "CellData", active, int(shape[-1]), dataset))
+    return found
 
 
 def _open_image(root: Any, path: Path, subset: Subset) -> Source:
-    arrays = _arrays(root)
-    if subset.vectors:
-        count = 5 if "Steps" in root else 4
-        arrays = vector_arrays([array for array in arrays if len(array.dataset.shape) == count])
-    chosen = choose_array(arrays, subset.array, "array of vectors" if subset.vectors else "array", path)
-    ghosts = [
-        (array.on_cells, _source_of(root, array, replace(subset, channel=None), f"{path}:{TYPE}"))
-        for array in _arrays(root)
-        if array.name == TYPE and array.name != chosen.name
-    ]
-    source: Source = visible(_source_of(root, chosen, subset, f"{path}:{chosen.name}"), chosen.on_cells, ghosts)
+    arrays, axes = _arrays(root), 5 if "Steps" in root else 4
+    # Only with an axis of its own three samples are components; ghosts have none.
+    arrays = [replace(a, components=a.components if len(a.held.shape) == axes else 1) for a in arrays]
+    source: Source = open_image(arrays, subset, path, "array", partial(_source_of, root, path))[1]
     return source
 
 
-def _source_of(root: Any, array: HdfArray, subset: Subset, where: str) -> Hdf5Source:
+def _source_of(root: Any, path: Path, array: ImageArray, subset: Subset) -> Hdf5Source:
     """Return the samples of an array of an image."""
-    dataset, extent = array.dataset, _numbers(root, "WholeExtent", 6, None, where).astype(np.int64).reshape(3, 2)
+    where = f"{path}:{array.name}"
+    dataset, extent = array.held, _numbers(root, "WholeExtent", 6, None, where).astype(np.int64).reshape(3, 2)
     points = extent[:, 1] - extent[:, 0] + 1
     steps = _numbers(root, "Direction", 9, np.eye(3), where).reshape(3, 3) * _numbers(
         root, "Spacing", 3, np.ones(3), where
@@ -228,7 +209,7 @@ def _open_levels(root: Any, path: Path, subset: Subset) -> LevelsSource:
         raise DataError("no levels", where=where, allowed="Level0 with AMRBox")
     chosen = choose_array([a for a in _arrays(groups[0]) if a.on_cells], subset.array, "array of cells", path)
     name = f"{where}:{chosen.name}"
-    dtype = np.result_type(check_dtype(chosen.dataset.dtype, name), np.float32)
+    dtype = np.result_type(check_dtype(chosen.held.dtype, name), np.float32)
     spacings = [_numbers(group, "Spacing", 3, None, name) for group in groups]
     origin = _numbers(root, "Origin", 3, np.zeros(3), name)
     levels = list[Level]()
