@@ -48,7 +48,12 @@ if TYPE_CHECKING:
     from clusterviz.data.geometry import Geometry
     from clusterviz.data.unstructured import UnstructuredGrid
 
-GZIP = (b"\x1f\x8b",)
+GZIP, HDF5 = (b"\x1f\x8b",), (b"\x89HDF\r\n\x1a\n",)
+
+
+SURFACES, TRIANGLES = (".pial", ".white", ".inflated", ".sphere", ".orig"), b"\xff\xff\xfe"
+"""Extensions of FreeSurfer's surfaces, which may have none, and their first bytes."""
+ELEMENTS = (".bdf", ".fem", ".nas", ".inp", ".med", ".mesh", ".meshb", ".ele", ".su2", ".ugrid")
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,7 @@ FORMATS = (
     Format("vtr", (".vtr",), (), "vti.open_vti"),
     Format("pvti", (".pvti", ".pvtr"), (), "vti.open_pvti"),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.open_vtk"),
-    Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf_image.open_vtkhdf"),
+    Format("vtkhdf", (".vtkhdf",), HDF5, "vtkhdf_image.open_vtkhdf"),
     Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), "tiff.open_tiff"),
     Format("mrc", (".mrc", ".map", ".ccp4"), (), "mrc.open_mrc"),
     Format("mrc", (".mrc.gz", ".map.gz"), GZIP, "mrc.open_mrc"),
@@ -117,13 +122,7 @@ MESH_FORMATS = (
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_polydata", "vtk.is_polydata"),
     Format("gifti", (".gii",), (), "gifti.read_gifti", section="meshes"),
     Format("gifti", (".gii.gz",), GZIP, "gifti.read_gifti", section="meshes"),
-    Format(
-        "freesurfer",
-        (".pial", ".white", ".inflated", ".sphere", ".orig"),
-        (),
-        "freesurfer.read_freesurfer",
-        section="meshes",
-    ),
+    Format("freesurfer", SURFACES, (TRIANGLES,), "freesurfer.read_freesurfer", section="meshes"),
     Format("trk", (".trk",), (b"TRACK",), "streamlines.read_trk", section="lines"),
     Format("tck", (".tck",), (b"mrtrix tracks",), "streamlines.read_tck", section="lines"),
     Format("table", (".csv", ".tsv", ".txt", ".xyz"), (), "table.read_table"),
@@ -133,24 +132,19 @@ MESH_FORMATS = (
     Format("mmcif", (".cif", ".mmcif"), (), "molecule.read_molecule", section="points"),
     Format("pdb", (".pdb.gz", ".ent.gz", ".cif.gz"), GZIP, "molecule.read_molecule", section="points"),
 )
-"""Formats of meshes, lines and points; FreeSurfer's surfaces have any extension or none."""
+"""Formats of meshes, lines and points."""
 GRID_FORMATS = (
     Format("vtu", (".vtu",), (), "vtu.read_vtu"),
     Format("list", (".pvtu", *SERIES), (), ""),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_unstructured", "vtk.is_unstructured"),
-    Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf.read_vtkhdf", "vtkhdf_image.is_grid"),
-    Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", b"\x89HDF"), "exodus.read_exodus", has_steps=True),
-    Format("cgns", (".cgns",), (b"\x89HDF",), "cgns.read_cgns"),
+    Format("vtkhdf", (".vtkhdf",), HDF5, "vtkhdf.read_vtkhdf", "vtkhdf_image.is_grid"),
+    Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", *HDF5), "exodus.read_exodus", has_steps=True),
+    Format("cgns", (".cgns",), HDF5, "cgns.read_cgns"),
     Format("openfoam", (".foam",), (), "openfoam.read_openfoam", has_steps=True),
     Format("xdmf", (".xdmf", ".xmf"), (), "xdmf.read_xdmf", has_steps=True),
     Format("gmsh", (".msh",), (), "gmsh.read_gmsh", has_steps=True),
     Format("avs", (".avs",), (), "avs.read_avs"),
-    Format(
-        "meshlane",
-        (".bdf", ".fem", ".nas", ".inp", ".med", ".mesh", ".meshb", ".ele", ".su2", ".ugrid"),
-        (),
-        "meshlane.read_meshlane",
-    ),
+    Format("meshlane", ELEMENTS, (), "meshlane.read_meshlane"),
 )
 """Formats of unstructured grids."""
 GRID_EXTENSIONS: dict[str, Format] = {extension: each for each in GRID_FORMATS for extension in each.extensions}
@@ -387,7 +381,7 @@ def mesh_format_of(path: Path) -> Format | None:
     found = _by_extension(path, MESH_EXTENSIONS)
     try:
         if found is None:
-            is_surface = path.is_file() and format_of(path) is None and start_of(path).startswith(b"\xff\xff\xfe")
+            is_surface = path.is_file() and format_of(path) is None and start_of(path).startswith(TRIANGLES)
             return MESH_EXTENSIONS[".pial"] if is_surface else None
         return found if not found.recognises or (path.is_file() and _function(found.recognises)(path)) else None
     except Exception:  # libraries raise many kinds

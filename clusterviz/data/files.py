@@ -6,10 +6,12 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
+from xml.etree import ElementTree
 
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, installation
 from clusterviz.input_files import require_regular_file
 from clusterviz.report.machine import memory
 
@@ -106,6 +108,31 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
         allowed = ", ".join(dict.fromkeys(kind_of(each) for each in magic))
         raise DataError("wrong magic: not what its name says", where=str(path), found=kind_of(start), allowed=allowed)
     return status.st_size
+
+
+def read_file(path: Path, magic: tuple[bytes, ...] = ()) -> bytes:
+    """Return the content of a file; checks as of `require_file`."""
+    require_file(path, magic)
+    with readable(path):
+        return path.read_bytes()
+
+
+def read_xml(path: Path, allowed: str) -> ElementTree.Element:
+    """Return the root of a file of XML."""
+    content = read_file(path)
+    try:
+        return ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        found = kind_of(content[:START_BYTES])
+        raise DataError(f"truncated or damaged XML: {error}", where=str(path), found=found, allowed=allowed) from error
+
+
+def library(name: str, extra: str, where: str) -> Any:
+    """Return an optional package, which `extra` of clusterviz brings."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise DataError(f"needs the {name} package", where=where, allowed=installation(extra)) from error
 
 
 @contextmanager

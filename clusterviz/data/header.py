@@ -17,7 +17,7 @@ MAX_COMPRESSION_RATIO = {"text": 1, "lz4": 256, "gzip": 1040, "lzma": 1 << 14, "
 
 
 def check_dtype(dtype: np.dtype[Any], where: str) -> np.dtype[Any]:
-    """Return the native dtype of samples, integers or floats of up to 64 bits, stored as `dtype`; uint8 for booleans."""
+    """Return the native dtype of samples, numbers of up to 64 bits, stored as `dtype`; uint8 for booleans."""
     if dtype.kind == "b":
         return np.dtype(np.uint8)
     if dtype.kind not in "iuf" or dtype.itemsize > 8:
@@ -73,6 +73,18 @@ def triple(numbers: Sequence[float] | NDArray[Any], where: str) -> Triple:
     if values.shape != (3,) or not np.isfinite(values).all():
         raise DataError("not a position or spacing", where=where, found=numbers, allowed="three finite numbers, x y z")
     return float(values[0]), float(values[1]), float(values[2])
+
+
+def stated_numbers(stated: Any, key: str, count: int, where: str) -> NDArray[np.float64]:
+    """Return the numbers, float64 (count,), that a header states under a key, as text or as an array."""
+    try:
+        numbers = np.array(stated.split() if isinstance(stated, str) else stated, float).ravel()
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        found = "nothing" if stated is None else repr(stated)
+        raise DataError(f"impossible {key}", where=where, found=found, allowed=f"{count} numbers")
+    return numbers
 
 
 def make_grid(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[float] | NDArray[Any], where: str) -> Grid:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import readable
 from clusterviz.data.geometry import Geometry, Mesh
 from clusterviz.errors import DataError
 
@@ -27,7 +27,6 @@ def read_gifti(path: Path) -> Geometry:
     """Read a GIFTI file."""
     nibabel: Any = import_module("nibabel")
     where, packed = str(path), path.name.lower().endswith(".gz")
-    require_file(path)
     with readable(path), gzip.open(path) if packed else path.open("rb") as file:
         axes = [int(number) for number in DIMENSIONALITY.findall(file.read())]
     if max(axes, default=0) > MAX_AXES:  # nibabel counts up to it

@@ -23,7 +23,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import read_file
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, triangulate, triangulate_strips
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.errors import DataError, warn_of_data
@@ -75,9 +75,7 @@ class _File:
 
     def __init__(self, path: Path) -> None:
         self.path, self.where = path, str(path)
-        require_file(path)
-        with readable(path):
-            content = path.read_bytes()
+        content = read_file(path)
         self.binary, text = b"", content
         if content[:4] == b"glTF":
             text = self._unpack(content)
@@ -235,10 +233,7 @@ class _File:
         elif uri.startswith("data:"):
             data = base64.b64decode(uri.partition(",")[2], validate=True)
         else:
-            beside = self.path.parent / unquote(uri)
-            require_file(beside)
-            with readable(beside):
-                data = beside.read_bytes()
+            data = read_file(self.path.parent / unquote(uri))
         check_size(len(data), entry["byteLength"], f"{self.where}: buffer {number}")
         self.buffers[number] = data
         return data

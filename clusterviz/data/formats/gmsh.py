@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import read_file
 from clusterviz.data.grid_files import choose_step
 from clusterviz.data.unstructured import SECOND_ORDER, UnstructuredGrid, linearised
 from clusterviz.errors import DataError, warn_of_data
@@ -54,16 +54,9 @@ DATA, UNREAD = ("NodeData", "ElementData"), ("ElementNodeData",)
 
 
 def read_gmsh(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read a file at a time step.
-
-    Parameters
-    ----------
-    time : number of the step (int), or its time (float); None: the last one
-    """
+    """Read a file at a time step."""
     where = str(path)
-    require_file(path)
-    with readable(path):
-        sections = list(_sections(path.read_bytes(), where))
+    sections = list(_sections(read_file(path), where))
     names = [name for name, _ in sections]
     if names[:1] != ["MeshFormat"]:
         raise DataError("not a mesh of Gmsh 2 or 4", where=where, found=names[:1], allowed="$MeshFormat")

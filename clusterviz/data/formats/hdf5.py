@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.classic_netcdf import read_classic
-from clusterviz.data.files import kind_of, readable, require_file, start_of
+from clusterviz.data.files import kind_of, start_of
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.rectilinear import Line, even_line, line_of, placed
 from clusterviz.data.source import Grid, Index, Source
@@ -140,10 +140,7 @@ def check_chunks(dataset: Any, box: tuple[slice, ...], where: str) -> None:
 
 def open_hdf5(path: Path, subset: Subset) -> Source:
     """Open the dataset that `subset` names, or the only volume."""
-    require_file(path)
-    with readable(path):
-        start = start_of(path)
-    held = read_classic(path) if start.startswith(b"CDF") else _datasets(path, subset.array)
+    held = read_classic(path) if start_of(path).startswith(b"CDF") else _datasets(path, subset.array)
     dataset = choose_dataset(held, subset, path)
     return open_dataset(dataset, subset, f"{path}:{dataset.name}")
 

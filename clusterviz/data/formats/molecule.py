@@ -15,7 +15,6 @@ from __future__ import annotations
 import gzip
 import re
 from collections.abc import Sequence
-from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
@@ -23,9 +22,9 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import library, readable
 from clusterviz.data.geometry import Geometry, Points
-from clusterviz.errors import DataError, installation, warn_of_data
+from clusterviz.errors import DataError, warn_of_data
 
 COLOURS = {
     "H": 0xFFFFFF, "C": 0x909090, "N": 0x3050F8, "O": 0xFF0D0D, "F": 0x90E050, "Na": 0xAB5CF2, "Mg": 0x8AFF00,
@@ -39,8 +38,7 @@ NUMBER = re.compile(rb" *[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)? *")
 def read_molecule(path: Path) -> Geometry:
     """Read the atoms of a PDB or mmCIF file, which may be packed by gzip."""
     where = str(path)
-    require_file(path)
-    gemmi = _gemmi(where)
+    gemmi = library("gemmi", "molecules", where)
     if path.name.lower().removesuffix(".gz").endswith((".pdb", ".ent")):
         _check_pdb(path)
     structure = gemmi.read_structure(where)
@@ -70,7 +68,7 @@ def atoms_of_xyz(file: TextIO, count: int, where: str) -> Geometry:
     ----------
     file : behind its first line, the number of atoms
     """
-    gemmi, _ = _gemmi(where), file.readline()
+    gemmi, _ = library("gemmi", "molecules", where), file.readline()
     lines = [line.split() for line in islice(file, count)]
     if len(lines) < count:
         raise DataError("truncated", where=where, found=f"{len(lines)} atoms", allowed=count)
@@ -93,13 +91,6 @@ def _attributes(elements: Sequence[Any]) -> dict[str, NDArray[Any]]:
         "RGB": np.stack([colour >> 16 & 255, colour >> 8 & 255, colour & 255], axis=1).astype(np.uint8),
         "element": np.array([element.atomic_number for element in elements], np.int32),
     }
-
-
-def _gemmi(where: str) -> Any:
-    try:
-        return import_module("gemmi")
-    except ImportError as error:
-        raise DataError("needs the gemmi package", where=where, allowed=installation("molecules")) from error
 
 
 def _check_pdb(path: Path) -> None:

@@ -56,7 +56,6 @@ MAX_HEADER = 1 << 20
 
 def open_nrrd(path: Path, subset: Subset) -> StridedSource:
     """Open the volume in an attached or detached NRRD file."""
-    require_file(path)
     refuse_array(subset.array, path)
     where = str(path)
     header, listed, header_bytes = _read_header(path)

@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import MAX_LISTED, Hyperslab, Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.bricks import Box, BrickLayout
+from clusterviz.data.files import library
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.remote import FilePath, find_range
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import coarser, is_within
 from clusterviz.data.store.shards import (
-    PACKAGES,
     ShardedArray,
     description_checksum,
     open_array,
@@ -205,7 +205,7 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
     described: Mapping[str, Any] = next((each for each in datasets if each["path"] == wanted), {})
     place = path / wanted
     if own:
-        require_packages(where, *PACKAGES)
+        require_packages(where)
         has_checksums = _check_description(attributes, where)
         array, shape = (
             _own_array(place, partial(_check_same, path / "zarr.json", attributes), has_checksums),
@@ -369,7 +369,7 @@ def _name(path: FilePath, wanted: str, datasets: Sequence[Any], slab: Hyperslab)
 
 
 def _open_by_zarr(path: FilePath, wanted: str) -> Any:
-    require_packages(str(path), "zarr")
+    library("zarr", "store", str(path))
     from clusterviz.data.store.zarr_files import open_zarr
 
     place, kind, is_newer = path / wanted, "", False

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import readable
 from clusterviz.data.geometry import Geometry, Mesh, Points, scaled_colours, triangulate, triangulate_strips
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.data.storage import numbers_of_words
@@ -63,7 +63,6 @@ class _Element:
 def read_ply(path: Path) -> Geometry:
     """Read a PLY file."""
     where = str(path)
-    require_file(path, (b"ply",))
     with readable(path), path.open("rb") as file:
         content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     form, elements, begin = _header(content, where)

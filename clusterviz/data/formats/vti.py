@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import require_file
-from clusterviz.data.header import check_box, check_dtype, check_packed, check_shape
+from clusterviz.data.header import check_box, check_dtype, check_packed, check_shape, stated_numbers
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.strided import StridedSource
 from clusterviz.data.vtk_ghosts import VisibleSource
@@ -110,7 +110,6 @@ def open_vti(path: Path, subset: Subset) -> Source:
 def open_pvti(path: Path, subset: Subset) -> Source:
     """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file in pieces."""
     where, kind = str(path), _kind(path)
-    require_file(path)
     layout = scan_xml(path, f"P{kind}")
     whole = _extent(layout.dataset, "WholeExtent", where)
     pieces = [(_extent(piece, "Extent", where), path.parent / piece.get("Source", "")) for piece in layout.pieces]
@@ -189,7 +188,7 @@ def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
 
 
 def _extent(attributes: Mapping[str, str], key: str, where: str) -> NDArray[np.int64]:
-    return _numbers(attributes, key, "", 6, where).astype(np.int64).reshape(3, 2)
+    return stated_numbers(attributes.get(key, ""), key, 6, where).astype(np.int64).reshape(3, 2)
 
 
 def _samples(extent: NDArray[np.int64], on_cells: bool, where: str) -> Index:
@@ -210,21 +209,11 @@ def _placed(
     where = source.name
     if coordinates:
         return rectilinear(source, coordinates, on_cells, spaced, where)
-    spacing = _numbers(image, "Spacing", "1 1 1", 3, where)
-    steps = _numbers(image, "Direction", "1 0 0 0 1 0 0 0 1", 9, where).reshape(3, 3) * spacing
-    origin = _numbers(image, "Origin", "0 0 0", 3, where)
+    spacing = stated_numbers(image.get("Spacing", "1 1 1"), "Spacing", 3, where)
+    direction = stated_numbers(image.get("Direction", "1 0 0 0 1 0 0 0 1"), "Direction", 9, where)
+    origin = stated_numbers(image.get("Origin", "0 0 0"), "Origin", 3, where)
+    steps = direction.reshape(3, 3) * spacing
     points = extent[:, 1] - extent[:, 0] + 1
     grid = image_grid(points, steps, origin, extent[:, 0].astype(float), on_cells, where)
     found: Source = replace(source, grid=grid)
     return found
-
-
-def _numbers(attributes: Mapping[str, str], key: str, default: str, count: int, where: str) -> NDArray[np.float64]:
-    text = attributes.get(key, default)
-    try:
-        numbers = np.array(text.split(), float)
-    except ValueError:
-        numbers = np.empty(0)
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise DataError(f"impossible {key}", where=where, found=repr(text), allowed=f"{count} numbers")
-    return numbers

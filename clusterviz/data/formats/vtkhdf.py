@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import require_file
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.data.vtk_cells import grid_of_cells
 from clusterviz.errors import DataError
@@ -26,7 +25,6 @@ def read_vtkhdf(path: Path) -> UnstructuredGrid:
     """Read a .vtkhdf file."""
     import h5py
 
-    require_file(path, (b"\x89HDF\r\n\x1a\n",))
     with h5py.File(path) as file:
         root = file.get("VTKHDF")
         kind = root.attrs.get("Type", b"") if root is not None else b"no group VTKHDF"

@@ -16,7 +16,6 @@ VTK File Formats, "VTKHDF File Format", https://docs.vtk.org/en/latest/vtk_file_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,10 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
-from clusterviz.data.files import require_file
 from clusterviz.data.formats.hdf5 import AS_STORED, Hdf5Source, check_chunks
 from clusterviz.data.formats.vtkhdf import load_dataset
-from clusterviz.data.header import check_box, check_dtype, check_shape, make_grid
+from clusterviz.data.header import check_box, check_dtype, check_shape, make_grid, stated_numbers
 from clusterviz.data.rectilinear import interpolate
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.vtk_ghosts import HIDDEN_CELL, TYPE
@@ -57,7 +55,6 @@ def open_vtkhdf(path: Path, subset: Subset) -> Source:
     """Open one array of an image, or of overlapping levels."""
     import h5py
 
-    require_file(path, (b"\x89HDF\r\n\x1a\n",))
     file = h5py.File(path, locking="best-effort")
     root = file.get("VTKHDF")
     kind = _text(root.attrs.get("Type", "")) if root is not None else "no group VTKHDF"
@@ -87,12 +84,12 @@ def _open_image(root: Any, path: Path, subset: Subset) -> Source:
 def _source_of(root: Any, path: Path, array: ImageArray, subset: Subset) -> Hdf5Source:
     """Return the samples of an array of an image."""
     where = f"{path}:{array.name}"
-    dataset, extent = array.held, _numbers(root, "WholeExtent", 6, None, where).astype(np.int64).reshape(3, 2)
+    extent = stated_numbers(root.attrs.get("WholeExtent"), "WholeExtent", 6, where).astype(np.int64).reshape(3, 2)
+    dataset = array.held
     points = extent[:, 1] - extent[:, 0] + 1
-    steps = _numbers(root, "Direction", 9, np.eye(3), where).reshape(3, 3) * _numbers(
-        root, "Spacing", 3, np.ones(3), where
-    )
-    origin = _numbers(root, "Origin", 3, np.zeros(3), where)
+    direction = stated_numbers(root.attrs.get("Direction", np.eye(3)), "Direction", 9, where)
+    steps = direction.reshape(3, 3) * stated_numbers(root.attrs.get("Spacing", np.ones(3)), "Spacing", 3, where)
+    origin = stated_numbers(root.attrs.get("Origin", np.zeros(3)), "Origin", 3, where)
     grid = image_grid(points, steps, origin, extent[:, 0].astype(float), array.on_cells, where)
     timed = "Steps" in root
     shape = tuple(dataset.shape)
@@ -210,8 +207,8 @@ def _open_levels(root: Any, path: Path, subset: Subset) -> LevelsSource:
     chosen = choose_array([a for a in _arrays(groups[0]) if a.on_cells], subset.array, "array of cells", path)
     name = f"{where}:{chosen.name}"
     dtype = np.result_type(check_dtype(chosen.held.dtype, name), np.float32)
-    spacings = [_numbers(group, "Spacing", 3, None, name) for group in groups]
-    origin = _numbers(root, "Origin", 3, np.zeros(3), name)
+    spacings = [stated_numbers(group.attrs.get("Spacing"), "Spacing", 3, name) for group in groups]
+    origin = stated_numbers(root.attrs.get("Origin", np.zeros(3)), "Origin", 3, name)
     levels = list[Level]()
     for number, group in enumerate(groups):
         boxes = load_dataset(group["AMRBox"]).astype(np.int64)
@@ -254,13 +251,3 @@ def _open_levels(root: Any, path: Path, subset: Subset) -> LevelsSource:
 
 def _text(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-
-
-def _numbers(
-    group: Any, key: str, count: int, default: Sequence[float] | NDArray[Any] | None, where: str
-) -> NDArray[np.float64]:
-    """Return the numbers of an attribute."""
-    numbers = np.asarray(group.attrs.get(key, () if default is None else default)).ravel()
-    if numbers.size != count or numbers.dtype.kind not in "iuf" or not np.isfinite(numbers).all():
-        raise DataError(f"impossible {key}", where=where, found=numbers.tolist(), allowed=f"{count} numbers")
-    return numbers.astype(np.float64)

@@ -21,7 +21,6 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from threading import Lock
@@ -31,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box
+from clusterviz.data.files import library
 from clusterviz.data.header import check_box
 from clusterviz.data.remote import CONNECTIONS, FilePath, Version, read_range
 from clusterviz.data.source import Index
@@ -45,7 +45,7 @@ from clusterviz.data.store.wavelet import (
     encode_brick,
     referred_step,
 )
-from clusterviz.errors import DataError, InputError, installation
+from clusterviz.errors import DataError, InputError
 from clusterviz.image.replace import replacing
 
 SHARD_BYTES = 32 << 20
@@ -88,7 +88,7 @@ class BrickCodec:
     def require(self, where: str) -> None:
         """Check that the packages of the codec are installed."""
         if self.name == "zfp":
-            require_packages(where, "zfpy", extra="zfp")
+            library("zfpy", "zfp", where)
 
     def check(self, dtype: np.dtype[Any]) -> None:
         """Refuse a type of samples that is not packed so."""
@@ -452,11 +452,10 @@ def array_metadata(
     }
 
 
-def require_packages(where: str, *names: str, extra: str = "store") -> None:
-    """Check that packages are installed."""
-    for name in names:
-        if find_spec(name) is None:
-            raise DataError(f"needs the {name} package", where=where, allowed=installation(extra))
+def require_packages(where: str) -> None:
+    """Check that the packages of bricks are installed."""
+    for name in PACKAGES:
+        library(name, "store", where)
 
 
 def description_checksum(attributes: Mapping[str, Any]) -> str:

@@ -39,7 +39,6 @@ from clusterviz.data.series import Series
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import Read, coarser, difference, is_within, largest_difference, low_pass
 from clusterviz.data.store.shards import (
-    PACKAGES,
     BrickCodec,
     ShardedArray,
     description_checksum,
@@ -333,7 +332,7 @@ def write_store(
     OutputError
         The store cannot be written, or is another one.
     """
-    require_packages(str(path), *PACKAGES)
+    require_packages(str(path))
     series = source if isinstance(source, Series) else Series((source,))
     several = series if series.axes else None
     first = StoreWriter(series.sources[0], path, codec, brick, rank, size, several, series.indices[0])
