@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Choice, Hyperslab, Subset, first_parts
+from clusterviz.data.axes import Choice, DerivedSource, Subset, first_parts
 from clusterviz.data.bricks import Box, read_boxes
 from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, check_free_memory, require_file, start_of
@@ -177,23 +177,10 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
 
 
 @dataclass(frozen=True)
-class _OfSource:
+class _OfSource(DerivedSource):
     """Base of sources with the samples of another one, and its levels if it is a `MultilevelSource`."""
 
     source: Source
-
-    @property
-    def name(self) -> str:
-        return self.source.name
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return self.source.dtype
-
-    @property
-    def slab(self) -> Hyperslab | None:
-        """The volume's part of the stored array, if the format has one."""
-        return getattr(self.source, "slab", None)
 
     @property
     def version(self) -> str:
@@ -352,7 +339,7 @@ def _open(text: str, part: Subset) -> Source:
         return open_ome_zarr(file, part) if is_zarr else open_folder(file, part)
     files = files_of_pattern(text)
     if files != [text]:
-        return open_step(files, part, lambda name, of_file: _open(name, of_file), text)
+        return open_step(files, part, _open, text)
     if part.scattered is not None:
         return cast("Source", _function("scattered.open_scattered")(file, part))
     if found is not None:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from math import prod
 from typing import Any, Literal, TypeVar
 
+import numpy as np
+
 from clusterviz.data.header import check_shape
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
@@ -154,6 +156,12 @@ class Hyperslab:
             parts.append(f":channel={self.channel_names[self.channel] if self.channel_names else self.channel}")
         return "".join(parts)
 
+    def box(self, begin_zyx: Index, end_zyx: Index) -> tuple[slice, ...]:
+        """Return the part of the array that holds a box of the volume."""
+        spans = [slice(begin, end) for begin, end in zip(begin_zyx, end_zyx, strict=True)]
+        kept = iter(spans[3 - self.index.count(None) :])
+        return tuple(next(kept) if i is None else slice(i, i + 1) for i in self.index)
+
     def strides(self, itemsize: int, fortran: bool = False) -> tuple[int, Index]:
         """Return the bytes before the volume's first sample, and the strides in bytes along z, y and x."""
         axes = range(len(self.shape))
@@ -162,6 +170,27 @@ class Hyperslab:
         kept = [stride for stride, i in zip(strides, self.index, strict=True) if i is None]
         z, y, x = [itemsize * self.samples] * (3 - len(kept)) + kept
         return offset, (z, y, x)
+
+
+@dataclass(frozen=True)
+class DerivedSource:
+    """Base of volumes that are made of another one: their name, type and part of a file are that one's."""
+
+    source: Any
+
+    @property
+    def name(self) -> str:
+        return str(self.source.name)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        found: np.dtype[Any] = self.source.dtype
+        return found
+
+    @property
+    def slab(self) -> Hyperslab | None:
+        """The volume's part of the stored array, if the format has one."""
+        return getattr(self.source, "slab", None)
 
 
 def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_names: Sequence[str] = ()) -> Hyperslab:

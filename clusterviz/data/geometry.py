@@ -9,7 +9,7 @@ attributes keep their meaning, and is counted in the summaries. Indices out of r
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -190,6 +190,12 @@ class Geometry:
     lines: Lines | None = None
     points: Points | None = None
     axes: str = ""
+
+
+def joined_arrays(parts: Sequence[Attributes]) -> dict[str, NDArray[Any]]:
+    """Return the arrays that all parts have, of one shape but for their length, one part after another."""
+    alike = (name for name in parts[0] if len({part[name].shape[1:] if name in part else None for part in parts}) == 1)
+    return {name: np.concatenate([part[name] for part in parts]) for name in alike}
 
 
 def bounds_of(positions: NDArray[Any]) -> Bounds | None:

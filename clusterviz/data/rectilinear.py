@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab
+from clusterviz.data.axes import DerivedSource
 from clusterviz.data.header import check_box, make_grid
-from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.source import Grid, Index
 from clusterviz.errors import DataError
 
 MAX_STEPS = 1 << 20
@@ -115,7 +115,7 @@ def _straight(numbers: NDArray[np.float64], low: float, high: float) -> tuple[fl
 
 
 @dataclass(frozen=True)
-class RectilinearSource:
+class RectilinearSource(DerivedSource):
     """Volume on a lattice, of another one whose samples lie at some of its places.
 
     Attributes
@@ -124,17 +124,8 @@ class RectilinearSource:
     places_zyx : for each axis, the places of the stored samples
     """
 
-    source: Source
     grid: Grid
     places_zyx: tuple[NDArray[np.int64], ...]
-
-    @property
-    def name(self) -> str:
-        return self.source.name
-
-    @property
-    def slab(self) -> Hyperslab | None:
-        return getattr(self.source, "slab", None)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -155,7 +146,9 @@ class RectilinearSource:
             begin.append(int(before[0]))
             end.append(int(before[-1]) + (2 if weights[-1][-1] else 1))
             below.append(before - begin[-1])
-        stored = self.source.read((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])).astype(self.dtype)
+        stored: NDArray[Any] = self.source.read((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])).astype(
+            self.dtype
+        )
         for axis in range(3):
             stored = interpolate(stored, below[axis], weights[axis], axis)
         return np.ascontiguousarray(stored, self.dtype)

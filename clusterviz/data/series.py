@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, first_parts
+from clusterviz.data.axes import DerivedSource, Hyperslab, Subset, UnnamedPartError, first_parts
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
@@ -59,24 +59,16 @@ class Series:
 
 
 @dataclass(frozen=True)
-class FileOfSeries:
+class FileOfSeries(DerivedSource):
     """Volume of a file that is one of several time steps."""
 
-    source: Source
     time: int
     time_steps: int
 
     @property
-    def name(self) -> str:
-        return self.source.name
-
-    @property
     def grid(self) -> Grid:
-        return self.source.grid
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return self.source.dtype
+        found: Grid = self.source.grid
+        return found
 
     @property
     def slab(self) -> Hyperslab:
@@ -87,7 +79,8 @@ class FileOfSeries:
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
-        return self.source.read(begin_zyx, end_zyx)
+        found: NDArray[Any] = self.source.read(begin_zyx, end_zyx)
+        return found
 
 
 def files_of_pattern(text: str) -> list[str]:

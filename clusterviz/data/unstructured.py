@@ -24,6 +24,7 @@ from clusterviz.data.geometry import (
     check_indices,
     check_positions,
     hashes,
+    joined_arrays,
     triangulate,
 )
 from clusterviz.errors import DataError
@@ -143,12 +144,12 @@ def joined_grids(grids: Sequence[UnstructuredGrid], name: str) -> UnstructuredGr
     kinds = [n for grid in some for n, kind in enumerate(FACES) for _ in range(kind in grid.cells)]
     counts = [len(corners) for grid in some for corners in grid.cells.values()]
     order = np.argsort(np.repeat(np.array(kinds, np.uint8), counts), kind="stable")
-    of_cells = {key: array[order] for key, array in _joined([grid.cell_arrays for grid in some]).items()}
+    of_cells = {key: array[order] for key, array in joined_arrays([grid.cell_arrays for grid in some]).items()}
     return UnstructuredGrid(
         name,
         np.concatenate([grid.points for grid in some]),
         cells,
-        _joined([grid.point_arrays for grid in some]),
+        joined_arrays([grid.point_arrays for grid in some]),
         of_cells,
         sum(grid.ignored for grid in grids),
         {key: max(grid.curved.get(key, 0.0) for grid in some) for grid in some for key in grid.curved},
@@ -165,19 +166,9 @@ def _joined_surfaces(meshes: Sequence[Mesh], name: str) -> Mesh | None:
         name,
         np.concatenate([mesh.vertices for mesh in meshes]),
         np.concatenate([mesh.triangles + first for mesh, first in zip(meshes, begins, strict=False)]),
-        _joined([mesh.vertex_attributes for mesh in meshes]),
-        _joined([mesh.triangle_attributes for mesh in meshes]),
+        joined_arrays([mesh.vertex_attributes for mesh in meshes]),
+        joined_arrays([mesh.triangle_attributes for mesh in meshes]),
     )
-
-
-def _joined(each: Sequence[Attributes]) -> Attributes:
-    """Return the arrays that all have, one after another."""
-    found = {name: [arrays[name] for arrays in each if name in arrays] for name in each[0]}
-    return {
-        name: np.concatenate(parts)
-        for name, parts in found.items()
-        if len(parts) == len(each) and len({part.shape[1:] for part in parts}) == 1
-    }
 
 
 def check_volume(grid: UnstructuredGrid) -> None:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import base64
 import binascii
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from itertools import accumulate
@@ -27,7 +27,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import kind_of, readable, start_of
+from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
 from clusterviz.data.vtk_image import ImageArray
@@ -453,9 +453,9 @@ class XmlPiece:
         return load_array(self.path, self.size, self.layout, array, tuples)
 
 
-def joined(pieces: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Return the arrays that all pieces with tuples have, one after another."""
-    filled = [piece for piece in pieces if any(len(array) for array in piece.values())] or list(pieces[:1])
-    names = [name for name in filled[0] if all(name in piece for piece in filled)]
-    alike = [name for name in names if len({piece[name].shape[1:] for piece in filled}) == 1]
-    return {name: np.concatenate([piece[name] for piece in filled]) for name in alike}
+def xml_pieces(path: Path, kind: str) -> list[XmlPiece]:
+    """Return the pieces of a file of a type, at least one."""
+    size, layout = require_file(path), scan_xml(path, kind)
+    if not layout.pieces:
+        raise DataError("no piece", where=str(path), allowed="<Piece …>")
+    return [XmlPiece(path, size, layout, number) for number in range(len(layout.pieces))]

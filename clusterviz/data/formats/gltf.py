@@ -24,7 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.files import read_file
-from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, triangulate, triangulate_strips
+from clusterviz.data.geometry import (
+    Geometry,
+    Lines,
+    Mesh,
+    Points,
+    check_indices,
+    joined_arrays,
+    triangulate,
+    triangulate_strips,
+)
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.errors import DataError, warn_of_data
 
@@ -257,9 +266,7 @@ def _matrix(node: dict[str, Any]) -> NDArray[np.float64]:
 
 def _joined(parts: list[_Primitive]) -> tuple[NDArray[Any], dict[str, NDArray[Any]], list[int]]:
     """Return vertices and attributes of all parts, and the number of vertices before each."""
-    names = set.intersection(*(set(part.attributes) for part in parts))
-    shapes = {name: {part.attributes[name].shape[1:] for part in parts} for name in sorted(names)}
-    attributes = {n: np.concatenate([part.attributes[n] for part in parts]) for n in shapes if len(shapes[n]) == 1}
+    attributes = joined_arrays([part.attributes for part in parts])
     begins = np.cumsum([0, *(len(part.vertices) for part in parts)]).tolist()
     return np.concatenate([part.vertices for part in parts]), attributes, begins[:-1]
 

@@ -114,9 +114,7 @@ class Hdf5Source:
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
-        kept = self.slab.index.count(None)
-        spans = iter([slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True)][3 - kept :])
-        box = tuple(next(spans) if i is None else slice(i, i + 1) for i in self.slab.index)
+        box = self.slab.box(begin_zyx, end_zyx)
         check_chunks(self.dataset, box, self.name)
         try:
             voxels = self.dataset[box]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, readable, refuse_array, require_file
-from clusterviz.data.header import check_dtype, check_packed, check_size, make_grid, stated_numbers
+from clusterviz.data.header import check_packed, check_size, make_grid, stated_numbers
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.storage import (
     MAX_FILES,
@@ -34,7 +34,7 @@ from clusterviz.data.storage import (
     numbered_names,
     numbers_from_text,
 )
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.errors import DataError
 
 TYPES = {
@@ -69,12 +69,9 @@ def open_metaimage(path: Path, subset: Subset) -> StridedSource:
     channels = _integers(fields, "ElementNumberOfChannels", 1, where, [1])
     slab = select([*reversed(sizes), *channels], LETTERS[count] + "C", subset, where)
     stored = _stored_dtype(fields, where)
-    offset, strides = slab.strides(stored.itemsize)
-    needed = slab.samples * stored.itemsize
-    storage = _storage(fields, files, begin, needed, max(strides), stored, where)
-    grid = _grid_of(fields, count, slab.shape_zyx, where)
-    name, dtype = where + slab.label, check_dtype(stored, where)
-    return StridedSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
+    needed, keep = slab.samples * stored.itemsize, max(slab.strides(stored.itemsize)[1])
+    storage = _storage(fields, files, begin, needed, keep, stored, where)
+    return slab_source(where, slab, _grid_of(fields, count, slab.shape_zyx, where), storage, stored)
 
 
 def _read_header(path: Path) -> tuple[dict[str, str], list[Path], int]:

@@ -183,12 +183,9 @@ class ZarrSource:
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
-        kept = self.slab.index.count(None)
-        spans = iter([slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True)][3 - kept :])
-        box = tuple(next(spans) if i is None else slice(i, i + 1) for i in self.slab.index)
         from clusterviz.data.store.zarr_files import read_array
 
-        return np.array(read_array(self.array, box), self.dtype, order="C").reshape(shape)
+        return np.array(read_array(self.array, self.slab.box(begin_zyx, end_zyx)), self.dtype, order="C").reshape(shape)
 
 
 def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import require_file
-from clusterviz.data.header import check_box, check_dtype, check_packed, check_shape, stated_numbers
+from clusterviz.data.header import check_box, check_packed, check_shape, stated_numbers
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.data.vtk_ghosts import VisibleSource
 from clusterviz.data.vtk_image import image_grid, open_image, rectilinear
 from clusterviz.data.vtk_xml import PACKINGS, XmlArray, XmlLayout, load_array, scan_xml, storage_of, stored_dtype
@@ -171,9 +171,7 @@ def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
         stored, shape = stored_dtype(layout, array, where), _samples(extent, array.on_cells, where)
         slab = select((*shape, array.components), "ZYXC", replace(subset, array=None), where)
         storage, begin = storage_of(path, size, layout, array, stored, slab.samples, where)
-        offset, strides = slab.strides(stored.itemsize)
-        name, dtype = where + slab.label, check_dtype(stored, where)
-        return StridedSource(name, Grid(shape), dtype, storage, stored, begin + offset, strides, slab=slab)
+        return slab_source(where, slab, Grid(shape), storage, stored, begin)
 
     fitting = [a for a in layout.arrays if "Data" in a.section and a.components in ((1, 3) if subset.vectors else (1,))]
     chosen, source = open_image(fitting, subset, path, "scalar array", source_of)

@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Attributes, Geometry
-from clusterviz.data.header import check_dtype, check_packed, check_size
+from clusterviz.data.header import check_packed, check_size
 from clusterviz.data.source import Grid, Source
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid
 from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
 from clusterviz.data.vtk_image import ImageArray, image_grid, open_image, rectilinear
@@ -294,10 +294,7 @@ def _source_of(path: Path, scan: _Scan, array: VtkArray, subset: Subset) -> Stri
         check_size(end - begin, count * stored.itemsize, where, exact=True)
     else:
         storage = LoadedBytes(lambda: numbers_from_text(data.read_at(0, end - begin), stored, count, where), where)
-    offset, strides = slab.strides(stored.itemsize)
-    return StridedSource(
-        where + slab.label, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab
-    )
+    return slab_source(where, slab, grid, storage, stored)
 
 
 def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
