@@ -102,7 +102,7 @@ FORMATS = (
     Format("vtr", (".vtr",), (), "vti.open_vti"),
     Format("pvti", (".pvti", ".pvtr"), (), "vti.open_pvti"),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.open_vtk"),
-    Format("vtkhdf", (".vtkhdf",), HDF5, "vtkhdf_image.open_vtkhdf"),
+    Format("vtkhdf", (".vtkhdf",), HDF5, "vtkhdf.open_vtkhdf"),
     Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), "tiff.open_tiff"),
     Format("mrc", (".mrc", ".map", ".ccp4"), (), "mrc.open_mrc"),
     Format("mrc", (".mrc.gz", ".map.gz"), GZIP, "mrc.open_mrc"),
@@ -120,9 +120,9 @@ MESH_FORMATS = (
     Format("gltf", (".gltf", ".glb"), (), "gltf.read_gltf"),
     Format("vtp", (".vtp",), (), "vtp.read_vtp"),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_polydata", "vtk.is_polydata"),
-    Format("gifti", (".gii",), (), "gifti.read_gifti", section="meshes"),
-    Format("gifti", (".gii.gz",), GZIP, "gifti.read_gifti", section="meshes"),
-    Format("freesurfer", SURFACES, (TRIANGLES,), "freesurfer.read_freesurfer", section="meshes"),
+    Format("gifti", (".gii",), (), "surfaces.read_gifti", section="meshes"),
+    Format("gifti", (".gii.gz",), GZIP, "surfaces.read_gifti", section="meshes"),
+    Format("freesurfer", SURFACES, (TRIANGLES,), "surfaces.read_freesurfer", section="meshes"),
     Format("trk", (".trk",), (b"TRACK",), "streamlines.read_trk", section="lines"),
     Format("tck", (".tck",), (b"mrtrix tracks",), "streamlines.read_tck", section="lines"),
     Format("table", (".csv", ".tsv", ".txt", ".xyz"), (), "table.read_table"),
@@ -137,7 +137,7 @@ GRID_FORMATS = (
     Format("vtu", (".vtu",), (), "vtu.read_vtu"),
     Format("list", (".pvtu", *SERIES), (), ""),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_unstructured", "vtk.is_unstructured"),
-    Format("vtkhdf", (".vtkhdf",), HDF5, "vtkhdf.read_vtkhdf", "vtkhdf_image.is_grid"),
+    Format("vtkhdf", (".vtkhdf",), HDF5, "vtkhdf.read_vtkhdf", "vtkhdf.is_grid"),
     Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", *HDF5), "exodus.read_exodus", has_steps=True),
     Format("cgns", (".cgns",), HDF5, "cgns.read_cgns"),
     Format("openfoam", (".foam",), (), "openfoam.read_openfoam", has_steps=True),
@@ -341,7 +341,9 @@ def _open(text: str, part: Subset) -> Source:
     if files != [text]:
         return open_step(files, part, _open, text)
     if part.scattered is not None:
-        return cast("Source", _function("scattered.open_scattered")(file, part))
+        from clusterviz.data.scattered import open_scattered
+
+        return open_scattered(file, part)
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)
