@@ -126,13 +126,7 @@ def _stored_dtype(fields: Mapping[str, str], where: str) -> np.dtype[Any]:
 
 
 def _storage(
-    fields: Mapping[str, str],
-    files: list[Path],
-    begin: int,
-    needed: int,
-    keep: int,
-    stored: np.dtype[Any],
-    where: str,
+    fields: Mapping[str, str], files: list[Path], begin: int, needed: int, keep: int, stored: np.dtype[Any], where: str
 ) -> Storage:
     """Return the storage of the `needed` bytes of samples."""
     skip = _integers(fields, "HeaderSize", 1, where, [0])[0]

@@ -37,13 +37,7 @@ from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.remote import FilePath, find_range
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import coarser, is_within
-from clusterviz.data.store.shards import (
-    ShardedArray,
-    description_checksum,
-    open_array,
-    read_json,
-    require_packages,
-)
+from clusterviz.data.store.shards import ShardedArray, description_checksum, open_array, read_json, require_packages
 from clusterviz.data.store.statistics import read_statistics
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.data.units import METRES, unit_factors

@@ -110,9 +110,7 @@ def _joined(columns: list[NDArray[Any]]) -> NDArray[Any]:
     return np.lib.stride_tricks.as_strided(first, (len(first), len(columns)), strides, writeable=False)
 
 
-def _offsets(
-    lists: NDArray[Any] | tuple[NDArray[np.int64], NDArray[Any]],
-) -> tuple[NDArray[np.int64], NDArray[Any]]:
+def _offsets(lists: NDArray[Any] | tuple[NDArray[np.int64], NDArray[Any]]) -> tuple[NDArray[np.int64], NDArray[Any]]:
     """Return lists as offsets (count + 1,) and items."""
     return lists if isinstance(lists, tuple) else (np.arange(len(lists) + 1) * lists.shape[1], lists.reshape(-1))
 
