@@ -31,7 +31,6 @@ LEVELS = (
     ("render", "composite", "reference"),
     ("frame.run",),
     ("frame.work", "frame.opening"),
-    ("jobs.path_tracing",),
     ("frame.brick_reader",),
     ("frame.residency",),
     ("frame.drawing",),
