@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.ir import (
     Assign,
     Block,
@@ -40,6 +39,7 @@ from clusterviz.spmd.ir import (
     Statement,
     Variable,
 )
+from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.types import Type
 
 Array = NDArray[Any]

@@ -7,12 +7,12 @@ from itertools import pairwise
 from typing import Any
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.analysis import Facts, children
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.ir import BuiltIn, Call, Declare, Element, Function, Loop, Name, Program
 from clusterviz.spmd.look import MOST_ITERATIONS, Look
 from clusterviz.spmd.parser import parse
+from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.tokens import WORD, Places, Token, tokens_of
 from clusterviz.spmd.types import FLOAT, NUMBERS, Type
 
@@ -25,7 +25,7 @@ MAIN = "void main() { vec4 unused = users_look(0.0, vec3(0.0), vec3(0.0)); }\n"
 
 
 def make_look(text: str, path: str) -> Look:
-    """Return the look of a text; see `look_files.read_look`."""
+    """Return the look of a text; see `plan.look_files.read_look`."""
     text = text.replace("\r", "\n").rstrip() + "\n"
     source = ShaderSource(text, (path,))
     places = Places(source)

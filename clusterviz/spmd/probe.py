@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.interpreter import DTYPES, Array, Interpreter, Mask, Value
 from clusterviz.spmd.ir import Block, Declare, Expression, Function, If, Loop, Memory, Statement, Variable
 from clusterviz.spmd.parser import parse, parse_expression
+from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.tokens import tokens_of
 from clusterviz.spmd.types import BOOL, FLOAT, Type
 

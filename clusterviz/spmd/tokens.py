@@ -7,7 +7,7 @@ from bisect import bisect_right
 from typing import NamedTuple
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
+from clusterviz.spmd.source import ShaderSource
 
 WORD = re.compile(
     r"(?P<directive>^[ \t]*\#[^\n]*)|(?P<space>\s+|//[^\n]*|/\*.*?\*/)"

@@ -13,10 +13,10 @@ from typing import Any
 
 from clusterviz.errors import DeviceError, InputError
 from clusterviz.gl.context import compile_compute
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.analysis import children
 from clusterviz.spmd.ir import Call, Declare, Expression, Function, Memory, Name, Program, Statement
 from clusterviz.spmd.parser import parse
+from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.types import Type
 
 DOUBLES = "GL_ARB_gpu_shader_fp64"
