@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from clusterviz.errors import DeviceError, FullDeviceError
 from clusterviz.gl.context import is_software
 from clusterviz.gl.device import Counts, Device
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.reals import ENVIRONMENT, EXTENSION, chosen_reals, has_doubles
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece
@@ -55,7 +56,6 @@ from clusterviz.render.variant import Variant, of_size, variant_of
 from clusterviz.render.volume_layers import all_segments, content_blocks, content_tables
 from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer_counts import KBufferCounts
-from clusterviz.spmd.driver_needs import compile_checked
 
 ITERATIONS = (1 << 16, 3600)
 """Of the loops of a ray in a dispatch, on GPUs and on llvmpipe, which silently leaves all loops after 65535 in total:

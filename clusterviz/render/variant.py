@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.reals import Reals
-from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.gl.shader import assemble
 from clusterviz.plan.blend_mode import Lattice
 from clusterviz.plan.plan import Filter, Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
@@ -41,6 +41,7 @@ from clusterviz.render.volume_layers import (
     voxel_files,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
+from clusterviz.spmd.source import ShaderSource
 
 if TYPE_CHECKING:
     from clusterviz.spmd.look import Look

@@ -29,12 +29,12 @@ from clusterviz.composite.schedules.schedule import check
 from clusterviz.data import open_source
 from clusterviz.data.formats import mrc
 from clusterviz.errors import SceneError
+from clusterviz.plan.look_files import read_look
 from clusterviz.scene import load_scene, scene_of_data
 from clusterviz.scene.animation import load_path
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.values import Scene
-from clusterviz.spmd.look_files import read_look
 
 ROOT = Path(__file__).parents[2]
 PAGES = ["README.md", "CONTRIBUTING.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/*/*.md"))]

@@ -13,7 +13,6 @@ from render.scenes import BUMP, CAMERAS, SHAPE, camera_at, noise, prepare, scene
 
 from clusterviz.data.source import Grid
 from clusterviz.gl.context import compile_compute
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
@@ -25,6 +24,7 @@ from clusterviz.render.variant import Variant, variant_of
 from clusterviz.scene.complete import transfer_function
 from clusterviz.spmd.adversary import DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE, addresses, chosen_driver, function_of, object_code
+from clusterviz.spmd.source import ShaderSource
 
 GRID = Grid(SHAPE)
 PROBE = """

@@ -10,11 +10,11 @@ import pytest
 from render.variants import CPU_VARIANTS, VARIANTS
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
+from clusterviz.gl.driver_needs import AMPLE, needs_of
 from clusterviz.render.variant import Lanes, Variant
 from clusterviz.spmd.codegen import Generator
-from clusterviz.spmd.driver_needs import AMPLE, needs_of
 from clusterviz.spmd.parser import parse
+from clusterviz.spmd.source import ShaderSource
 
 DISTINCT = {variant.source.names: (name, variant) for name, variant in (VARIANTS | CPU_VARIANTS).items()}
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.errors import DeviceError
 from clusterviz.gl.device import Device
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.staging import Bytes
 from clusterviz.image.partial import Rect
 from clusterviz.plan.content import Content
@@ -33,7 +34,6 @@ from clusterviz.render.abuffer.program import (
 from clusterviz.render.abuffer.resolves import classified, counts_of, is_sorted
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, TileLists, make_lists, prepare_tiles
 from clusterviz.render.cells.table import CELLS_BINDING, GRIDS_BINDING, grids_block
-from clusterviz.spmd.driver_needs import compile_checked
 
 LLVMPIPE_ITERATIONS = 65535
 """Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""

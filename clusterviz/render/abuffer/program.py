@@ -11,7 +11,7 @@ from typing import Literal
 
 from clusterviz.data.primitives import Kind
 from clusterviz.gl.layout import glsl_array, glsl_rows
-from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.gl.shader import assemble
 from clusterviz.plan.blend_mode import Lattice
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
@@ -24,6 +24,7 @@ from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import LATTICES, MOST_ROWS, chain_of, define, light_files, undefine
 from clusterviz.scene.grids import KBuffer
+from clusterviz.spmd.source import ShaderSource
 
 LIGHTING_BINDING, COUNTED_BINDING, INTEGRALS_BINDING = 2, 16, 24
 MOST_SORTED = 256

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from clusterviz.errors import DeviceError
 from clusterviz.gl.device import Device
 from clusterviz.gl.drawing import compile_program
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.layout import glsl_block
 from clusterviz.gl.shader import assemble
 from clusterviz.gl.staging import Bytes
@@ -46,7 +47,6 @@ from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, Fin
 from clusterviz.render.abuffer.resolves import is_sorted
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, camera_block, lens_of
 from clusterviz.render.frame_block import FRAME_BLOCK
-from clusterviz.spmd.driver_needs import compile_checked
 
 RASTER = np.dtype(
     [
