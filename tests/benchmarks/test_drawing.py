@@ -23,6 +23,7 @@ from clusterviz.scene import Scene, Volume
 from clusterviz.scene.values import Cluster, ImageSettings
 
 
+@pytest.mark.cover("3-48-peaks", "1109-None-below steep", "1126-None-ramp")
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("number", "size", "function"),
@@ -42,6 +43,7 @@ def test_a_bound_is_kept_or_refused(number: int, size: int | None, function: str
     assert one.known_to < one.bound
 
 
+@pytest.mark.long
 def test_every_slab_is_drawn_once_whoever_draws_it() -> None:
     for draw, counts in counted(random_draws(12, seed=7), None):
         assert len(set(counts.values())) == 1, f"{draw}: {counts}"
