@@ -191,6 +191,7 @@ def test_other_sources_or_processors_make_other_files(
     assert len(paths) == 3
 
 
+@pytest.mark.long
 def test_processors_without_half_floats_get_the_same_bits(tmp_path: Path) -> None:
     """All halves, and floats around the middle between them, through both ways of converting.
 

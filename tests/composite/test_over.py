@@ -103,6 +103,7 @@ def draw_layers(data: st.DataObject, seed: int, canvas: Patch, operator: Operato
     return layers
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("operator", ["over", *OPERATORS])
 @settings(max_examples=120, deadline=None)
 @given(st.data(), CANVASES, SEEDS, st.sampled_from(DTYPES))

@@ -34,6 +34,7 @@ def made(dtype: str, filter: str = "exact") -> tuple[WireFormat, Stored]:
     return wire_format, store(prepared.bricks[BRICK], prepared.plan.encoding, wire_format.slot)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("codec", ["raw", "active+lz4", "active+delta+shuffle+lz4"])
 @pytest.mark.parametrize("filter", ["exact", "hardware"])
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32", "float64"])

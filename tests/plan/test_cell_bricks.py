@@ -49,6 +49,7 @@ def visible(plan: Plan) -> list[tuple[int, ...]]:
     return sorted(tuple(index) for index in np.argwhere(plan.cost > 0).tolist())
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("volumes", "brick", "step"), [(0, 64, 1.0), (0, 128, 40.0), (1, 2, 1.0)])
 def test_the_owner_of_a_sample_holds_its_tetrahedron(volumes: int, brick: int, step: float) -> None:
     source = ArraySource(np.ones((9, 10, 11), np.float32), Grid((9, 10, 11), (0.4,) * 3, (-1, -2, -3)))

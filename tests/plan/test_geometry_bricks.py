@@ -55,6 +55,7 @@ def scene_of(*sections: Any, volumes: int = 0, brick: int = 4, step: float = 1.0
     return Scene(volumes=each, camera=CAMERA, quality=quality, cluster=cluster, image=image, **as_sections(sections))
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("volumes", [0, 1, 2])
 @pytest.mark.parametrize("step", [0.4, 1.0, 5.0])
 def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) -> None:

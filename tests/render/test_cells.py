@@ -159,6 +159,7 @@ CASES: dict[str, tuple[Any, ...]] = {
 }
 
 
+@pytest.mark.cover("two, one lit-inside", "volume, geometry, and two, one lit-outside")
 @pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][4]])
 def test_pictures_are_the_reference(name: str, camera: str) -> None:
     grids, volumes, meshes, keys, _, bound = CASES[name]
@@ -173,6 +174,7 @@ ON_OPENGL = [("holes", "outside"), ("holes", "inside"), ("cells with holes", "ou
 """All but the mixture are drawn by one program: Mesa compiles for much longer than it draws."""
 
 
+@pytest.mark.cover("volume, geometry, and two, one lit-outside")
 @pytest.mark.gl
 @pytest.mark.parametrize(("name", "camera"), ON_OPENGL)
 def test_opengl_draws_what_cpus_draw(name: str, camera: str, context: moderngl.Context) -> None:
@@ -184,6 +186,7 @@ def test_opengl_draws_what_cpus_draw(name: str, camera: str, context: moderngl.C
     assert np.abs(found - expected(scene, grids, volumes, meshes)).max() <= bound
 
 
+@pytest.mark.cover("volume, geometry, and two, one lit")
 @pytest.mark.gl
 @pytest.mark.parametrize("name", ["holes", MIXTURE])
 def test_dispatches_may_end_within_a_walk(
@@ -276,6 +279,7 @@ BUFFERED = [("lattice", "along edges"), *(("holes", camera) for camera in VIEWS)
 BUFFERED += [(name, "outside") for name in ("peaks", "arrays of cells", "mirrored", "clipped")]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("name", "camera"), BUFFERED)
 def test_k_buffers_that_suffice_draw_the_exact_picture(name: str, camera: str) -> None:
     ((entry,), _, _, keys, _, _) = CASES[name]
@@ -314,6 +318,7 @@ def test_parts_and_bricks_do_not_change_the_picture_of_a_k_buffer(camera: str) -
         assert np.abs(drawn_by(section, HOLES, camera, pieces, brick=brick)[0] - first).max() <= 1e-5, brick
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("section", "grid", "bound"), [(THIN, HOLES, 5e-3), (PEAKS, HOLES, 0.05), (OF_CELLS, CELLS, 1e-2)]
 )
@@ -346,6 +351,7 @@ def placed(entry: Entry, scale: float, offset: float) -> Entry:
     return section.model_copy(update=unit), replace(grid, points=points)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("name", "camera", "scale", "offset", "bound"),
     [
