@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import DeviceError, FullDeviceError
-from clusterviz.gl.context import is_software
+from clusterviz.gl.context import is_llvmpipe, is_software
 from clusterviz.gl.device import Counts, Device
 from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.reals import ENVIRONMENT, EXTENSION, chosen_reals, has_doubles
@@ -415,7 +415,7 @@ class Raycaster:
         """Return the block of the frame for a box of bricks."""
         block = frame_block(plan, part.box, rect, self.slot)
         block["first_box"] = first
-        block["optics"][0, 3] = ITERATIONS["llvmpipe" in self.renderer]
+        block["optics"][0, 3] = ITERATIONS[is_llvmpipe(self.renderer)]
         return block
 
     def _draw_boxes(self, plan: Plan, rect: Rect, march: March, tables: BrickTables, first: int, *_: object) -> None:

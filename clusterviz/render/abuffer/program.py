@@ -182,7 +182,8 @@ def kinds_of(plan: Plan) -> tuple[Kind, ...]:
 
 def kind_constants(kinds: tuple[Kind, ...]) -> str:
     """Return GLSL constants that say which kinds of primitives there are."""
-    return f"const bool TRIANGLES = {_bool('triangle' in kinds)}, TUBES = {_bool('tube' in kinds)};\n"
+    flags = {"PRIMITIVES": bool(kinds), "TRIANGLES": "triangle" in kinds, "TUBES": "tube" in kinds}
+    return "".join(f"const bool {name} = {_bool(flag)};\n" for name, flag in flags.items())
 
 
 def _bool(flag: bool) -> str:
