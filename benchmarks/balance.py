@@ -34,6 +34,7 @@ from clusterviz.partition import (
     replicate,
     visible_groups,
 )
+from clusterviz.plan.content import KnownVolume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.scene.animation import orbit
 from clusterviz.scene.complete import VolumeInfo, complete_scene
@@ -171,7 +172,7 @@ def plans(frames: int, brick: int, nearer: float) -> list[Plan]:
     moved = tuple(float(value) for value in focal + (position - focal) * nearer)
     camera = complete.camera.model_copy(update={"position": moved})
     each = [complete.model_copy(update={"camera": view}) for view in orbit(camera, 360.0, frames)]
-    return [make_plan(one, grid, source.dtype, layout, summary) for one in each]
+    return [make_plan(one, [KnownVolume(grid, source.dtype, layout, summary)]) for one in each]
 
 
 def orbit_table(ranks: int, nearer: float) -> list[dict[str, Any]]:

@@ -51,7 +51,7 @@ Programs = dict[FindVariant, moderngl.ComputeShader]
 def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, moderngl.ComputeShader]:
     """Compile the programs of a plan."""
     variants = find_variants(plan)
-    if plan.content and plan.content.layers:
+    if plan.content.layers:
         prepare_tiles(plan)
     return {variant: compile_checked(context, variant.source) for variant in variants}
 
@@ -103,7 +103,6 @@ def bind_fragments(
     DeviceError
         llvmpipe would leave out fragments, or there is no memory.
     """
-    assert plan.content, "there is geometry"
     _bind_primitives(device, plan, table, tiles)
     if plan.content.kbuffer:
         return _counted_by_kbuffer(device, plan.content, tiles, rect)
@@ -156,7 +155,6 @@ def _bind_primitives(device: Device, plan: Plan, table: PrimitiveTable, tiles: T
         LEFT_OUT_BINDING: tiles.left_out,
     }
     if table.cells:
-        assert plan.content, "there are grids"
         given[CELLS_BINDING] = table.cells.words
         device.give(GRIDS_BINDING, grids_block(plan.content, table.cells), "uniform")
         most, found = int(device.context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]), table.cells.words.nbytes
