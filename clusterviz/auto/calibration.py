@@ -30,8 +30,8 @@ from clusterviz.plan.accuracy import (
     verified,
     why_exact,
 )
+from clusterviz.plan.content import Filter
 from clusterviz.plan.estimate import Trial, difference, largest
-from clusterviz.plan.plan import Filter
 from clusterviz.scene.values import Quality, Scene
 
 

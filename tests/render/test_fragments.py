@@ -123,7 +123,6 @@ def drawn(
 
 
 def by_schemes(given: Prepared, fill: Fill, resolve: Resolve) -> Prepared:
-    assert given.plan.content, "there is geometry"
     content = replace(given.plan.content, fill=fill, resolve=resolve)
     return Prepared(replace(given.plan, content=content), given.bricks)
 

@@ -52,7 +52,7 @@ Programs = dict[FindVariant, moderngl.ComputeShader]
 def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, moderngl.ComputeShader]:
     """Compile the programs of a plan."""
     variants = find_variants(plan)
-    if plan.content and plan.content.layers:
+    if plan.content.layers:
         prepare_tiles(plan)
     return {variant: compile_checked(context, variant.source) for variant in variants}
 
@@ -104,7 +104,6 @@ def bind_fragments(
     DeviceError
         llvmpipe would leave out fragments, or there is no memory.
     """
-    assert plan.content, "there is geometry"
     _bind_primitives(device, plan, table, tiles)
     if plan.content.kbuffer:
         return _counted_by_kbuffer(device, plan.content, tiles, rect)
@@ -165,7 +164,6 @@ def bind_cells(device: Device, plan: Plan, table: PrimitiveTable) -> None:
     """Bind the tetrahedra of a table, if it has grids."""
     if not table.cells:
         return
-    assert plan.content, "there are grids"
     most, found = int(device.context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]), table.cells.words.nbytes
     if found > most:
         raise DeviceError(

@@ -108,7 +108,7 @@ class Rasteriser:
     def serves(self, plan: Plan, rect: Rect) -> bool:
         """Return True if fragments of a plan's primitives are found here, and not by tile lists."""
         content = plan.content
-        if not self._is_used or content is None or content.kbuffer or plan.march.discard_margin is not None:
+        if not self._is_used or content.kbuffer or plan.march.discard_margin is not None:
             return False
         sides = self.device.context.info["GL_MAX_VIEWPORT_DIMS"]
         return is_sorted(content) and rect.width <= sides[0] and rect.height <= sides[1]
@@ -267,7 +267,6 @@ def _resident(table: PrimitiveTable) -> tuple[NDArray[np.int32], dict[int, NDArr
 
 def _moves(plan: Plan, block: NDArray[np.void], words: NDArray[np.int32]) -> NDArray[np.void]:
     """Return how the positions of each layer become the camera's coordinates; `MOVE` (layers,)."""
-    assert plan.content, "there is geometry"
     found = np.zeros(max(1, len(words)), MOVE)
     for record, layer, own in zip(found, plan.content.layers, words, strict=False):
         for name in ("right", "up", "forward"):
