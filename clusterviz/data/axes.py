@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from math import prod
 from typing import Any, Literal, TypeVar
 
+from clusterviz.content.volume.section import Scattered
 from clusterviz.data.header import check_shape
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
-from clusterviz.scene.values import Scattered
 
 MAX_LISTED = 12  # names in a message
 Part = Literal["array", "time", "channel"]
