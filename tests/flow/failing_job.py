@@ -9,11 +9,11 @@ from typing import Any
 
 from clusterviz.comm import open_channel
 from clusterviz.comm.channel import all_to_all
+from clusterviz.content.flow.section import Seeds
 from clusterviz.data.vectors import open_vectors
 from clusterviz.errors import ClustervizError
 from clusterviz.flow import tracing
 from clusterviz.flow.tracing import trace
-from clusterviz.scene.flows import Seeds
 
 
 def main() -> int:

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import run_loopback
+from clusterviz.content.flow.section import Seeds, Trace
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.errors import DataError, InputError
 from clusterviz.flow.tracing import Traced, split_cells, trace
-from clusterviz.scene.flows import Seeds, Trace
 
 SEED = (0.5, 0.0, 0.0)
 

@@ -12,6 +12,8 @@ from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
 from clusterviz.codec import pack
 from clusterviz.codec.contract import CodecError
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import MeshSection, PointsSection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.geometry import Geometry, Mesh, Points
 from clusterviz.data.source import Grid
 from clusterviz.frame.opening import OpenedContent, open_volumes
@@ -19,8 +21,6 @@ from clusterviz.frame.run import Options, Run
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
 from clusterviz.render.content_bricks import store_content
 from clusterviz.render.stored_brick import Stored, store
-from clusterviz.scene.geometry import MeshSection, PointsSection
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Camera, Cluster, Scene
 
 BRICK = (1, 0, 2)

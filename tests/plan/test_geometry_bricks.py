@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -16,7 +17,6 @@ from clusterviz.frame.run import Options, Run
 from clusterviz.reference.fragments import place
 from clusterviz.reference.intersections import intersect
 from clusterviz.reference.rays import camera_rays
-from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 RNG = np.random.default_rng(15)

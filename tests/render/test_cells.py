@@ -13,6 +13,8 @@ from render import scenes
 from render.scenes import Prepared
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import MeshSection
+from clusterviz.content.grid.section import GridSection, KBuffer
 from clusterviz.data.faces import find_neighbours
 from clusterviz.data.geometry import Geometry, Mesh
 from clusterviz.data.memory import ArraySource
@@ -29,8 +31,6 @@ from clusterviz.render.cells.table import LocalGrid, make_local_grid
 from clusterviz.render.march import March
 from clusterviz.render.raycast import Raycaster
 from clusterviz.report.kbuffer.analysis import analyse, comparisons
-from clusterviz.scene.geometry import MeshSection
-from clusterviz.scene.grids import GridSection, KBuffer
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
 CAMERAS = {

@@ -13,6 +13,7 @@ from render import scenes
 from render.scenes import Prepared, noise
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -26,7 +27,6 @@ from clusterviz.render.abuffer import fills, on_gl, raster, tiles
 from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.render_result import RenderResult
-from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Clip, Cluster, Fill, ImageSettings, Light, Quality, Resolve, Scene, Volume
 
 Entry = tuple[GeometrySection, Mesh | Lines | Points]
