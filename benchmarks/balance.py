@@ -98,7 +98,7 @@ def dynamic(
         owners = balance.migration.owners
         look(row, owners, cost, eye, len(planned) * BRICK_BYTES)
         balance = replace(balance, migration=dispatch(balance.migration, planned))
-        balance = complete(learn(balance, expected, owners.loads(cost), policy), planned)
+        balance = complete(learn(balance, expected, owners.loads(cost)), planned)
     return row
 
 

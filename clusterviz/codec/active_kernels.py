@@ -102,15 +102,13 @@ def make_mask(pixels, pixel_bytes, mask):  # type: ignore[no-untyped-def]
 def find_runs(mask, gap, table):  # type: ignore[no-untyped-def]
     """Find the runs of active pixels; a run includes gaps of at most `gap` blank pixels.
 
+    Returns number of runs, and of their pixels; (-1, 0) if the table is too short.
+
     Parameters
     ----------
     mask : of `make_mask`
     gap : in pixels
     table : int32 (k, 2), receives [first pixel, length]
-
-    Returns
-    -------
-    runs, pixels : number of runs, and of their pixels; (-1, 0) if the table is too short
     """
     runs, end, kept = 0, -gap - 1, 0
     for word in range(mask.size):

@@ -74,10 +74,7 @@ BY_FLAG: dict[int, Chain] = {chain.flag: chain for chain in _ALL if chain.flag}
 def choose_codec(name: str) -> str:
     """Return the codec that packs every message of a transfer; raw for `auto`.
 
-    Raises
-    ------
-    InputError
-        There is no such codec.
+    Raises InputError if there is no such codec.
     """
     if name == "auto":
         return "raw"

@@ -21,9 +21,7 @@ def subtract(source, target):  # type: ignore[no-untyped-def]
     After folding, small differences of either sign have zeros in their high bytes. The first four numbers stay
     unchanged.
 
-    Parameters
-    ----------
-    source, target : int8, int16 or int32
+    `source`, `target`: int8, int16 or int32.
     """
     sign = 8 * source.itemsize - 1
     for i in range(min(4, source.size)):

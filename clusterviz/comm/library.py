@@ -60,17 +60,14 @@ def mpi_library() -> str:
 def check_launcher(description: str, size: int | None, environment: Mapping[str, str] | None = None) -> None:
     """Check that the launcher belongs to the MPI library that mpi4py loads.
 
+    Raises InputError if it does not; the message names both MPIs and the launcher to use.
+
     Parameters
     ----------
     description : version text of the MPI library
     size : number of processes that MPI sees; None before MPI_Init, in which MPICH ends a process that was started
         through PMIx unless it was built for it
     environment : variables that launchers set; by default those of this process
-
-    Raises
-    ------
-    InputError
-        It does not; the message names both MPIs and the launcher to use.
     """
     variables = os.environ if environment is None else environment
     started = launched_size(variables)

@@ -161,9 +161,7 @@ class RemoteMemory:
     def compare_and_swap(self, box: RemoteBox, expected: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
         """Write `new` into a box if its bytes equal those of `expected`; atomic.
 
-        Returns
-        -------
-        previous : the values before, of the shape and type of `new`
+        Returns the values before, of the shape and type of `new`.
         """
         previous = np.empty(new.shape, new.dtype)
         with self._locked(box):

@@ -2,44 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 
 @dataclass(frozen=True)
-class PeerCounters:
-    """Counters of one peer in one stage.
-
-    Attributes
-    ----------
-    peer : rank of the channel
-    messages_sent, pixels_sent : sent to it
-    bytes_raw, bytes_sent : bytes of those pixels before and after the codec
-    seconds_encode : time of packing and starting the send
-    seconds_wait : time from the start of waiting until its message had arrived; 0 if none was expected
-    """
-
-    peer: int
-    messages_sent: int = 0
-    pixels_sent: int = 0
-    bytes_raw: int = 0
-    bytes_sent: int = 0
-    seconds_encode: float = 0.0
-    seconds_wait: float = 0.0
-
-
-@dataclass(frozen=True)
-class StageCounters:
-    """Counters of one stage.
+class _Counters:
+    """Counters of what was sent and received.
 
     Attributes
     ----------
     messages_sent, pixels_sent : sent to other ranks
     bytes_raw, bytes_sent : bytes of those pixels before and after the codec
     seconds_encode : time of packing and starting the sends
-    seconds_wait : time of waiting for messages
-    seconds_blend : time of unpacking and merging
-    peers : counters of each peer; empty if there are no messages
+    seconds_wait : time of waiting for messages; of a peer, until its message had arrived, 0 if none was expected
     """
 
     messages_sent: int = 0
@@ -48,6 +25,25 @@ class StageCounters:
     bytes_sent: int = 0
     seconds_encode: float = 0.0
     seconds_wait: float = 0.0
+
+
+@dataclass(frozen=True)
+class PeerCounters(_Counters):
+    """Counters of one peer in one stage: `peer` is its rank of the channel."""
+
+    peer: int = -1
+
+
+@dataclass(frozen=True)
+class StageCounters(_Counters):
+    """Counters of one stage.
+
+    Attributes
+    ----------
+    seconds_blend : time of unpacking and merging
+    peers : counters of each peer; empty if there are no messages
+    """
+
     seconds_blend: float = 0.0
     peers: tuple[PeerCounters, ...] = ()
 
@@ -88,10 +84,10 @@ class CompositeCounters:
     @property
     def total(self) -> StageCounters:
         """Sums over all stages, without the peers."""
-        return _sum(self.stages)
+        return summed(self.stages, seconds_blend=sum(stage.seconds_blend for stage in self.stages))
 
 
-def _sum(stages: Iterable[StageCounters]) -> StageCounters:
-    stages = tuple(stages)
-    names = [field.name for field in fields(StageCounters) if field.name != "peers"]
-    return StageCounters(**{name: sum(getattr(stage, name) for stage in stages) for name in names})
+def summed(counters: Sequence[_Counters], **more: Any) -> StageCounters:
+    """Return the sums of what was sent and received as counters of a stage, with its other fields."""
+    sums = {each.name: sum(getattr(one, each.name) for one in counters) for each in fields(_Counters)}
+    return StageCounters(**sums, **more)

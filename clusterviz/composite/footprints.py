@@ -122,6 +122,10 @@ def gather_footprints(
 ) -> Footprints:
     """Exchange the footprints of all ranks, leave out empty ones, and agree on errors; collective.
 
+    Raises InputError on every rank for an image with a wrong type or shape, or of a type that the operator does not
+    merge; images of different types, orders that do not name every image of every rank once or that differ between
+    ranks.
+
     Parameters
     ----------
     images : this rank's images, front to back
@@ -129,12 +133,6 @@ def gather_footprints(
     exchange : gathers the numbers, instead of the channel
     offsets : offset in shared memory of each image
     operator : merge operator, the same on every rank
-
-    Raises
-    ------
-    InputError
-        On every rank: an image with a wrong type or shape, or of a type that the operator does not merge; images of
-        different types, orders that do not name every image of every rank once or that differ between ranks.
     """
     exchange = exchange or channel.allgather_numbers
     error = _argument_error(images, order, channel)

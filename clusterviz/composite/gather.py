@@ -42,23 +42,15 @@ def collect(
 ) -> Pixels | None:
     """Gather the owned pixels of all ranks on the root; collective.
 
+    Returns (height, width, 4), premultiplied, of the owned pixels' type, on the root; None elsewhere. Raises
+    InputError: on every rank: the canvas does not lie in the picture. Raises CodecError if a message is damaged.
+
     Parameters
     ----------
     owned : pixels of this rank, from `composite`
     size : (width, height) of the picture, which contains the canvas
     out : memory for the picture, (height, width, 4), C order, of the owned pixels' type; allocated if None
     pack : function that packs messages; raw messages if None
-
-    Returns
-    -------
-    rgba : (height, width, 4), premultiplied, of the owned pixels' type, on the root; None elsewhere
-
-    Raises
-    ------
-    InputError
-        On every rank: the canvas does not lie in the picture.
-    CodecError
-        A message is damaged.
     """
     check_inside(owned.canvas, size)
     if owned.gathered:
@@ -126,9 +118,7 @@ class _PendingMessage:
 class _Gather:
     """Receiving side of the gather, on the root.
 
-    Parameters
-    ----------
-    overlapping : whether fragments may overlap with blank pixels, as boxes around several images of a rank do
+    `overlapping`: whether fragments may overlap with blank pixels, as boxes around several images of a rank do.
     """
 
     def __init__(self, rgba: Pixels, canvas: Rect, channel: Channel, overlapping: bool) -> None:
@@ -240,13 +230,7 @@ def _clear_around(rgba: Pixels, canvas: Rect) -> None:
 
 
 def check_inside(canvas: Rect, size: tuple[int, int]) -> None:
-    """Raise if images reach outside the picture.
-
-    Raises
-    ------
-    InputError
-        On every rank, as all know the canvas.
-    """
+    """Raise InputError, on every rank as all know the canvas, if images reach outside the picture."""
     if canvas.pixels and canvas.intersect(Rect(0, 0, *size)) != canvas:
         text = "a partial image reaches outside the picture"
         raise mark_agreed(InputError(text, found=canvas, allowed=f"0, 0 to {size}"))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 
-from clusterviz.codec import AutoCodec, pack, prepare_codecs
+from clusterviz.codec import AutoCodec, Rows, pack, prepare_codecs
+from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.counters import StageCounters
 from clusterviz.composite.exchange import Endpoint, run_exchange
@@ -81,6 +83,24 @@ def packer(codec: str, network: Network, nodes: int) -> Pack:
     if codec == "auto":
         return AutoCodec(network.seconds_per_byte if nodes > 1 else network.node_seconds_per_byte).pack
     return lambda pixels, rows, key: pack(pixels, codec, rows)
+
+
+class CountingPacker:
+    """Packer that counts messages, pixels, bytes and seconds."""
+
+    def __init__(self, pack: Pack) -> None:
+        self._pack = pack
+        self.messages = self.pixels = self.bytes = 0
+        self.seconds = 0.0
+
+    def __call__(self, pixels: Pixels, rows: Rows, key: tuple[int, int]) -> Bytes:
+        started = perf_counter()
+        message = self._pack(pixels, rows, key)
+        self.seconds += perf_counter() - started
+        self.messages += 1
+        self.pixels += len(pixels)
+        self.bytes += message.nbytes
+        return message
 
 
 def compile_codecs(channel: Channel) -> None:

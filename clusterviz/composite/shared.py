@@ -33,10 +33,7 @@ def share_images(
 ) -> Footprints:
     """Copy all images of the node into shared memory, and gather their footprints and offsets; collective.
 
-    Raises
-    ------
-    InputError
-        See `gather_footprints`.
+    Errors as of `gather_footprints`.
     """
     while True:
         offsets = memory.put(images)
@@ -69,9 +66,7 @@ def plan_strip(
 ) -> StripPlan:
     """Cut the picture into strips, and find the layers of this rank's.
 
-    Parameters
-    ----------
-    size : (width, height) of the picture, which contains all images
+    `size`: (width, height) of the picture, which contains all images.
     """
     screen = Rect(0, 0, *size)
     members = memory.window.members

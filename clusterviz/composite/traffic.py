@@ -97,11 +97,6 @@ class StageTraffic:
     merges: tuple[Merge, ...]
 
 
-def layers_of(patches: Sequence[Patch]) -> Layers:
-    """Return one layer for each rank, by position."""
-    return [(Part(depth, patch),) for depth, patch in enumerate(patches)]
-
-
 def plan_traffic(
     schedule: Schedule, rank: int, layers: Layers, width: int, *, whole: bool = False
 ) -> tuple[StageTraffic, ...]:
@@ -118,7 +113,7 @@ def plan_traffic(
     """
     if not schedule.stages and len(layers[rank]) > 1:
         # Nothing is sent, but the rank's own layers have to be merged.
-        schedule = Schedule(schedule.ranks, schedule.pixels, (Stage.of(()),))
+        schedule = Schedule(schedule.ranks, schedule.pixels, (Stage.join(()),))
     concerned = _concerned(schedule, rank)
     held: dict[int, Held] = {r: (_whole(schedule.pixels, layers[r]),) for r in concerned[0]}
     result = []
@@ -183,10 +178,7 @@ def _stage_traffic(stage: Stage, rank: int, held: dict[int, Held], depth: int, w
 def _find(held: Held, transfer: Transfer) -> Zone:
     """Return the zone of a transfer's range in the zones that a rank holds.
 
-    Raises
-    ------
-    ValueError
-        The range is not inside one zone; no algorithm may do that.
+    Raises ValueError if the range is not inside one zone; no algorithm may do that.
     """
     index = bisect_right(held, transfer.begin, key=lambda zone: zone.begin) - 1
     if index < 0 or transfer.end > held[index].end:

@@ -84,14 +84,12 @@ class MigrationRate:
     def affordable_bytes(self, ranks: int, under_way: int, largest: int) -> int | None:
         """Return the bytes that all ranks together may start to send in a frame; None: no limit.
 
+        Returns 0, or at least `largest`.
+
         Parameters
         ----------
         under_way : bytes of bricks that are planned or sent and have not arrived
         largest : bytes of the largest brick, which is allowed if nothing else is under way
-
-        Returns
-        -------
-        allowed : 0, or at least `largest`
         """
         if self.share >= WHOLE:
             return None
@@ -150,10 +148,8 @@ class Dynamic:
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
         """Return the pieces of a frame, and plan the flights that start during it.
 
-        Raises
-        ------
-        InputError
-            The bricks of a rank do not fit into its memory, or the budget is smaller than a brick.
+        Raises InputError if the bricks of a rank do not fit into its memory, or the budget is smaller than a
+        brick.
         """
         model, self.planning_seconds = self._expected(plan), 0.0
         if self._balance is None or shows_more(plan, self._sizes.astype(np.float64)):
@@ -197,7 +193,7 @@ class Dynamic:
         # All ranks plan the same: the least time is the one least disturbed by other processes.
         self._rate = self._rate.after(frame, work, min(planning))
         if self._balance is not None:
-            self._balance = learn(self._balance, self._expected(plan), rank_costs(costs), self._policy)
+            self._balance = learn(self._balance, self._expected(plan), rank_costs(costs))
 
     def complete(self, arrived: Collection[Index], lost: Collection[Index]) -> None:
         """Record after a frame which bricks have arrived, and which were lost."""

@@ -183,10 +183,7 @@ class SortFirst:
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
         """Return the pieces of a frame, group by group; those of a group front to back in each of its tiles.
 
-        Raises
-        ------
-        InputError
-            The bricks in a rank's tiles do not fit into its memory.
+        Raises InputError if the bricks in a rank's tiles do not fit into its memory.
         """
         self._shown, self._brick_bytes = plan.cost > 0, int(self._budget.brick_bytes(plan).max())
         partition = self._assign_groups(plan)

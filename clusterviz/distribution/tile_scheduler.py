@@ -30,9 +30,7 @@ from clusterviz.scene.values import Scene
 class TileScheduler:
     """Hooks of a loop whose ranks share the screen; every method is collective.
 
-    Parameters
-    ----------
-    drawing, screen : of the loop
+    `drawing`, `screen`: of the loop.
     """
 
     def __init__(self, drawing: Drawing, screen: SortFirst) -> None:

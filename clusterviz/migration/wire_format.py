@@ -117,10 +117,7 @@ class WireFormat:
     def unwrap(self, message: Bytes, brick: Index, number: int, stream: Bytes) -> int:
         """Unpack a message into its part of a stream; returns `voxels` as in `Stored`.
 
-        Raises
-        ------
-        CodecError
-            The message is damaged, or of another brick or storage format.
+        Raises CodecError if the message is damaged, or of another brick or storage format.
         """
         if message.size <= HEADER.itemsize:
             raise CodecError(f"a message of {message.size} bytes has no part of a brick")

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.partition.owners import UNASSIGNED, Owners
-from clusterviz.partition.tree import Index, Vector
+from clusterviz.partition.tree import Index, Vector, check_finite
 
 Bools = NDArray[np.bool_]
 
@@ -38,21 +37,14 @@ class BrickGroup:
 def visible_groups(owners: Owners, eye_brick: Vector | None, direction_index: Vector) -> tuple[BrickGroup, ...]:
     """Return all assigned bricks in groups from front to back.
 
+    Every assigned brick is in one of the groups; no ray visits a later group before an earlier one. If whole ranks
+    can be ordered, as those of a tree can, there is one group per rank; else few, not always the fewest. A rank's
+    images are its groups in this order; ranks may have none. Errors as of `front_to_back`.
+
     Parameters
     ----------
     owners : rank of each brick; bricks that are `UNASSIGNED` are ignored
     eye_brick, direction_index : as in `front_to_back`
-
-    Returns
-    -------
-    groups : every assigned brick is in one of them; no ray visits a later group before an earlier one. If whole ranks
-        can be ordered, as those of a tree can, there is one group per rank; else few, not always the fewest. A rank's
-        images are its groups in this order; ranks may have none. `ranks_of` gives the order for the compositor.
-
-    Raises
-    ------
-    InputError
-        A position or direction is not finite.
 
     Notes
     -----
@@ -60,19 +52,13 @@ def visible_groups(owners: Owners, eye_brick: Vector | None, direction_index: Ve
     is stricter than necessary: two bricks are ordered if one is farther from the eye along every axis, even if no ray
     meets both. Adjacent layers of bricks with the same owners are merged, so that trees take microseconds.
     """
-    if not all(map(math.isfinite, (*direction_index, *(eye_brick or ())))):
-        raise InputError("not finite", where="camera", found=f"eye {eye_brick}, direction {direction_index}")
+    check_finite(eye_brick, direction_index)
     eye = _eye_layers(owners.owner.shape, eye_brick, direction_index)
     keys = [_merged_layers(owners.owner, axis, eye[axis]) for axis in range(3)]
     small = owners.owner[np.ix_(*[np.flatnonzero(np.diff(key, prepend=-1)) for key in keys])]
     z, y, x = (int(key[at]) for key, at in zip(keys, eye, strict=True))
     number, ranks = _grow_groups(small, owners.ranks, (z, y, x))
     return tuple(map(BrickGroup, ranks, _members(number[np.ix_(*keys)], len(ranks))))
-
-
-def ranks_of(groups: tuple[BrickGroup, ...]) -> list[int]:
-    """Return the rank of each group, from front to back."""
-    return [group.rank for group in groups]
 
 
 def _eye_layers(shape: tuple[int, ...], eye: Vector | None, direction: Vector) -> Index:

@@ -6,7 +6,6 @@ brick at its midpoint, in the pixels of its rectangle, so the picture does not d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from clusterviz.image.partial import Rect
 from clusterviz.partition.bsp import Costs, trim
-from clusterviz.partition.groups import BrickGroup, visible_groups
+from clusterviz.partition.groups import visible_groups
 from clusterviz.partition.owners import Owners
 from clusterviz.partition.tree import BrickBox, BspTree, Vector, front_to_back
 
@@ -66,12 +65,8 @@ def leaf_pieces(tree: BspTree, cost: Costs, eye_brick: Vector | None, direction_
 
 
 def owner_pieces(owners: Owners, eye_brick: Vector | None, direction_index: Vector) -> tuple[Piece, ...]:
-    """Return the pieces of any assignment, from front to back; parameters as in `visible_groups`."""
-    return group_pieces(visible_groups(owners, eye_brick, direction_index))
-
-
-def group_pieces(groups: Sequence[BrickGroup]) -> tuple[Piece, ...]:
-    """Return a piece for each group of `visible_groups`, in the same order."""
+    """Return a piece for each of the `visible_groups` of any assignment, from front to back."""
+    groups = visible_groups(owners, eye_brick, direction_index)
     return tuple(Piece(group.rank, **_around(group.bricks)) for group in groups)
 
 

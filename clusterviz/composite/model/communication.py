@@ -16,7 +16,7 @@ from functools import lru_cache
 from clusterviz.composite.schedules.algorithms import ALGORITHMS
 from clusterviz.composite.schedules.pipeline import automatic_batches
 from clusterviz.composite.schedules.radix_k import automatic_factors
-from clusterviz.composite.schedules.schedule import Algorithm, Load, count_dense
+from clusterviz.composite.schedules.schedule import Algorithm, Load
 
 
 @dataclass(frozen=True)
@@ -231,14 +231,12 @@ def communication_cost(algorithm: str, stats: ImageStatistics) -> CommunicationC
     if closed_form := COMMUNICATION_COSTS.get(algorithm):
         return closed_form(stats)
     load = _dense_load(ALGORITHMS[algorithm], stats.images, stats.pixels)
-    rounds, messages = load.rounds, float(max(load.messages_sent.max(), load.messages_received.max()))
-    pixels = stats.cover * float(max(load.pixels_sent.max(), load.pixels_received.max()))
-    pixels_all, messages_all = stats.cover * float(load.pixels_sent.sum()), float(load.messages_sent.sum())
+    loads = (load.rounds, load.most_messages, stats.cover * load.most_pixels, stats.cover * load.pixels)
     if load.pixels_sent[0]:
-        return _ends_on_all_ranks(stats, rounds, messages, pixels, pixels_all, messages_all)
-    return replace(_ends_on_one_rank(stats, rounds, messages, pixels, pixels_all), messages_all=messages_all)
+        return _ends_on_all_ranks(stats, *loads, load.messages)
+    return replace(_ends_on_one_rank(stats, *loads), messages_all=load.messages)
 
 
 @lru_cache(maxsize=64)
 def _dense_load(schedule: Algorithm, images: int, pixels: int) -> Load:
-    return count_dense(schedule(images, pixels, ()))
+    return schedule(images, pixels, ()).counts()

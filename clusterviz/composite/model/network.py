@@ -84,12 +84,10 @@ class Network:
 
     def seconds(self, load: Load, bytes_per_pixel: int) -> float:
         """Return the predicted time of a load with one rank per node; links are full duplex."""
-        messages = max(load.messages_sent.max(initial=0), load.messages_received.max(initial=0))
-        pixels = max(load.pixels_sent.max(initial=0), load.pixels_received.max(initial=0))
         return float(
             load.rounds * self.latency_seconds
-            + messages * self.overhead_seconds
-            + pixels * bytes_per_pixel * self.seconds_per_byte
+            + load.most_messages * self.overhead_seconds
+            + load.most_pixels * bytes_per_pixel * self.seconds_per_byte
             + load.pixels_received.max(initial=0) * self.seconds_per_pixel
         )
 
@@ -102,10 +100,7 @@ def shipped_networks() -> list[str]:
 def open_network(name: str) -> Network:
     """Read a network file, or one of the package by its name.
 
-    Raises
-    ------
-    InputError
-        There is no such file, it is not JSON, or a key is missing, unknown or impossible.
+    Raises InputError if there is no such file, it is not JSON, or a key is missing, unknown or impossible.
     """
     path = FOLDER / f"{name}.json" if name in shipped_networks() else Path(name)
     require_regular_file(path)
@@ -147,10 +142,7 @@ def saved_path() -> Path:
 def save_network(network: Network, path: Path) -> None:
     """Write a network file, completely or not at all; a missing folder is made.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    Raises OutputError if the file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -167,10 +159,7 @@ def default_network(nodes: int) -> Network:
     on a faster network, while one that does not loses much on a slower one. The number of cores is then that of this
     machine.
 
-    Raises
-    ------
-    InputError
-        The saved file is named by the environment and missing, or it is invalid.
+    Raises InputError if the saved file is invalid, or named by the environment and missing.
     """
     path = saved_path()
     kept = open_network(str(path)) if path.exists() or os.environ.get(FILE_VARIABLE) else None

@@ -49,6 +49,8 @@ def blend_layers(
 ) -> None:
     """Blend layers into `out`: (the first `split` over each other) over (the others over each other).
 
+    Raises InputError for an array of a wrong type or shape, not in C order, or a target that is read-only.
+
     Parameters
     ----------
     layers : layers from front to back, of any types; they are clipped to the patch
@@ -56,11 +58,6 @@ def blend_layers(
     out : uint8, float16 or float32 (patch.count, 4), C order; overlaps no layer; every pixel is written
     operator : merge operator of `image/merge.py`; all but over need float32 arrays
     split : number of layers in the front group
-
-    Raises
-    ------
-    InputError
-        An array of a wrong type or shape, not in C order, or a target that is read-only.
     """
     check_floats(operator, out, *(layer.pixels for layer in layers))
     numbers = job_head(out, patch, len(layers), min(max(split, 0), len(layers)), operator)

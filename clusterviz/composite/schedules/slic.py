@@ -20,9 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage
+from clusterviz.composite.schedules.schedule import Indices, Patches, Schedule, Stage
 
 SEVERAL_IMAGES = True
 
@@ -48,9 +47,7 @@ class Cells:
     members: Indices
 
 
-def schedule(
-    ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, owners_of: Sequence[int] | None = None
-) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = (), *, owners_of: Sequence[int] | None = None) -> Schedule:
     """Return the schedule: blocks of cells, assigned by decreasing work.
 
     Parameters

@@ -20,7 +20,7 @@ from clusterviz.composite.model.network import Network
 from clusterviz.composite.schedules import direct_send, pipeline, radix_k, slic
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, candidates, check_algorithm
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import Algorithm, Load, Schedule, count_dense, count_transfers
+from clusterviz.composite.schedules.schedule import Algorithm, Load, Schedule, count_transfers
 from clusterviz.composite.simulation.closed_forms import (
     direct_send_dense,
     direct_send_sparse,
@@ -39,14 +39,12 @@ SCREEN_FROM_WORLD = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2
 def cube_footprints(ranks: int, size: tuple[int, int]) -> Rectangles:
     """Return bounding rectangles of the bricks of a cube, front to back, in parallel projection along its diagonal.
 
+    Returns rectangles on a canvas that is the union of all of them.
+
     Parameters
     ----------
     ranks : number of bricks; boxes are halved across their longest side until there is one for each rank
     size : (width, height) of the picture; the cube touches its borders in at least one direction
-
-    Returns
-    -------
-    footprints : rectangles on a canvas that is the union of all of them
     """
     boxes = _bricks(ranks)
     middle, half = (boxes[:, 0] + boxes[:, 1]) / 2, (boxes[:, 1] - boxes[:, 0]) / 2
@@ -130,10 +128,7 @@ class Options:
     def algorithm(self, name: str) -> Algorithm:
         """Return the schedule function of an algorithm with its option.
 
-        Raises
-        ------
-        InputError
-            An option is given that the algorithm does not have.
+        Raises InputError if an option is given that the algorithm does not have.
         """
         options: dict[str, tuple[Callable[..., Schedule], dict[str, object]]] = {
             "radix-k": (radix_k.schedule, {"factors": self.factors}),
@@ -162,16 +157,13 @@ def simulate(
 ) -> Simulation:
     """Count and predict one frame without its final gather, so that any rank may be the root.
 
+    Raises InputError for an unknown name, an option that does not fit, or more ranks than can be simulated.
+
     Parameters
     ----------
     algorithm : registered name, or "auto", the fastest of `candidates`
     size : (width, height) of the picture
     footprints : "dense": every rank covers the picture; "cubes": each has a brick of a cube, see `cube_footprints`
-
-    Raises
-    ------
-    InputError
-        An unknown name, an option that does not fit, or more ranks than can be simulated.
     """
     check_algorithm(algorithm)
     options = options or Options()
@@ -211,10 +203,7 @@ def build_schedule(name: str, ranks: int, size: tuple[int, int], footprints: str
 def count_load(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> tuple[Load, str]:
     """Return the load of each rank, and how it was counted: "closed form" or "schedule".
 
-    Raises
-    ------
-    InputError
-        See `simulate`.
+    Errors as of `simulate`.
     """
     _check(name, ranks, footprints)
     options.algorithm(name)
@@ -225,7 +214,7 @@ def count_load(name: str, ranks: int, size: tuple[int, int], footprints: str, op
         return direct_send_dense(ranks, pixels, options.owners, options.bands), "closed form"
     if name == "parallel-pipeline":
         return parallel_pipeline_dense(ranks, pixels), "closed form"
-    return count_dense(build_schedule(name, ranks, size, footprints, options)), "schedule"
+    return build_schedule(name, ranks, size, footprints, options).counts(), "schedule"
 
 
 def _count_sparse(name: str, footprints: Rectangles, options: Options) -> tuple[Load, str]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.image.partial import Rect
 from clusterviz.partition.screen.tiles import Size, tile_counts
 
@@ -31,10 +30,6 @@ class CostMap:
     size: Size
     cost: Costs
 
-    def __post_init__(self) -> None:
-        if self.cost.shape != tile_counts(self.size, CELL):
-            raise InputError("not over the picture", where="cost map", found=self.cost.shape, allowed=self.size)
-
     def profile(self, rect: Rect, axis: int) -> Costs:
         """Return the cumulative cost of a rectangle along an axis (0: rows), float64 (n + 1,)."""
         rows = _shares(rect.y_begin, rect.y_end, self.size[1], len(self.cost))
@@ -49,11 +44,6 @@ class CostMap:
     def total(self, rect: Rect) -> float:
         """Return the cost of a rectangle."""
         return float(self.profile(rect, 0)[-1])
-
-
-def blank_map(size: Size) -> CostMap:
-    """Return a cost map of zeros."""
-    return CostMap(size, np.zeros(tile_counts(size, CELL)))
 
 
 def cost_map_of_rects(size: Size, rects: NDArray[np.int64], costs: Costs) -> CostMap:
