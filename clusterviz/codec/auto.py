@@ -59,16 +59,12 @@ SAMPLE_SECONDS_SHARE = 0.01
 
 @dataclass
 class _Measurement:
-    """Cost of a candidate on a stream's messages, for each raw byte.
+    """Cost of a candidate on a stream's messages, for each raw byte."""
 
-    Attributes
-    ----------
-    ratio, kept : bytes of the message, and of the pixels that it opens to
-    encode, decode : seconds
-    """
-
+    # bytes of the message, and of the pixels that it opens to
     ratio: float
     kept: float
+    # seconds
     encode: float
     decode: float
 
@@ -85,28 +81,19 @@ class _Measurement:
 
 @dataclass
 class _Stream:
-    """State of the messages of one key.
+    """State of the messages of one key."""
 
-    Attributes
-    ----------
-    chosen : the codec in use
-    measured : by candidate
-    untried : candidates of the current trials that are left
-    since, interval : messages since the last trials, and messages until the next
-    trials : number of trials so far
-    sampled, sample_seconds : largest ratio of a sample since the last trials, and time to pack one
-    link_seconds : of all messages since the last sample
-    """
-
-    untried: list[str]
-    chosen: str = "raw"
-    measured: dict[str, _Measurement] = field(default_factory=dict)
+    untried: list[str]  # candidates of the current trials that are left
+    chosen: str = "raw"  # the codec in use
+    measured: dict[str, _Measurement] = field(default_factory=dict)  # by candidate
+    # messages since the last trials, and messages until the next
     since: int = 0
     interval: int = MIN_INTERVAL
-    trials: int = 0
+    trials: int = 0  # number of trials so far
+    # largest ratio of a sample since the last trials, and time to pack one
     sampled: float = 0.0
     sample_seconds: float = np.inf
-    link_seconds: float = 0.0
+    link_seconds: float = 0.0  # of all messages since the last sample
 
 
 class AutoCodec:

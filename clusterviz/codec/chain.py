@@ -36,15 +36,10 @@ ALLOWED = (
 
 @dataclass(frozen=True)
 class Chain:
-    """Stages of one codec, in the order in which they pack.
+    """Stages of one codec, in the order in which they pack."""
 
-    Attributes
-    ----------
-    name : names of the stages, joined by "+"; "raw" without stages
-    selection, filters, compressor : the stages
-    """
-
-    name: str
+    name: str  # names of the stages, joined by "+"; "raw" without stages
+    # the stages
     selection: Selection | None = None
     filters: tuple[Filter, ...] = ()
     compressor: Compressor | None = None

@@ -97,15 +97,15 @@ class Channel(Protocol):
     def window(self, own_bytes: int) -> SharedWindow:
         """Allocate memory that the ranks of each node share.
 
-        `own_bytes`: size of this rank's part, 0 or more; it may differ between ranks. Raises InputError on every rank for
-        a negative size. Raises WindowError on every rank for a node has no such memory.
+        `own_bytes`: size of this rank's part, 0 or more; it may differ between ranks. Raises InputError on every rank
+        for a negative size. Raises WindowError on every rank for a node has no such memory.
         """
 
     def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
         """Allocate memory that every rank reads and writes.
 
-        Raises InputError on every rank for a negative size. Raises RemoteMemoryError on every rank if there is not enough
-        memory, or space in a folder.
+        Raises InputError on every rank for a negative size. Raises RemoteMemoryError on every rank if there is not
+        enough memory, or space in a folder.
 
         Parameters
         ----------

@@ -22,7 +22,7 @@ def open_channel(*, several_threads: bool = False) -> Channel:
     MPI is used if a launcher's variables are in the environment, or if the caller has imported mpi4py.MPI.
 
     `several_threads`: whether other threads communicate too, through `for_thread`; the first call starts MPI
-    accordingly. Raises InputError: a launcher of another MPI started this process: each of its processes would be
+    accordingly. Raises InputError if a launcher of another MPI started this process: each of its processes would be
     alone.
     """
     if not _OPENED:

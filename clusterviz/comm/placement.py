@@ -13,13 +13,7 @@ from dataclasses import dataclass
 
 from clusterviz.errors import InputError, mark_agreed
 
-THREAD_VARIABLES = (
-    "LP_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-)
+THREAD_VARIABLES = ("LP_NUM_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 # Variables with the number of processes that a launcher started.
 SIZE_VARIABLES = (
@@ -42,22 +36,16 @@ Nodes = tuple[tuple[int, ...], ...]
 
 @dataclass(frozen=True)
 class Placement:
-    """Node and cores of a rank.
+    """Node and cores of a rank."""
 
-    Attributes
-    ----------
-    host : name of the node
-    local_rank, local_size : number of this rank on its node, and of ranks there
-    node, nodes : number of the node in the order of first ranks, and of all nodes
-    cores : this rank's share of the cores that the scheduler grants; at least 1
-    """
-
-    host: str
+    host: str  # name of the node
+    # number of this rank on its node, and of ranks there
     local_rank: int
     local_size: int
+    # number of the node in the order of first ranks, and of all nodes
     node: int
     nodes: int
-    cores: int
+    cores: int  # this rank's share of the cores that the scheduler grants; at least 1
 
 
 def granted_cores() -> frozenset[int]:

@@ -45,19 +45,12 @@ _SPIN_CALLS = 20
 
 @dataclass(frozen=True, slots=True)
 class RemoteBox:
-    """Box of an array that lies in C order in a rank's part.
+    """Box of an array that lies in C order in a rank's part."""
 
-    Attributes
-    ----------
-    rank : owner of the part
-    offset : bytes before the array in the part, a multiple of the size of its elements
-    shape : of the array
-    begin, end : the box, half-open, along each axis of the array
-    """
-
-    rank: int
-    offset: int
-    shape: tuple[int, ...]
+    rank: int  # owner of the part
+    offset: int  # bytes before the array in the part, a multiple of the size of its elements
+    shape: tuple[int, ...]  # of the array
+    # the box, half-open, along each axis of the array
     begin: tuple[int, ...]
     end: tuple[int, ...]
 

@@ -18,19 +18,12 @@ from clusterviz.codec.contract import Pixels
 from clusterviz.comm import Channel, as_channel
 from clusterviz.comm.agree import agreed_errors, mark_agreed
 from clusterviz.comm.window import SharedWindow
+from clusterviz.composite import messages
 from clusterviz.composite.counters import CompositeCounters, StageCounters
 from clusterviz.composite.footprints import Footprints, gather_footprints
 from clusterviz.composite.fragment import OwnedPixels
 from clusterviz.composite.gather import check_inside, collect
 from clusterviz.composite.hierarchical import compose_strip, place_images
-from clusterviz.composite.messages import (
-    CountingPacker,
-    MessagePlan,
-    compile_codecs,
-    packer,
-    plan_messages,
-    run_messages,
-)
 from clusterviz.composite.model.choice import Choice, Request, choose
 from clusterviz.composite.model.network import Network, default_network
 from clusterviz.composite.node_memory import NodeMemory
@@ -49,7 +42,7 @@ class _FramePlan:
     footprints: Footprints
     window: SharedWindow | None
     choice: Choice
-    messages: MessagePlan | None
+    traffic: messages.MessagePlan | None
     strip: StripPlan | None
 
 
@@ -92,7 +85,7 @@ class Compositor:
         with agreed_errors():
             choose_codec(codec)
             self._request = Request(algorithm, transport, codec)
-        self._pack = packer(codec, self._network, len(self._nodes))
+        self._pack = messages.packer(codec, self._network, len(self._nodes))
         picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
         self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
         self._frame_plan: _FramePlan | None = None
@@ -129,7 +122,7 @@ class Compositor:
         """
         owned, counters = self.blend(images, order)
         started = perf_counter()
-        packing = CountingPacker(self._pack)
+        packing = messages.CountingPacker(self._pack)
         picture = collect(owned, self._size, self._channel, self._root, out, packing)
         return picture, replace(counters, seconds_collect=perf_counter() - started, bytes_collected=packing.bytes)
 
@@ -163,8 +156,9 @@ class Compositor:
         choice, memory = frame_plan.choice, self._memory
         if choice.transport != "shared":
             self._prepare_codecs()
-        if frame_plan.messages:
-            return run_messages(images, footprints, frame_plan.messages, self._channel, self._pack)
+        if frame_plan.traffic:
+            own = messages.own_fragments(images, footprints, self._channel.rank)
+            return messages.run_messages(own, footprints, frame_plan.traffic, self._channel, self._pack)
         if frame_plan.strip and memory:
             owned, counters = blend_strip(frame_plan.strip, footprints, memory)
             return owned, (counters,)
@@ -175,7 +169,7 @@ class Compositor:
     def _prepare_codecs(self) -> None:
         """Compile the kernels of codecs, once; collective."""
         if self._codec != "raw" and not self._has_codecs:
-            compile_codecs(self._channel)
+            messages.compile_codecs(self._channel)
             self._has_codecs = True
 
     def _plan(self, footprints: Footprints) -> _FramePlan:
@@ -189,13 +183,13 @@ class Compositor:
     def _make_plan(self, footprints: Footprints, window: SharedWindow | None) -> _FramePlan:
         with agreed_errors():
             choice = choose(self._request, footprints, self._nodes, self._network)
-        messages = strip = None
+        traffic = strip = None
         if choice.transport == "messages":
-            messages = plan_messages(footprints, self._channel.rank, choice.algorithm)
+            traffic = messages.plan_messages(footprints, self._channel.rank, choice.algorithm)
         elif choice.transport == "shared" and self._memory:
             check_inside(footprints.canvas, self._size)
             strip = plan_strip(footprints, self._channel, self._memory, self._size, self._root)
-        return _FramePlan(footprints, window, choice, messages, strip)
+        return _FramePlan(footprints, window, choice, traffic, strip)
 
     def _uses_memory(self) -> bool:
         """Return whether a transport with shared memory may be chosen; the same on every rank."""

@@ -139,20 +139,13 @@ class ExchangeError(ClustervizError):
 
 @dataclass(frozen=True)
 class Endpoint:
-    """One rank's endpoint of an exchange.
-
-    Attributes
-    ----------
-    order : rank of the channel at each position
-    position : position of this rank
-    pack : function that makes a message of pixels, given their rows, the stage and the peer
-    """
+    """One rank's endpoint of an exchange."""
 
     channel: Channel
-    order: Sequence[int]
-    position: int
+    order: Sequence[int]  # rank of the channel at each position
+    position: int  # position of this rank
     dtype: np.dtype[Any]
-    pack: Pack
+    pack: Pack  # function that makes a message of pixels, given their rows, the stage and the peer
     operator: Operator = "over"
 
 

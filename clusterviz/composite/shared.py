@@ -45,20 +45,12 @@ def share_images(
 
 @dataclass(frozen=True, eq=False)
 class StripPlan:
-    """Plan of one rank's strip; valid while the footprints and the shared memory are the same.
+    """Plan of one rank's strip; valid while the footprints and the shared memory are the same."""
 
-    Attributes
-    ----------
-    layers : rows of the images in this rank's strip, front to back, in place
-    strip : patch of the strip, with the whole picture as canvas
-    target : pixels of the strip (strip.count, 4), a part of the picture
-    picture : the whole picture on the root; None elsewhere
-    """
-
-    layers: tuple[Layer, ...]
-    strip: Patch
-    target: Pixels
-    picture: Pixels | None
+    layers: tuple[Layer, ...]  # rows of the images in this rank's strip, front to back, in place
+    strip: Patch  # patch of the strip, with the whole picture as canvas
+    target: Pixels  # pixels of the strip (strip.count, 4), a part of the picture
+    picture: Pixels | None  # the whole picture on the root; None elsewhere
 
 
 def plan_strip(

@@ -1,6 +1,6 @@
 """Collection of disjoint tiles into one picture; nothing is blended, and each pixel travels once.
 
-Each rank sends its tiles to the root in one message, after a header with their rectangles. The assignment of tiles to
+Each rank tells the root its rectangles, and sends their pixels in one message. The assignment of tiles to
 ranks may be known only after drawing, and other ranks do not need it.
 
 References

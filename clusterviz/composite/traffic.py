@@ -66,20 +66,12 @@ class Message:
 
 @dataclass(frozen=True)
 class Merge:
-    """Merge of all parts in one range that a rank keeps.
+    """Merge of all parts in one range that a rank keeps."""
 
-    Attributes
-    ----------
-    zone : the rank's own parts in the range
-    incoming : parts that arrive
-    result : patch that contains all parts
-    depth : depth of the merged layer
-    """
-
-    zone: Zone
-    incoming: tuple[Part, ...]
-    result: Patch
-    depth: int
+    zone: Zone  # the rank's own parts in the range
+    incoming: tuple[Part, ...]  # parts that arrive
+    result: Patch  # patch that contains all parts
+    depth: int  # depth of the merged layer
 
     @property
     def merged(self) -> Zone:

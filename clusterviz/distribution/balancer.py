@@ -30,40 +30,23 @@ UNIT = 8  # longest side of blocks that move whole, in bricks; they are small ne
 
 @dataclass(frozen=True)
 class Policy:
-    """Settings of the load balancer.
+    """Settings of the load balancer."""
 
-    Attributes
-    ----------
-    budget_bytes : that all ranks together may start to send in a frame
-    limit_bytes : of bricks that a rank may hold
-    """
-
-    budget_bytes: int
-    limit_bytes: int
+    budget_bytes: int  # that all ranks together may start to send in a frame
+    limit_bytes: int  # of bricks that a rank may hold
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """State of the load balancer between two frames.
+    """State of the load balancer between two frames."""
 
-    Attributes
-    ----------
-    measured : cost factors of the bricks
-    tree : axes of the fronts, and the planes that fronts replace
-    aim : float64 (bz, by, bx), cost by which fronts were placed last
-    target : owners by the fronts
-    migration : present owners, flights and caches
-    recalled : int64 (ranks,), bricks of this frame's moves that each target has in its cache
-    wire_bytes : int64 (bz, by, bx), size of each brick in a message
-    """
-
-    measured: Measured
-    tree: BspTree
-    aim: Costs
-    target: Owners
-    migration: Migration
-    recalled: NDArray[np.int64]
-    wire_bytes: NDArray[np.int64]
+    measured: Measured  # cost factors of the bricks
+    tree: BspTree  # axes of the fronts, and the planes that fronts replace
+    aim: Costs  # float64 (bz, by, bx), cost by which fronts were placed last
+    target: Owners  # owners by the fronts
+    migration: Migration  # present owners, flights and caches
+    recalled: NDArray[np.int64]  # int64 (ranks,), bricks of this frame's moves that each target has in its cache
+    wire_bytes: NDArray[np.int64]  # int64 (bz, by, bx), size of each brick in a message
 
 
 def first_owners(model: Costs, ranks: int, eye: RayOrigin = PARALLEL_ORIGIN) -> Owners:
@@ -165,21 +148,13 @@ def _recalled(before: Migration, launched: Migration) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Wanted owners of the bricks, with costs and sizes.
+    """Wanted owners of the bricks, with costs and sizes."""
 
-    Attributes
-    ----------
-    target : wanted owners; bricks without an owner, here or at present, stay
-    cost : float64 (bz, by, bx), expected cost
-    wire_bytes : int64 (bz, by, bx), size in a message to the target; 0 if the target has the brick
-    held_bytes : int64 (bz, by, bx), size in the target's memory
-    unit : int64 (bz, by, bx), as `units` returns it: bricks of a unit with the same source and target move together
-    """
-
-    target: Owners
-    cost: Costs
-    wire_bytes: NDArray[np.int64]
-    held_bytes: NDArray[np.int64]
+    target: Owners  # wanted owners; bricks without an owner, here or at present, stay
+    cost: Costs  # float64 (bz, by, bx), expected cost
+    wire_bytes: NDArray[np.int64]  # int64 (bz, by, bx), size in a message to the target; 0 if the target has the brick
+    held_bytes: NDArray[np.int64]  # int64 (bz, by, bx), size in the target's memory
+    # int64 (bz, by, bx), as `units` returns it: bricks of a unit with the same source and target move together
     unit: NDArray[np.int64]
 
 
@@ -195,8 +170,8 @@ def rebalance(
     The gain of a move is the decrease of the sum of squares of the ranks' costs, after all moves chosen before it.
     Moves without a gain, which may enable others later, come last.
 
-    Returns moves of each brick at most once, at most `budget_bytes` in all messages and `free_bytes` into each rank; empty if
-    the goal is reached or nothing fits. A budget smaller than every brick that should move raises InputError.
+    Returns moves of each brick at most once, at most `budget_bytes` in all messages and `free_bytes` into each rank;
+    empty if the goal is reached or nothing fits. A budget smaller than every brick that should move raises InputError.
 
     Parameters
     ----------

@@ -91,32 +91,19 @@ def _samples_per_cell(
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Measurement of one frame.
+    """Measurement of one frame."""
 
-    Attributes
-    ----------
-    owner : int64 (bz, by, bx), rank that drew each brick, counted from 1; 0 for bricks out of view
-    model : float64 (bz, by, bx), modelled cost of each brick; 0 for bricks out of view
-    costs : float64 (ranks,), measured cost of each rank
-    """
-
-    owner: NDArray[np.int64]
-    model: Costs
-    costs: NDArray[np.float64]
+    owner: NDArray[np.int64]  # int64 (bz, by, bx), rank that drew each brick, counted from 1; 0 for bricks out of view
+    model: Costs  # float64 (bz, by, bx), modelled cost of each brick; 0 for bricks out of view
+    costs: NDArray[np.float64]  # float64 (ranks,), measured cost of each rank
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Cost factors of the bricks.
+    """Cost factors of the bricks."""
 
-    Attributes
-    ----------
-    factor : float64 (bz, by, bx), measured cost over modelled cost, up to a common factor
-    frames : that were measured, the last `FRAMES` with any cost
-    """
-
-    factor: NDArray[np.float64]
-    frames: tuple[Frame, ...] = ()
+    factor: NDArray[np.float64]  # float64 (bz, by, bx), measured cost over modelled cost, up to a common factor
+    frames: tuple[Frame, ...] = ()  # that were measured, the last `FRAMES` with any cost
 
 
 def unmeasured(shape_zyx: tuple[int, int, int]) -> Measured:

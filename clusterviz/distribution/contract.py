@@ -52,7 +52,8 @@ class DistributionHooks(Protocol):
     def before(self, run: Run, work: RankWork) -> Iterable[Rect] | None:
         """Begin the drawing of a frame whose bricks are loaded.
 
-        Returns tiles in which this rank draws all its pieces, such as those of a work queue; None: the pieces' rectangles.
+        Returns tiles in which this rank draws all its pieces, such as those of a work queue; None: the pieces'
+        rectangles.
         """
 
     def counted(self, counts: RankFrame) -> RankFrame:

@@ -40,24 +40,16 @@ WHOLE = 1.0  # share without any limit
 
 @dataclass(frozen=True)
 class MigrationRate:
-    """Measured rate of migration.
+    """Measured rate of migration."""
 
-    Attributes
-    ----------
-    share : of a frame's time that each rank may spend on migration; 1: no limit
-    frame_seconds : mean time of frames; 0 if unknown
-    seconds, bytes : time of migration, and bytes packed and unpacked in it; sums over ranks and frames in which older
-        frames count less
-    planning : seconds that one plan takes; 0 if unknown
-    saved : unused seconds for planning
-    """
-
-    share: float
-    frame_seconds: float = 0.0
+    share: float  # of a frame's time that each rank may spend on migration; 1: no limit
+    frame_seconds: float = 0.0  # mean time of frames; 0 if unknown
+    # time of migration, and bytes packed and unpacked in it; sums over ranks and frames in which older frames count
+    # less
     seconds: float = 0.0
     bytes: float = 0.0
-    planning: float = 0.0
-    saved: float = 0.0
+    planning: float = 0.0  # seconds that one plan takes; 0 if unknown
+    saved: float = 0.0  # unused seconds for planning
 
     @property
     def may_plan(self) -> bool:

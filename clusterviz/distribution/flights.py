@@ -42,21 +42,14 @@ class Flight:
 
 @dataclass(frozen=True, eq=False)
 class Migration:
-    """Bricks of every rank, and bricks in flight.
+    """Bricks of every rank, and bricks in flight."""
 
-    Attributes
-    ----------
-    owners : that draw each brick
-    brick_bytes : int64 (bz, by, bx), size of each brick in memory; 0 for those that need not be held
-    limit_bytes : of bricks that a rank may hold
-    flights : bricks on their way, oldest first
-    cached : for each rank the bricks that it holds but does not draw, the least recently drawn first
-    """
-
-    owners: Owners
+    owners: Owners  # that draw each brick
+    # int64 (bz, by, bx), size of each brick in memory; 0 for those that need not be held
     brick_bytes: NDArray[np.int64]
-    limit_bytes: int
-    flights: tuple[Flight, ...] = ()
+    limit_bytes: int  # of bricks that a rank may hold
+    flights: tuple[Flight, ...] = ()  # bricks on their way, oldest first
+    # for each rank the bricks that it holds but does not draw, the least recently drawn first
     cached: tuple[tuple[Index, ...], ...] = ()
 
     @property

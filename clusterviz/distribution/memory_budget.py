@@ -100,20 +100,12 @@ def fitting_ranks(shares: Shares, above: int, brick_bytes: NDArray[np.int64], li
 
 @dataclass(frozen=True)
 class MemoryBudget:
-    """Memory budget, the same on every rank; where nothing is limited the renderers do not matter.
+    """Memory budget, the same on every rank; where nothing is limited the renderers do not matter."""
 
-    Attributes
-    ----------
-    limit_bytes : of bricks that a rank may hold; None: no limit
-    on_cpu : some rank prefers the CPU ray caster
-    by_opengl : some rank draws everything by OpenGL
-    free_bytes : the smallest memory of a rank that is free for bricks; None: unknown
-    """
-
-    limit_bytes: int | None = None
-    on_cpu: bool = False
-    by_opengl: bool = True
-    free_bytes: int | None = None
+    limit_bytes: int | None = None  # of bricks that a rank may hold; None: no limit
+    on_cpu: bool = False  # some rank prefers the CPU ray caster
+    by_opengl: bool = True  # some rank draws everything by OpenGL
+    free_bytes: int | None = None  # the smallest memory of a rank that is free for bricks; None: unknown
 
     def check(self, shares: Shares, ranks: int, brick_bytes: NDArray[np.int64]) -> None:
         """Refuse bricks, which all have to be held, beyond the limit, or without one beyond the memory that is free.

@@ -62,18 +62,11 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class TileSettings:
-    """Settings of the tiles.
+    """Settings of the tiles."""
 
-    Attributes
-    ----------
-    strategy : value of `cluster.tiling` other than auto
-    side : of a tile, in pixels
-    repetitions : of the pattern
-    """
-
-    strategy: str
-    side: int
-    repetitions: int
+    strategy: str  # value of `cluster.tiling` other than auto
+    side: int  # of a tile, in pixels
+    repetitions: int  # of the pattern
 
 
 class Tiling:

@@ -14,13 +14,7 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import Rect
-from clusterviz.partition.screen import (
-    COARSE,
-    CostMap,
-    coarse_partition,
-    coarse_plan,
-    cost_map_of_blocks,
-)
+from clusterviz.partition.screen import COARSE, CostMap, coarse_partition, coarse_plan, cost_map_of_blocks
 from clusterviz.partition.screen.tiles import tile_counts
 from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame

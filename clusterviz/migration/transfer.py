@@ -73,18 +73,11 @@ class _Awaited:
 
 @dataclass
 class Delivery:
-    """Flights that ended at this rank.
+    """Flights that ended at this rank."""
 
-    Attributes
-    ----------
-    arrived : numbers of flights whose bricks are stored
-    lost : numbers of flights whose messages were damaged or outdated
-    spans : of their messages, for the trace
-    """
-
-    arrived: list[int] = field(default_factory=list)
-    lost: list[int] = field(default_factory=list)
-    spans: list[Span] = field(default_factory=list)
+    arrived: list[int] = field(default_factory=list)  # numbers of flights whose bricks are stored
+    lost: list[int] = field(default_factory=list)  # numbers of flights whose messages were damaged or outdated
+    spans: list[Span] = field(default_factory=list)  # of their messages, for the trace
 
 
 class BrickTransfer:

@@ -17,7 +17,7 @@ plane before brick b lies at b.
 from __future__ import annotations
 
 from clusterviz.partition.bsp import build_tree
-from clusterviz.partition.edges import Edges, refined_edges, units
+from clusterviz.partition.edges import refined_edges, units
 from clusterviz.partition.fronts import PARALLEL_ORIGIN, RayOrigin, front_owners, ray_origin
 from clusterviz.partition.groups import BrickGroup, visible_groups
 from clusterviz.partition.interleave import interleave
@@ -33,7 +33,6 @@ __all__ = [
     "BrickBox",
     "BrickGroup",
     "BspTree",
-    "Edges",
     "Leaf",
     "Node",
     "Owners",

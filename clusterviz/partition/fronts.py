@@ -36,9 +36,9 @@ def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN) -
 
     When to use: costs are known well, and whole layers are expensive. When not: every rank needs a box.
 
-    Returns the rank of every brick. At each node the cost of either side differs from its ranks' share by at most half the
-    cost of a brick. From an eye outside the volume's extent along all axes, such as that of parallel rays, whole ranks
-    can be ordered; from others some ranks need a few more images.
+    Returns the rank of every brick. At each node the cost of either side differs from its ranks' share by at most half
+    the cost of a brick. From an eye outside the volume's extent along all axes, such as that of parallel rays, whole
+    ranks can be ordered; from others some ranks need a few more images.
 
     Parameters
     ----------

@@ -22,15 +22,10 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class BrickGroup:
-    """Bricks of one partial image.
+    """Bricks of one partial image."""
 
-    Attributes
-    ----------
-    rank : rank that draws it
-    bricks : int64 (m, 3), indices (z, y, x) in array order; no ray leaves them for another rank's and returns
-    """
-
-    rank: int
+    rank: int  # rank that draws it
+    # int64 (m, 3), indices (z, y, x) in array order; no ray leaves them for another rank's and returns
     bricks: NDArray[np.int64]
 
 

@@ -15,16 +15,10 @@ UNASSIGNED = -1
 
 @dataclass(frozen=True, eq=False)
 class Owners:
-    """The rank that draws each brick.
+    """The rank that draws each brick."""
 
-    Attributes
-    ----------
-    ranks : number of ranks, with or without bricks
-    owner : int32 (bz, by, bx), 0 … ranks − 1, or `UNASSIGNED` for a brick that is not drawn
-    """
-
-    ranks: int
-    owner: NDArray[np.int32]
+    ranks: int  # number of ranks, with or without bricks
+    owner: NDArray[np.int32]  # int32 (bz, by, bx), 0 … ranks − 1, or `UNASSIGNED` for a brick that is not drawn
 
     def bricks(self, rank: int) -> NDArray[np.int64]:
         """Return a rank's bricks, int64 (m, 3), indices (z, y, x) in array order."""

@@ -21,20 +21,12 @@ from clusterviz.partition.tree import BrickBox, BspTree, Vector, front_to_back
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Bricks and pixels of one partial image.
+    """Bricks and pixels of one partial image."""
 
-    Attributes
-    ----------
-    rank : rank that draws it
-    box : bounding box of its bricks
-    bricks : bool (bz, by, bx) over the box, its own bricks; None: all
-    rect : pixels to which it is clipped; None: the whole picture
-    """
-
-    rank: int
-    box: BrickBox
-    bricks: NDArray[np.bool_] | None = None
-    rect: Rect | None = None
+    rank: int  # rank that draws it
+    box: BrickBox  # bounding box of its bricks
+    bricks: NDArray[np.bool_] | None = None  # bool (bz, by, bx) over the box, its own bricks; None: all
+    rect: Rect | None = None  # pixels to which it is clipped; None: the whole picture
 
     def shows_bricks_of(self, other: Piece) -> bool:
         """Return whether another piece has the same bricks, as the pieces of a shared screen do."""

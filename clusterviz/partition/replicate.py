@@ -16,16 +16,10 @@ SWEEPS = 200  # at most; near the end the shares of 64 ranks change by less than
 
 @dataclass(frozen=True, eq=False)
 class Replicas:
-    """Static assignment of bricks to several ranks each.
+    """Static assignment of bricks to several ranks each."""
 
-    Attributes
-    ----------
-    home : tree whose leaves are replicated as a whole
-    holders : int64 (leaves, k), ranks that hold a leaf's bricks, its own first
-    """
-
-    home: BspTree
-    holders: NDArray[np.int64]
+    home: BspTree  # tree whose leaves are replicated as a whole
+    holders: NDArray[np.int64]  # int64 (leaves, k), ranks that hold a leaf's bricks, its own first
 
     def holds(self, rank: int) -> NDArray[np.bool_]:
         """Return the bricks that a rank holds, bool (bz, by, bx)."""

@@ -76,8 +76,8 @@ def search_tree(cost: Costs, ranks: int) -> BspTree:
     each axis and each division of the ranks is a candidate; the `TRIALS` most even ones are searched to the leaves,
     unless a bound excludes them.
 
-    `cost`, `ranks`: as in `build_tree`. The tree is the same on every rank for the same costs; the largest cost is at most
-    that of `build_tree`.
+    `cost`, `ranks`: as in `build_tree`. The tree is the same on every rank for the same costs; the largest cost is at
+    most that of `build_tree`.
     """
     plain = build_tree(cost, ranks)
     if not cost.any():

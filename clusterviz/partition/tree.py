@@ -44,17 +44,11 @@ class BrickBox:
 
 @dataclass(frozen=True)
 class Leaf:
-    """Leaf of a tree: the bricks of one rank.
-
-    Attributes
-    ----------
-    box : its bricks; the boxes of all leaves contain each brick exactly once
-    trimmed : bounding box of its bricks with a cost above 0; empty (all zero) if there are none
-    """
+    """Leaf of a tree: the bricks of one rank."""
 
     rank: int
-    box: BrickBox
-    trimmed: BrickBox
+    box: BrickBox  # its bricks; the boxes of all leaves contain each brick exactly once
+    trimmed: BrickBox  # bounding box of its bricks with a cost above 0; empty (all zero) if there are none
     cost: float
 
 

@@ -33,27 +33,16 @@ class Request:
 
 @dataclass(frozen=True)
 class Choice:
-    """Chosen algorithm and transport.
+    """Chosen algorithm and transport."""
 
-    Attributes
-    ----------
-    algorithm, transport : never "auto"; the shared transport always is direct send, in place
-    codec : as requested; "auto" is decided for each message
-    seconds_predicted : time until the picture is complete on rank 0, with raw pixels
-    """
-
+    # never "auto"; the shared transport always is direct send, in place
     algorithm: str
     transport: str
-    codec: str
-    seconds_predicted: float
+    codec: str  # as requested; "auto" is decided for each message
+    seconds_predicted: float  # time until the picture is complete on rank 0, with raw pixels
 
 
-def choose(
-    request: Request,
-    footprints: Footprints,
-    nodes: Sequence[Sequence[int]],
-    network: Network,
-) -> Choice:
+def choose(request: Request, footprints: Footprints, nodes: Sequence[Sequence[int]], network: Network) -> Choice:
     """Return the fastest choice that is possible and requested; a pure function of its arguments.
 
     `nodes` are the ranks of the channel on each node. Unknown names and impossible combinations raise InputError.

@@ -41,41 +41,28 @@ class Network:
 
     This is the model between nodes, with one rank on each. The other constants describe what the ranks of a node share.
     A constant that is not given (NaN) is derived from the others.
-
-    Attributes
-    ----------
-    name, source : name of the network, and origin of its constants
-    latency_seconds : α of one round between nodes
-    overhead_seconds : o of one message between nodes
-    seconds_per_byte : β of the link of a node, in each direction
-    seconds_per_pixel : γ of the over operator for byte pixels
-    node_latency_seconds, node_overhead_seconds, node_seconds_per_byte : α, o and β inside a node
-    seconds_per_float_pixel : γ of float32 pixels
-    copy_seconds_per_byte : time of copying a byte into shared memory of a node
-    barrier_seconds : time of a barrier of the ranks of a node, if each has a core
-    turn_seconds : time of each round, for each rank of a core beyond the first
-    frame_seconds, message_seconds : this program's cost of each frame, and of each message beyond o
-    cores : cores of a node; 0 if each rank has its own
-    nodes : number of nodes on which the constants were measured; 1 gives no constants between nodes
     """
 
+    # name of the network, and origin of its constants
     name: str
     source: str
-    latency_seconds: float
-    overhead_seconds: float
-    seconds_per_byte: float
-    seconds_per_pixel: float
+    latency_seconds: float  # α of one round between nodes
+    overhead_seconds: float  # o of one message between nodes
+    seconds_per_byte: float  # β of the link of a node, in each direction
+    seconds_per_pixel: float  # γ of the over operator for byte pixels
+    # α, o and β inside a node
     node_latency_seconds: float = math.nan
     node_overhead_seconds: float = math.nan
     node_seconds_per_byte: float = math.nan
-    seconds_per_float_pixel: float = math.nan
-    copy_seconds_per_byte: float = math.nan
-    barrier_seconds: float = math.nan
-    turn_seconds: float = 0.0
+    seconds_per_float_pixel: float = math.nan  # γ of float32 pixels
+    copy_seconds_per_byte: float = math.nan  # time of copying a byte into shared memory of a node
+    barrier_seconds: float = math.nan  # time of a barrier of the ranks of a node, if each has a core
+    turn_seconds: float = 0.0  # time of each round, for each rank of a core beyond the first
+    # this program's cost of each frame, and of each message beyond o
     frame_seconds: float = 0.0
     message_seconds: float = 0.0
-    cores: int = 0
-    nodes: int = 2
+    cores: int = 0  # cores of a node; 0 if each rank has its own
+    nodes: int = 2  # number of nodes on which the constants were measured; 1 gives no constants between nodes
 
     def __post_init__(self) -> None:
         for name, (other, factor) in DERIVED_CONSTANTS.items():

@@ -42,7 +42,8 @@ def put_before(
 ) -> None:
     """Blend source over target in place, where both have pixels.
 
-    Raises InputError for arrays of different or wrong types, wrong shapes, not in C order, or a target that is read-only.
+    Raises InputError for arrays of different or wrong types, wrong shapes, not in C order, or a target that is
+    read-only.
 
     Parameters
     ----------

@@ -24,28 +24,18 @@ from clusterviz.image.merge import MERGES, Operator
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Pixels of one image.
+    """Pixels of one image."""
 
-    Attributes
-    ----------
-    patch : pixels of the canvas
-    pixels : uint8, float16 or float32 (patch.count, 4), premultiplied, C order; with `runs`, the active ones only
-    runs : int32 (k, 2), ascending and disjoint: index in the patch of the first active pixel of each run, and length
-        of the run; None if all pixels are stored
-    """
-
-    patch: Patch
+    patch: Patch  # pixels of the canvas
+    # uint8, float16 or float32 (patch.count, 4), premultiplied, C order; with `runs`, the active ones only
     pixels: NDArray[Any]
+    # int32 (k, 2), ascending and disjoint: index in the patch of the first active pixel of each run, and length of the
+    # run; None if all pixels are stored
     runs: NDArray[np.int32] | None = None
 
 
 def blend_layers(
-    layers: Sequence[Layer],
-    patch: Patch,
-    out: NDArray[Any],
-    *,
-    operator: Operator = "over",
-    split: int = 0,
+    layers: Sequence[Layer], patch: Patch, out: NDArray[Any], *, operator: Operator = "over", split: int = 0
 ) -> None:
     """Blend layers into `out`: (the first `split` over each other) over (the others over each other).
 

@@ -100,15 +100,10 @@ def _order(ranks: Indices) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Load of each rank, by position in visibility order, without the final gather.
+    """Load of each rank, by position in visibility order, without the final gather."""
 
-    Attributes
-    ----------
-    rounds : number of stages with transfers
-    messages_sent, messages_received, pixels_sent, pixels_received : int64 (ranks,)
-    """
-
-    rounds: int
+    rounds: int  # number of stages with transfers
+    # int64 (ranks,)
     messages_sent: Indices
     messages_received: Indices
     pixels_sent: Indices

@@ -28,23 +28,16 @@ SEVERAL_IMAGES = True
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of vertically adjacent spans that the same ranks (two or more) cover.
+    """Cells of vertically adjacent spans that the same ranks (two or more) cover."""
 
-    Attributes
-    ----------
-    left, right, top, bottom : int64 (cells,), rectangle of each cell
-    layers : int64 (cells,), number of images that cover it
-    first : int64 (cells + 1,), index of its first rank in `members`
-    members : ranks that have images in each cell, ascending
-    """
-
+    # int64 (cells,), rectangle of each cell
     left: Indices
     right: Indices
     top: Indices
     bottom: Indices
-    layers: Indices
-    first: Indices
-    members: Indices
+    layers: Indices  # int64 (cells,), number of images that cover it
+    first: Indices  # int64 (cells + 1,), index of its first rank in `members`
+    members: Indices  # ranks that have images in each cell, ascending
 
 
 def schedule(ranks: int, pixels: int, footprints: Patches = (), *, owners_of: Sequence[int] | None = None) -> Schedule:

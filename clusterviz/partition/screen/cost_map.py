@@ -19,16 +19,10 @@ Counts = NDArray[np.uint32]
 
 @dataclass(frozen=True, eq=False)
 class CostMap:
-    """Cost of the cells of a grid over the screen.
+    """Cost of the cells of a grid over the screen."""
 
-    Attributes
-    ----------
-    size : (width, height) of the picture
-    cost : float64 (rows, columns), cost of squares of `CELL` pixels (cut at the far sides), uniform inside each
-    """
-
-    size: Size
-    cost: Costs
+    size: Size  # (width, height) of the picture
+    cost: Costs  # float64 (rows, columns), cost of squares of `CELL` pixels (cut at the far sides), uniform inside each
 
     def profile(self, rect: Rect, axis: int) -> Costs:
         """Return the cumulative cost of a rectangle along an axis (0: rows), float64 (n + 1,)."""

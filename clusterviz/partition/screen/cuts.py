@@ -29,18 +29,11 @@ ScreenNode = int | Cut
 
 @dataclass(frozen=True)
 class ScreenTree:
-    """The screen, cut for groups.
+    """The screen, cut for groups."""
 
-    Attributes
-    ----------
-    size : (width, height) of the picture
-    weights : which share of the cost each group is to get: its number of ranks
-    root : groups in order, the low side first
-    """
-
-    size: Size
-    weights: tuple[int, ...]
-    root: ScreenNode
+    size: Size  # (width, height) of the picture
+    weights: tuple[int, ...]  # which share of the cost each group is to get: its number of ranks
+    root: ScreenNode  # groups in order, the low side first
 
     def rects(self) -> tuple[Rect, ...]:
         """The rectangle of each group, some perhaps empty; all together hold every pixel once."""

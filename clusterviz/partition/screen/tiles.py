@@ -18,15 +18,10 @@ Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class ScreenPartition:
-    """Assignment of the picture's pixels to groups of ranks.
+    """Assignment of the picture's pixels to groups of ranks."""
 
-    Attributes
-    ----------
-    size : (width, height) of the picture
-    rects : rectangles of each group; together they contain every pixel once. A group may have none
-    """
-
-    size: Size
+    size: Size  # (width, height) of the picture
+    # rectangles of each group; together they contain every pixel once. A group may have none
     rects: tuple[tuple[Rect, ...], ...]
 
     @property
