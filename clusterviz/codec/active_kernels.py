@@ -51,7 +51,6 @@ def make_mask(pixels, pixel_bytes, mask):  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    pixels : uint8 (bytes,)
     pixel_bytes : 4, 8 or 16
     mask : uint64 (pixels / 64, rounded up)
     """
@@ -81,11 +80,7 @@ def find_runs(mask, gap, table):  # type: ignore[no-untyped-def]
 
     Returns number of runs, and of their pixels; (-1, 0) if the table is too short.
 
-    Parameters
-    ----------
-    mask : of `make_mask`
-    gap : in pixels
-    table : int32 (k, 2), receives [first pixel, length]
+    `table`: int32 (k, 2), receives [first pixel, length].
     """
     runs, end, kept = 0, -gap - 1, 0
     for word in range(mask.size):

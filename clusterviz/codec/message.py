@@ -108,10 +108,7 @@ def open_message(
 
     Raises CodecError if `pack` cannot have made the message from such pixels.
 
-    Parameters
-    ----------
-    message : uint8 (bytes,)
-    count, dtype, rows : of the pixels that were packed
+    `count`, `dtype`, `rows`: of the pixels that were packed.
 
     Returns
     -------
@@ -167,10 +164,7 @@ def unpack(
 
     Returns (count, 4); a view of the message if it is raw. Errors as of `open_message`.
 
-    Parameters
-    ----------
-    message, count, dtype, rows : as for `open_message`
-    out : (count, 4), C order: buffer for the pixels if they must be copied
+    `out`: (count, 4), C order: buffer for the pixels if they must be copied.
     """
     pixels, runs = open_message(message, count, dtype, rows)
     if runs is None:

@@ -55,8 +55,6 @@ class Compositor:
 
     Parameters
     ----------
-    channel : Channel or mpi4py communicator of the ranks
-    size : (width, height) of the picture
     algorithm, codec, transport : registered name, or "auto", which chooses by the time model
     network : constants of the time model; if None, those that `clusterviz bench network` saved
     root : rank of the channel that receives the picture

@@ -81,10 +81,7 @@ def compose_strip(
 ) -> tuple[OwnedPixels, tuple[StageCounters, ...]]:
     """Blend this rank's strip of its node's images, and composite it with the other nodes; collective.
 
-    Parameters
-    ----------
-    footprints : those of all ranks, with the offsets of this node's images, from `place_images`
-    nodes : ranks of each node
+    `footprints`: those of all ranks, with the offsets of this node's images, from `place_images`.
     """
     groups = group_by_node(footprints, nodes)
     involved = list(dict.fromkeys(group.node for group in groups))

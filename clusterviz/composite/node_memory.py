@@ -28,10 +28,7 @@ NOT_PLACED = -1
 class NodeMemory:
     """A shared window of a node, and the offsets of images in it.
 
-    Parameters
-    ----------
-    channel : the channel whose ranks on one node share the window
-    picture_bytes : bytes for the picture in this rank's part; 0 for all but the root
+    `picture_bytes`: bytes for the picture in this rank's part; 0 for all but the root.
     """
 
     def __init__(self, channel: Channel, picture_bytes: int) -> None:

@@ -28,7 +28,6 @@ def opacity_in_front(
     ----------
     images : of this rank, front to back
     order : ranks of the images of all ranks, front to back
-    size : (width, height) of the picture
     """
     if channel.size == 1 and len(images) < 2:
         return [np.zeros(image.rgba.shape[:2], np.float32) for image in images]

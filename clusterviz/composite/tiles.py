@@ -34,9 +34,6 @@ class TileCollector:
 
     Parameters
     ----------
-    channel : channel of the ranks
-    size : (width, height) of the picture
-    codec : registered name, or "auto"
     pixel : pixel type of the tiles: float32, float16 or uint8
     network : constants for the choice of codecs; if None, those that `clusterviz bench network` saved
     """

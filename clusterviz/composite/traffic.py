@@ -96,10 +96,7 @@ def plan_traffic(
 
     Parameters
     ----------
-    schedule : schedule between positions
-    rank : position of this rank
     layers : layers of each position; the range of each patch is the whole canvas
-    width : width of the canvas
     whole : whether the last merges make all pixels of their ranges, also blank ones, so that the final gather needs
         no headers
     """

@@ -68,7 +68,6 @@ def begin(
     ----------
     model : float64 (bz, by, bx), expected cost of each brick; above 0 for bricks that are visible
     brick_bytes : int64 (bz, by, bx), size of each brick in memory; 0 for bricks that are not visible
-    eye : as `ray_origin` returns it
     wire_bytes : int64 (bz, by, bx), size of each brick in a message; None: `brick_bytes`
     """
     tree = search_tree(model, ranks)
@@ -175,7 +174,6 @@ def rebalance(
 
     Parameters
     ----------
-    present : owners after all flights
     free_bytes : int64 (ranks,), free memory of each rank
     budget_bytes : that all ranks together may send in a frame; 0: only bricks that their targets have already
     moving : bool (bz, by, bx), bricks in flight, which must not move

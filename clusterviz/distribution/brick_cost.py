@@ -38,10 +38,7 @@ def expected_samples(plan: Plan, rect: Rect | None = None) -> Costs:
     Returns float64 (bz, by, bx); 0 for bricks that are not visible or outside `rect`. Within a few per cent of a count
     for bricks inside `rect`; a rough estimate for the brick that contains the eye.
 
-    Parameters
-    ----------
-    plan : of one frame
-    rect : pixels whose rays count; None: the whole picture
+    `rect`: pixels whose rays count; None: the whole picture.
     """
     rect = rect or Rect(0, 0, *plan.view.size)
     cost = np.zeros(plan.cost.shape)
@@ -127,7 +124,6 @@ def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.floa
     Parameters
     ----------
     model : float64 (bz, by, bx), modelled cost in this frame, such as `expected_samples`
-    owners : that drew the bricks
     costs : float64 (ranks,), as `rank_costs` returns them
 
     References

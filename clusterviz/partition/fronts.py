@@ -43,7 +43,6 @@ def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN) -
     Parameters
     ----------
     tree : tree whose axes and ranks are used; its planes are not
-    cost : float64 (bz, by, bx); bricks without a cost are assigned by their position
     eye : ray origin for which the number of images is small; their order is right for every origin
 
     References

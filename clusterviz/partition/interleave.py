@@ -20,7 +20,6 @@ def interleave(cost: Costs, ranks: int, block: int = 1) -> Owners:
     Parameters
     ----------
     cost : float64 (bz, by, bx); bricks of cost 0 are not assigned
-    ranks : number of ranks, 1 or more
     block : side of the assigned blocks, in bricks; larger blocks make fewer images, and balance less well
 
     References

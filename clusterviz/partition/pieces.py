@@ -45,11 +45,7 @@ class Piece:
 def leaf_pieces(tree: BspTree, cost: Costs, eye_brick: Vector | None, direction_index: Vector) -> tuple[Piece, ...]:
     """Return a piece for each leaf with a cost above 0, from front to back.
 
-    Parameters
-    ----------
-    tree : one leaf a rank
-    cost : float64 (bz, by, bx); may differ from the costs from which the tree was built
-    eye_brick, direction_index : as in `front_to_back`
+    `cost`: float64 (bz, by, bx); may differ from the costs from which the tree was built.
     """
     order = front_to_back(tree, eye_brick, direction_index)
     boxes = [(rank, trim(cost, tree.leaves[rank].box)) for rank in order]

@@ -92,10 +92,7 @@ def search_tree(cost: Costs, ranks: int) -> BspTree:
 def move_planes(tree: BspTree, cost: Costs) -> BspTree:
     """Move the planes of a tree to where the costs are most even now, from the root down.
 
-    Parameters
-    ----------
-    tree : tree of the last frame
-    cost : as in `build_tree`
+    `cost`: as in `build_tree`.
 
     References
     ----------

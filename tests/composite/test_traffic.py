@@ -93,7 +93,7 @@ def test_several_ranges_to_one_rank_are_one_message() -> None:
 
 @pytest.mark.parametrize("pixels", [0, 1, 7, 1000, 64 * 63])
 def test_closed_forms_equal_the_schedules(pixels: int) -> None:
-    for ranks in range(1, 65):
+    for ranks in (*range(1, 18), 31, 33, 64):
         direct = _columns(direct_send_dense(ranks, pixels))
         assert direct == _columns(ALGORITHMS["direct-send"](ranks, pixels, ()).counts())
         # With more ranks than pixels, both have as many owners, but not the same ones.
@@ -122,7 +122,7 @@ SPARSE = {
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(1, 19), st.integers(0, 2**32 - 1))
 def test_sparse_loads_are_what_the_exchange_sends(algorithm: str, ranks: int, seed: int) -> None:
     patches = _some_patches(seed, ranks)

@@ -69,7 +69,6 @@ def fit_program(network: Network, nodes: Nodes, tiny: Mapping[int, float], pixel
 
     Parameters
     ----------
-    nodes : ranks of each node
     tiny : seconds of direct send by messages, by the number of ranks (the first ones) with an image; includes 1
     pixels : pixels of each of these images, which all have the same rectangle
     """

@@ -48,7 +48,6 @@ def put_before(
     Parameters
     ----------
     target, source : uint8, float16 or float32 (patch.count, 4), both of one type, premultiplied, C order
-    target_patch, source_patch : patches of the canvas
     operator : merge operator of `image/merge.py`; all but over need float32
     """
     _put((target, target_patch), (source, source_patch), BEFORE, operator)

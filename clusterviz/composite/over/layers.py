@@ -44,10 +44,8 @@ def blend_layers(
     Parameters
     ----------
     layers : layers from front to back, of any types; they are clipped to the patch
-    patch : patch of the target, on the same canvas
     out : uint8, float16 or float32 (patch.count, 4), C order; overlaps no layer; every pixel is written
     operator : merge operator of `image/merge.py`; all but over need float32 arrays
-    split : number of layers in the front group
     """
     check_floats(operator, out, *(layer.pixels for layer in layers))
     numbers = job_head(out, patch, len(layers), min(max(split, 0), len(layers)), operator)

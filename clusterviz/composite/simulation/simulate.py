@@ -162,7 +162,6 @@ def simulate(
     Parameters
     ----------
     algorithm : registered name, or "auto", the fastest of `candidates`
-    size : (width, height) of the picture
     footprints : "dense": every rank covers the picture; "cubes": each has a brick of a cube, see `cube_footprints`
     """
     check_algorithm(algorithm)

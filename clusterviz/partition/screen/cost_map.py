@@ -43,10 +43,7 @@ class CostMap:
 def cost_map_of_rects(size: Size, rects: NDArray[np.int64], costs: Costs) -> CostMap:
     """Return the cost map of rectangles, the cost of each distributed evenly over it.
 
-    Parameters
-    ----------
-    rects : int64 (n, 4), x_begin, y_begin, x_end, y_end; empty ones are ignored
-    costs : float64 (n,), cost of each rectangle
+    `rects`: int64 (n, 4), x_begin, y_begin, x_end, y_end; empty ones are ignored.
 
     Notes
     -----
@@ -70,11 +67,9 @@ def cost_map_of_blocks(size: Size, blocks: Iterable[tuple[Rect, Counts]], scale:
 
     Parameters
     ----------
-    size : (width, height) of the picture
     blocks : rectangles of a picture `scale` times as coarse, with the counts (rows, columns) of its blocks from the
         rectangle's corner on; counts of overlapping blocks are added
     scale : pixels of the picture along the side of a coarse pixel; both pictures have the same centre
-    side : side of a block, in pixels of the coarse picture
     """
     cost = np.zeros(tile_counts(size, CELL))
     for rect, counts in blocks:

@@ -20,12 +20,6 @@ def interleaved_tiles(size: Size, groups: int, side: int) -> ScreenPartition:
     Along rows are the groups in turn; each row is shifted by a number without a common divisor with theirs, so that
     they take turns along columns too, and neighbours are far apart in number.
 
-    Parameters
-    ----------
-    size : (width, height) of the picture
-    groups : number of groups, 1 or more
-    side : side of a tile, in pixels
-
     References
     ----------
     R. Hu, J. Foley: Parallel processing approaches to hidden-surface removal in image space, Computers & Graphics 9(3),

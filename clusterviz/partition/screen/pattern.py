@@ -31,10 +31,7 @@ def pattern_tiles(
 
     Parameters
     ----------
-    view : the camera
     extent : last sample of the volume in x, y, z
-    groups : number of groups, 1 or more
-    side : side of a tile, in pixels
     repetitions : repetitions of the pattern along each side of a face, 1 or more
 
     References

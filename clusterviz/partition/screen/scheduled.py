@@ -24,10 +24,7 @@ def tile_queue(expected: CostMap, side: int) -> tuple[Rect, ...]:
 
     The most expensive come first; of equal ones the upper, then the left.
 
-    Parameters
-    ----------
-    expected : expected cost; tiles without any cost are left out
-    side : side of a tile, in pixels
+    `expected`: expected cost; tiles without any cost are left out.
     """
     rows, columns = tile_counts(expected.size, side)
     tiles = [tile_rect(expected.size, side, row, column) for row in range(rows) for column in range(columns)]

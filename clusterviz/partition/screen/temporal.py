@@ -22,10 +22,7 @@ def adapt(tree: ScreenTree, last: CostMap) -> ScreenTree:
 
     Returns the last tree with its cuts moved; new cuts where that is much better, as after a jump.
 
-    Parameters
-    ----------
-    tree : of the last frame
-    last : what that frame cost, or what the next one should cost after it
+    `last`: what that frame cost, or what the next one should cost after it.
 
     References
     ----------
@@ -43,10 +40,7 @@ def adapt(tree: ScreenTree, last: CostMap) -> ScreenTree:
 def carried(last: CostMap, before: CostMap, now: CostMap) -> CostMap:
     """What the next frame should cost: the cost of the last one, and the change that a model expects.
 
-    Parameters
-    ----------
-    last : what the last frame cost
-    before, now : the model of the last frame, and of the next one; their scale is taken from `last`
+    `before`, `now`: the model of the last frame, and of the next one; their scale is taken from `last`.
     """
     total = float(before.cost.sum())
     scale = float(last.cost.sum()) / total if total > 0 else 0.0

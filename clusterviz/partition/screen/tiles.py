@@ -52,12 +52,7 @@ def tile_rect(size: Size, side: int, row: int, column: int) -> Rect:
 def partition_of_tiles(owner: Numbers, size: Size, side: int, groups: int) -> ScreenPartition:
     """Return the partition of a picture given by tiles; adjacent tiles of one group are joined into rectangles.
 
-    Parameters
-    ----------
-    owner : int64 (rows, columns), group of each tile
-    size : (width, height) of the picture
-    side : side of a tile, in pixels
-    groups : number of groups
+    `owner`: int64 (rows, columns), group of each tile.
     """
     rects: list[list[Rect]] = [[] for _ in range(groups)]
     above: dict[tuple[int, int, int], int] = {}
