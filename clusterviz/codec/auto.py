@@ -128,7 +128,6 @@ class AutoCodec:
         return stream.chosen if stream else "raw"
 
     def _candidates(self, itemsize: int) -> list[str]:
-        """Return the candidates that can save time on this link."""
         lz4_pays = self._seconds_per_byte >= MIN_LZ4_SECONDS_PER_BYTE
         return [name for name in CANDIDATES[itemsize] if lz4_pays or not CODECS[name].compressor]
 
@@ -148,7 +147,6 @@ class AutoCodec:
         return message
 
     def _choose(self, stream: _Stream) -> None:
-        """Choose the candidate of least cost."""
         raw = self._cost(_Measurement(1, 0, 0))
         costs = {name: self._cost(found) for name, found in stream.measured.items()}
         best = min(costs, key=costs.__getitem__)

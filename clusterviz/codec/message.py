@@ -92,7 +92,6 @@ def _filtered(body: Bytes, table_bytes: int, chain: Chain, dtype: np.dtype[Any])
 
 
 def _unfilter(pixels: Bytes, chain: Chain, dtype: np.dtype[Any]) -> None:
-    """Undo the filters in place."""
     source, target = pixels, scratch(pixels.size, 0) if chain.filters else pixels
     for stage in reversed(chain.filters):
         stage.undo(source, target, dtype)

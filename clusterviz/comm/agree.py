@@ -64,7 +64,6 @@ def agree(channel: Channel, frame: int | None, stage: str) -> Iterator[None]:
 
 
 def _raise_together(channel: Channel, frame: int | None, stage: str, error: Exception | None) -> None:
-    """Gather the errors of all ranks, and raise the same error on each."""
     mine = None if error is None else (isinstance(error, ClustervizError), describe(error), exit_status_of(error))
     reports = channel.allgather(mine)
     if isinstance(error, ClustervizError) and all(report == reports[0] for report in reports):

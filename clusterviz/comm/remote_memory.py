@@ -189,7 +189,6 @@ class RemoteMemory:
 
     @contextmanager
     def _locked(self, box: RemoteBox) -> Iterator[None]:
-        """Context that holds the lock of a box's array."""
         self._parts.check_thread()
         lock = 2 * ((box.offset // 64 + 17 * box.rank) % LOCKS)
         ticket = self._counters.add(lock, 1)

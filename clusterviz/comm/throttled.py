@@ -129,5 +129,4 @@ class ThrottledChannel:
 
 
 def _passed(receives: Sequence[_Receive], now: float) -> list[tuple[int, int]]:
-    """Return index and size of the messages that have passed the link."""
     return [(i, r.size) for i, r in enumerate(receives) if r.arrival is not None and r.arrival <= now]

@@ -26,8 +26,7 @@ from clusterviz.composite.gather import check_inside, collect
 from clusterviz.composite.hierarchical import compose_strip, place_images
 from clusterviz.composite.model.choice import Choice, Request, choose
 from clusterviz.composite.model.network import Network, default_network
-from clusterviz.composite.node_memory import NodeMemory
-from clusterviz.composite.shared import StripPlan, blend_strip, plan_strip, share_images
+from clusterviz.composite.shared import NodeMemory, StripPlan, blend_strip, plan_strip, share_images
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage, Rect
@@ -165,7 +164,6 @@ class Compositor:
         return compose_strip(placed, self._nodes, self._channel, memory, choice.algorithm, self._pack)
 
     def _prepare_codecs(self) -> None:
-        """Compile the kernels of codecs, once; collective."""
         if self._codec != "raw" and not self._has_codecs:
             messages.compile_codecs(self._channel)
             self._has_codecs = True

@@ -221,7 +221,6 @@ class _Stage:
             self.peers[message.peer] = PeerCounters(*counted, peer=self.endpoint.order[message.peer])
 
     def _merges(self, held: Sequence[HeldZone]) -> list[RangeMerge]:
-        """Start the merge of each zone that this rank keeps."""
         starts = [zone.begin for zone in held]
         merges = []
         for merge in self.traffic.merges:
@@ -250,7 +249,6 @@ class _Stage:
             self.seconds_blend += perf_counter() - arrived
 
     def _open(self, message: Message, data: Bytes) -> list[tuple[Part, Layer]]:
-        """Return the layers of a message that arrived."""
         count, dtype, rows = message.pixels, self.endpoint.dtype, _rows(message)
         try:
             if len(message.parts) == 1:
@@ -272,7 +270,6 @@ def _finished(merge: Merge, running: RangeMerge) -> HeldZone:
 
 
 def _zone(held: Sequence[HeldZone], starts: Sequence[int], patch: Patch) -> Mapping[int, Fragment]:
-    """Return the fragments of the zone that a patch lies in."""
     return held[bisect_right(starts, patch.begin) - 1].fragments
 
 

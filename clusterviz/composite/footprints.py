@@ -184,7 +184,6 @@ def _dtype(layers: Sequence[Footprint], types: Numbers, operator: Operator) -> n
 
 
 def _raise_agreed(error: str, order: tuple[int, ...], count: int, channel: Channel) -> None:
-    """Exchange the error texts, and raise the same error on every rank."""
     reports = channel.allgather((error, order, count))
     for rank, (text, other, _) in enumerate(reports):
         if text:

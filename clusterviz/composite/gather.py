@@ -164,7 +164,6 @@ class _Gather:
 
 
 def _clear_around(rgba: Pixels, canvas: Rect) -> None:
-    """Make the picture transparent outside the canvas."""
     if not canvas.pixels:
         rgba.fill(0)
         return

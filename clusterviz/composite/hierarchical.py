@@ -25,9 +25,8 @@ from clusterviz.composite.footprints import Footprint, Footprints
 from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch
 from clusterviz.composite.gather import Pack
 from clusterviz.composite.messages import plan_messages, run_messages
-from clusterviz.composite.node_memory import NOT_PLACED, NodeMemory
 from clusterviz.composite.over.layers import Layer, blend_layers
-from clusterviz.composite.shared import cut_strips
+from clusterviz.composite.shared import NOT_PLACED, NodeMemory, cut_strips
 from clusterviz.image.partial import EMPTY, PartialImage, Rect
 
 Nodes = Sequence[Sequence[int]]

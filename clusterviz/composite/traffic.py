@@ -176,7 +176,6 @@ def _find(held: Held, transfer: Transfer) -> Zone:
 
 
 def _merges(kept: Held, incoming: Iterable[Part], depth: int, width: int) -> tuple[Merge, ...]:
-    """Return the merge of each kept zone with the parts that arrive in its range."""
     coming = sorted(incoming, key=lambda part: (part.patch.begin, part.depth))
     starts = [part.patch.begin for part in coming]
     merges = []

@@ -194,7 +194,6 @@ def rebalance(
 
 
 def _of_batches(batches: _Batches, chosen: list[int]) -> NDArray[np.int64]:
-    """Return the bricks of the chosen batches, in the order of these."""
     rank = np.full(len(batches.cost), len(chosen))
     rank[chosen] = np.arange(len(chosen))
     by_rank = np.argsort(rank[batches.members], kind="stable")

@@ -116,7 +116,6 @@ def _leaves_open(scene: Scene) -> bool:
 
 
 def _of_data(cluster: Cluster, ranks: int, budget: MemoryBudget) -> Distribution:
-    """Make the sort-last distribution that a scene names."""
     match cluster.distribution:
         case "interleaved":
             return Interleaved(ranks, budget)

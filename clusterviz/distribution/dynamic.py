@@ -159,7 +159,6 @@ class Dynamic:
         return owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """Return the bricks that a rank draws, has received or caches."""
         if self._balance is None:
             return frozenset()
         return frozenset(brick for brick in self._balance.migration.holds(rank) if self._sizes[brick])

@@ -230,7 +230,6 @@ class SortFirst:
         self.tiling.learn(cost)
 
     def _assign_groups(self, plan: Plan) -> ScreenPartition:
-        """Choose the tiles of the groups, find their visible bricks, and assign these to ranks."""
         partition = self.tiling.partition(plan)
         # Rays that bend may meet any brick.
         whole = self.tiling.is_static or plan.refraction is not None
@@ -323,7 +322,6 @@ def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator
 
 
 def _pieces(plan: Plan, owners: Owners, seen: Bools) -> tuple[Piece, ...]:
-    """Return the pieces of a group's members, front to back."""
     drawn = Owners(owners.ranks, np.where(seen, owners.owner, UNASSIGNED).astype(np.int32))
     return owner_pieces(drawn, plan.eye_in_bricks(), plan.view.forward)
 

@@ -157,5 +157,4 @@ class Replicated(StaticDistribution[Replicas]):
 
 
 def _replica_bricks(replicas: Replicas, rank: int, cost: Costs) -> NDArray[np.int64]:
-    """Return the visible bricks of a rank."""
     return np.argwhere(replicas.holds(rank) & (cost > 0))

@@ -75,13 +75,11 @@ class TileScheduler:
             self._screen.follow(self._cost(run, work.scene))
 
     def close(self) -> None:
-        """Free the queue."""
         if self._queue is not None:
             self._queue.free()
             self._queue = None
 
     def _cost(self, run: Run, scene: Scene, scale: int = 1) -> CostMap:
-        """Gather the samples of the last drawing from all ranks."""
         with run.collective("render", "exchange"):
             gathered = run.channel.allgather([each for each in self._drawing.sample_counts if each[1].any()])
         return cost_map_of_blocks(scene.image.size, [each for counts in gathered for each in counts], scale)

@@ -46,7 +46,6 @@ def units(shape_zyx: Index, edges: Edges) -> NDArray[np.int64]:
 
 
 def _planes(node: Node) -> dict[int, set[int]]:
-    """The planes of a tree by axis."""
     if isinstance(node, Leaf):
         return {0: set(), 1: set(), 2: set()}
     below, above = _planes(node.low), _planes(node.high)

@@ -113,7 +113,6 @@ def _unobstructed(owner: NDArray[np.int32], ranks: int, eye: Index) -> Bools:
 
 
 def _members(number: NDArray[np.int64], groups: int) -> list[NDArray[np.int64]]:
-    """Return the bricks (m, 3) of each group, in array order."""
     flat = number.ravel()
     ordered = np.argsort(flat, kind="stable")
     begins = np.searchsorted(flat[ordered], np.arange(groups + 1))

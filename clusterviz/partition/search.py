@@ -150,7 +150,6 @@ def _cuts(table: CostTable, box: BrickBox, ranks: int) -> Iterator[_Cut]:
 
 
 def _moved(table: CostTable, node: Node, box: BrickBox) -> Node:
-    """Return a node for a box whose borders may have moved."""
     if isinstance(node, Leaf):
         return make_leaf(table.cost, box, node.rank)
     axis, planes = node.axis_zyx, table.planes(box, node.axis_zyx)

@@ -53,7 +53,6 @@ def choose(request: Request, footprints: Footprints, nodes: Sequence[Sequence[in
 
 
 def _summary(footprints: Footprints) -> ImageStatistics:
-    """Return the statistics of the footprints."""
     layers, size = footprints.layers, 4 * footprints.dtype.itemsize
     if not layers:
         return ImageStatistics(0, 0, 1.0, 1.0, size, True)
@@ -80,7 +79,6 @@ def fastest(
 
 
 def _transports(request: Request, placement: Placement) -> list[str]:
-    """Return the transports that are possible and requested."""
     if request.transport not in TRANSPORTS:
         allowed = ", ".join(TRANSPORTS)
         raise InputError("unknown transport", where="cluster.transport", found=request.transport, allowed=allowed)

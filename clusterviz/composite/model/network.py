@@ -108,7 +108,6 @@ def open_network(name: str) -> Network:
 
 
 def _value(where: str, key: str, value: object) -> Any:
-    """Return one value of a file, checked."""
     if key in ("name", "source"):
         return str(value)
     if key in COUNTS:

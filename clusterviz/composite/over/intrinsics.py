@@ -32,7 +32,6 @@ class PixelLoop:
     emit: Callable[..., None]  # writes code for some pixels, `emit(builder, pixels, *addresses)`
 
     def __call__(self, builder: Any, addresses: Sequence[Any], count: Any) -> None:
-        """Write the code for `count` pixels."""
         blocks, zero = builder.sdiv(count, ir.Constant(_WORD, self.pixels)), ir.Constant(_WORD, 0)
         rest = builder.mul(blocks, ir.Constant(_WORD, self.pixels))
         for pixels, begin, end in ((self.pixels, zero, blocks), (1, rest, count)):

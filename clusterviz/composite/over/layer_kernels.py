@@ -50,7 +50,6 @@ def _adder(kind: int) -> PixelLoop:
 
 
 def _converter(target_kind: int, source_kind: int) -> PixelLoop:
-    """Return a loop that converts pixels of source to target."""
 
     def emit(builder: Any, pixels: int, target: Any, source: Any) -> None:
         for k in range(0, pixels, 4):

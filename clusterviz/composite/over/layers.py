@@ -79,7 +79,6 @@ def _as_floats(pixels: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _numbers(patch: Patch) -> NDArray[np.int64]:
-    """Return the canvas numbers of a patch's pixels."""
     rect = patch.rect
     rows, columns = np.arange(rect.y_begin, rect.y_end), np.arange(rect.x_begin, rect.x_end)
     numbers = (rows[:, None] * patch.width + columns).reshape(-1)

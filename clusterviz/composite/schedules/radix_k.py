@@ -52,7 +52,6 @@ def automatic_factors(ranks: int) -> tuple[int, ...]:
 
 
 def _round(groups: Indices, factor: int, pixels: int) -> tuple[Stage, Indices]:
-    """Return one round of all groups, and the groups of the next."""
     count, members = groups.shape
     sets = members // factor
     grouped = groups[:, : sets * factor].reshape(count, sets, factor)

@@ -146,6 +146,5 @@ def _ranges(begin: Indices, end: Indices) -> tuple[Indices, Indices]:
 
 
 def _lines(ranks: int, pixels: int) -> Rectangles:
-    """Return a canvas of one row that every rank covers."""
     zero, whole = np.zeros(ranks, np.int64), np.full(ranks, pixels, np.int64)
     return Rectangles(pixels, 1, zero, whole, zero, zero, whole, np.full(ranks, min(pixels, 1), np.int64))

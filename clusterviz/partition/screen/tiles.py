@@ -73,7 +73,6 @@ def partition_of_tiles(owner: Numbers, size: Size, side: int, groups: int) -> Sc
 
 
 def _runs(line: list[int]) -> list[tuple[int, int, int]]:
-    """Return (begin, end, value) of each run of equal values."""
     runs, begin = [], 0
     for value, same in groupby(line):
         end = begin + sum(1 for _ in same)
