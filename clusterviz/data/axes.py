@@ -11,10 +11,10 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from clusterviz.content.volume.section import Scattered
 from clusterviz.data.header import check_shape
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
-from clusterviz.scene.values import Scattered
 
 MAX_LISTED = 12  # names in a message
 Part = Literal["array", "time", "channel"]

@@ -12,10 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.presets import MAX_LABELS
 from clusterviz.data.axes import Hyperslab
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
-from clusterviz.scene.presets import MAX_LABELS
 
 Labels = tuple[int, ...] | Literal["hashed"]
 """Labels that are drawn as 0, 1, 2, …, while others are drawn as their count; or all as numbers by a hash."""

@@ -27,7 +27,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data import grid_format_of, read_geometry, read_grid
 from clusterviz.data.axes import Subset
 from clusterviz.data.header import check_box
 from clusterviz.data.source import Grid, Index
@@ -163,6 +162,8 @@ def open_scattered(path: Path, subset: Subset) -> ScatteredSource:
 
 def _points(path: Path) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
     """Return positions, (n, 3), and the arrays that belong to them."""
+    from clusterviz.data import grid_format_of, read_geometry, read_grid  # which open this kind, too
+
     if grid_format_of(path):
         grid = read_grid(path)
         return grid.points, dict(grid.point_arrays)

@@ -67,6 +67,7 @@ ENDING = [("mesh", name) for name in mesh_writers.FILES]
 ENDING += [("grid", name) for name in grid_writers.FILES if name.startswith(("vtu", "vtk", "exodus-3"))]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("kind", "name"), ENDING)
 def test_a_file_that_ends_early_is_refused(kind: str, name: str, tmp_path: Path) -> None:
     if name in ("pdb", "cif"):
