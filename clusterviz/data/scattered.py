@@ -72,7 +72,6 @@ class ScatteredSource:
         return np.broadcast_to(found, self.grid.shape_zyx)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         return self.voxels[tuple(map(slice, begin_zyx, end_zyx))].copy()
 
