@@ -13,8 +13,9 @@ from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.errors import DataError, RankError
 from clusterviz.flow import lic_lines
+from clusterviz.flow.domain import split_box
 from clusterviz.flow.lic import LicSource, SpeedSource, line_weights, noise_of
-from clusterviz.flow.lic_lines import LicOverRanks, cheaper_way, convolve_by_lines, rank_boxes
+from clusterviz.flow.lic_lines import LicOverRanks, cheaper_way, convolve_by_lines
 from clusterviz.frame.loop import render_frame
 from clusterviz.frame.run import Options
 from clusterviz.jobs.array import DistributedArray
@@ -168,7 +169,7 @@ def test_handed_lines_have_the_bits_of_halos(lic: Lic) -> None:
 
 
 def test_more_ranks_than_voxels() -> None:
-    assert sum(np.prod(np.subtract(*box[::-1])) for box in rank_boxes((2, 1, 1), 5)) == 2
+    assert sum(np.prod(np.subtract(*box[::-1])) for box in split_box((2, 1, 1), 5)) == 2
     vectors = VectorArray(abc(2, 1, 1))
     parts = run_loopback(5, lambda channel: convolve_by_lines(channel, vectors, Lic())[1])
     assert sum(part.size for part in parts) == 2
