@@ -9,20 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from clusterviz.spmd import ir
 from clusterviz.spmd.analysis import Facts, used_by
 from clusterviz.spmd.calls import Calls, Frame, Lap
 from clusterviz.spmd.emitter import constant
-from clusterviz.spmd.ir import (
-    Block,
-    Declare,
-    Evaluate,
-    If,
-    Leave,
-    Loop,
-    Program,
-    Statement,
-    Variable,
-)
 from clusterviz.spmd.variables import Parts
 
 CHEAP = 80  # operations that are done without asking if a lane needs them
@@ -43,7 +33,7 @@ class Generator(Calls):
     """
 
     def __init__(
-        self, program: Program, lanes: int, intrinsics: dict[str, Callable[[Generator, list[Parts]], Parts]]
+        self, program: ir.Program, lanes: int, intrinsics: dict[str, Callable[[Generator, list[Parts]], Parts]]
     ) -> None:
         super().__init__(program, lanes, Facts(intrinsics), intrinsics)
         self._used = used_by(program)
@@ -76,25 +66,25 @@ class Generator(Calls):
         self._frames.pop()
         self._inline(main, [], main.at)
 
-    def _statement(self, node: Statement) -> None:
+    def _statement(self, node: ir.Statement) -> None:
         if not self.emit.is_open:
             return
         match node:
-            case Declare():
+            case ir.Declare():
                 self._declare(node)
-            case Evaluate():
+            case ir.Evaluate():
                 self.value(node.expression)
-            case Block():
+            case ir.Block():
                 for one in node.statements:
                     self._statement(one)
-            case If():
+            case ir.If():
                 self._if(node)
-            case Loop():
+            case ir.Loop():
                 self._loop(node)
-            case Leave():
+            case ir.Leave():
                 self._leave(node)
 
-    def _if(self, node: If) -> None:
+    def _if(self, node: ir.If) -> None:
         emit, (condition,) = self.emit, self.value(node.condition)
         if condition.constant is not None:
             chosen = node.then if condition.constant else node.otherwise
@@ -159,7 +149,7 @@ class Generator(Calls):
             emit.branch(emit.any(mask), on, off)
             emit.begin(on)
 
-    def _leave(self, node: Leave) -> None:
+    def _leave(self, node: ir.Leave) -> None:
         frame, emit = self._frames[-1], self.emit
         if node.kind == "return":
             parts = self.value(node.value) if node.value is not None else []
@@ -188,7 +178,7 @@ class Generator(Calls):
                 rest = emit.both(self._load_mask(lap.live), emit.inverse(self._full()))
                 self._store_mask(rest, lap.live)
 
-    def _loop(self, node: Loop) -> None:
+    def _loop(self, node: ir.Loop) -> None:
         emit, frame = self.emit, self._frames[-1]
         if (numbers := self._facts.unrolled(node)) is not None:
             return self._unroll(node, numbers)
@@ -239,7 +229,7 @@ class Generator(Calls):
             self._remask()
         return None
 
-    def _unroll(self, node: Loop, counted: tuple[Variable, range]) -> None:
+    def _unroll(self, node: ir.Loop, counted: tuple[ir.Variable, range]) -> None:
         emit, frame, (variable, numbers) = self.emit, self._frames[-1], counted
         key, end, before = ("loop", frame.path, node.at), emit.label(), (self.mask, self._mask_id)
         leaves = key in self._varying
