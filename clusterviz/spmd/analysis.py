@@ -71,7 +71,7 @@ def used_by(program: ir.Program) -> set[int]:
     if "main" not in program.functions:
         raise program.places.error("no function main", 0)
     values = {id(d.variable): d.value for d in program.globals if d.value is not None}
-    found, roots = set[int](), [program.functions["main"][0].body]
+    found, roots = set[int](), list[Any]([program.functions["main"][0].body])
     while roots:
         names = set[int]()
         for node in walk(*roots, calls=True):
