@@ -127,7 +127,7 @@ class Frame:
     @property
     def clim(self) -> tuple[float, float] | None:
         """Values of the data at which the field's scalars are 0 and 1; None if there is not one volume."""
-        return self.plan.transfer.domain if self.plan.content is None else None
+        return None if self.plan.content.mixed else self.plan.volume.transfer.domain
 
     def draws(self, rank: int) -> Iterator[Draw]:
         """Yield the draws of a rank; each has to be executed on its own buffers before the next is asked for.

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
 from clusterviz.comm.remote_memory import ThreadError
+from clusterviz.content.flow.section import Lic
 from clusterviz.data.bricks import Box
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.vectors import VectorSource
@@ -46,7 +47,6 @@ from clusterviz.flow.lic import (
     stretched,
 )
 from clusterviz.jobs.array import DistributedArray, array_from
-from clusterviz.scene.flows import Lic
 
 LINE = np.dtype([("voxel", "<i4", 3), ("next", "<i4"), ("state", "<f4", 5)])
 """Line on its way: its voxel (x, y, z), the number of its next sample, its displacement, sum and sum of weights."""

@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 
 from clusterviz.codec import intrinsics
 from clusterviz.comm.agree import abort_on_failure, agree
-from clusterviz.comm.all_to_all import all_to_all
-from clusterviz.comm.channel import Channel
+from clusterviz.comm.channel import Channel, all_to_all
 from clusterviz.comm.loopback import LoopbackChannel
+from clusterviz.content.flow.section import Seeds, Trace
 from clusterviz.data import vector_field
 from clusterviz.data.geometry import Lines
 from clusterviz.data.source import Index
@@ -46,7 +46,6 @@ from clusterviz.flow.domain import Positions, cells_domain, formula_domain, grid
 from clusterviz.flow.seeds import make_seeds
 from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.report.machine import memory
-from clusterviz.scene.flows import Seeds, Trace
 
 LineKind = Literal["streamlines", "pathlines", "streaklines"]
 TABLEAUS = {

@@ -59,9 +59,14 @@ def _older(settings: dict[str, Any]) -> str:
     return f"{found}; allowed 4.3 and later, another device, or the CPU (--device cpu)"
 
 
+def is_llvmpipe(renderer: str) -> bool:
+    """Return True if a device, by OpenGL's name of it, silently leaves all loops after 65535 iterations in total."""
+    return "llvmpipe" in renderer
+
+
 def is_software(renderer: str) -> bool:
     """Return True if a device, by OpenGL's name of it, draws on the CPU, or only records."""
-    return any(name in renderer for name in ("llvmpipe", "softpipe", "recording"))
+    return is_llvmpipe(renderer) or any(name in renderer for name in ("softpipe", "recording"))
 
 
 @contextmanager

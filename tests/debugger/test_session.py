@@ -148,6 +148,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("given", "message"), MISTAKES.items(), ids=map(str, MISTAKES.values()))
 def test_a_mistake_is_one_message(session: Session, given: tuple[str, str, str], message: str) -> None:
     command, where, text = given

@@ -9,19 +9,19 @@ import pytest
 
 from clusterviz.comm import Channel, LoopbackChannel, open_channel, run_loopback
 from clusterviz.comm.remote_memory import ThreadError
+from clusterviz.content.flow.section import Lic
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.errors import DataError, RankError
 from clusterviz.flow import lic_lines
 from clusterviz.flow.domain import split_box
-from clusterviz.flow.lic import STEPPERS, LicSource, SpeedSource, line_weights, noise_of
+from clusterviz.flow.lic import LicSource, SpeedSource, line_weights, noise_of
 from clusterviz.flow.lic_lines import LicOverRanks, cheaper_way, convolve_by_lines
 from clusterviz.frame.loop import render_frame
 from clusterviz.frame.run import Options
 from clusterviz.jobs.array import DistributedArray
 from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.reference.line_integral_convolution import Lines, line_integral_convolution
-from clusterviz.scene.flows import Lic
 from clusterviz.scene.values import Scene
 
 ORIGIN = (0, 0, 0)
@@ -65,10 +65,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(
-    ("case", "device"),
-    [*((case, "cpu") for case in CASES), *(pytest.param(each, 0, marks=pytest.mark.gl) for each in STEPPERS)],
-)
+@pytest.mark.cover
+@pytest.mark.parametrize("device", ["cpu", pytest.param(0, marks=pytest.mark.gl)])
+@pytest.mark.parametrize("case", CASES)
 def test_reference(case: str, device: Any) -> None:
     vectors, settings = CASES[case]
     with on_device(devices_of([device])[0]):
@@ -153,6 +152,7 @@ HANDED = (
 )
 
 
+@pytest.mark.cover
 @pytest.mark.bits
 @pytest.mark.parametrize("lic", HANDED)
 def test_handed_lines_have_the_bits_of_halos(lic: Lic) -> None:

@@ -18,6 +18,14 @@ LEVELS = (
     ("spmd",),
     ("input_files",),
     ("image",),
+    ("scene.keys",),
+    ("content.volume.info",),
+    ("content.volume.optics", "content.volume.presets"),
+    ("content.volume.section", "content.geometry.section"),
+    ("content.grid.section", "content.flow.section"),
+    ("content.sections",),
+    ("scene.values",),
+    ("content.flow.expansion",),
     ("scene", "codec", "report"),
     ("gl", "comm"),
     ("jobs.device",),
@@ -28,6 +36,7 @@ LEVELS = (
     ("partition",),
     ("jobs",),
     ("flow",),
+    ("content",),
     ("render", "composite", "reference"),
     ("frame.run",),
     ("frame.work", "frame.opening"),
@@ -45,11 +54,16 @@ LEVELS = (
     ("__main__",),
 )
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
+KEYS = ("annotations", "background", "blend_modes", "checks", "cluster", "colormaps", "compatibility", "field_types")
+PARTS = dict.fromkeys(
+    (f"scene.{name}" for name in (*KEYS, "materials", "transfer", "transfer_2d", "yaml_text")), "scene.keys"
+)
+"""Modules that have one entry: those of which the sections of a scene are made, of content and others."""
 LIBRARY_PACKAGES = {"mpi4py": {"comm"}, "moderngl": {"gl", "render"}, "glcontext": {"gl"}}
 ALLOWED = {
     "kernels": {"errors", "kernels"},
     "spmd": {"errors", "kernels", "spmd"},
-    "reference": {"scene", "data", "image", "errors", "reference"},
+    "reference": {"scene", "content", "data", "image", "errors", "reference"},
 }
 """Packages that stand alone: the compiler of GLSL with its object files, and the reference."""
 COMPARED = {"clusterviz.scene.complete", "clusterviz.scene.transfer"}
@@ -80,7 +94,8 @@ def imports(tree: ast.Module) -> set[str]:
 def entry(module: str) -> str:
     """Return the entry of LEVELS that a module belongs to; "" for `clusterviz` itself."""
     parts = module.split(".")[1:]
-    return next((name for name in (".".join(parts[:2]), ".".join(parts[:1])) if name in LEVEL), "")
+    names = (".".join(parts[:n]) for n in (3, 2, 1))
+    return next((found for name in names if (found := PARTS.get(name, name)) in LEVEL), "")
 
 
 def against_the_order(name: str) -> list[str]:
@@ -98,7 +113,8 @@ def against_the_order(name: str) -> list[str]:
             wrong.append(f"{name} imports the package itself")
         if other and LEVEL[other] >= LEVEL[mine]:
             wrong.append(f"{name} imports {imported}, against the order")
-        if other not in ALLOWED.get(mine, {other}) or (mine == "reference" and imported in COMPARED):
+        top = other.split(".")[0]
+        if top not in ALLOWED.get(mine, {top}) or (mine == "reference" and imported in COMPARED):
             wrong.append(f"the {mine} imports {imported}")
     return wrong
 

@@ -28,6 +28,7 @@ GRID = Grid(SHAPE, (0.05, 0.07, 0.06), (-0.61, -0.83, -0.55), TURNED)
 SURFACES = {"isosurfaces": ((0.6, 0.3),)}
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("caster", [pytest.param("gl", marks=pytest.mark.gl), "cpu"])
 @pytest.mark.parametrize(
     ("look", "dtype", "bound", "keys"),

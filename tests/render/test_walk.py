@@ -92,6 +92,7 @@ def slopes_through(step: float) -> np.ndarray:
     return step * np.stack(np.meshgrid(np.arange(-8, 8), np.arange(-7, 9)), axis=-1).reshape(-1, 2)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("lanes", [4, 16])
 @pytest.mark.parametrize("step", [1.0, 0.5, 0.25, 1 / 3])
 def test_rays_through_corners_and_edges_pass_what_the_reference_passes(step: float, lanes: int) -> None:
