@@ -1,7 +1,7 @@
 """Reference ray caster in float64 NumPy, with which every fast path is compared.
 
 It follows the definition of the picture (docs/, frames and units: the optical model, the sampling lattice) and shares
-no code with the renderer, only the scene's values and transfer function, and the grid.
+no code with the renderer, only the scene's values and the grid.
 
 It has no early ray termination, hardware texture filter or float32 pixels, as it measures their errors. A ray stops
 only when its transmittance is at most 2⁻⁶⁰, below the last bit of float64.

@@ -154,7 +154,7 @@ class Expressions(Blocks):
 
     def _compare(self, sign: str, a: Part, b: Part) -> Part:
         if a.constant is not None and b.constant is not None:
-            return constant("b", OPERATORS[sign](a.constant, b.constant))  # type: ignore[arg-type]
+            return constant("b", OPERATORS[sign](a.constant, b.constant))
         return self.emit.compare(sign, a, b)
 
     def _either(self, node: ir.Either) -> Parts:
