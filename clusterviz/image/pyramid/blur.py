@@ -29,10 +29,9 @@ import math
 import numpy as np
 
 from clusterviz.errors import InputError
-from clusterviz.image.pyramid.analysis.quadratic import QUADRATIC_4
 from clusterviz.image.pyramid.contract import Filter, Pass
 from clusterviz.image.pyramid.executor import LARGEST, Fetches, Floats, apply_filter, check_image
-from clusterviz.image.pyramid.synthesis.doo_sabin import DOO_SABIN
+from clusterviz.image.pyramid.filters import DOO_SABIN, QUADRATIC_4
 
 MOST_SIGMA = 1e6
 LEAST_ON_TOP = 0.5
