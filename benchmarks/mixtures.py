@@ -50,14 +50,14 @@ def measured(path: str, size: int, frames: int) -> Iterator[Row]:
     for name, (count, keys, quality) in SCENES.items():
         volumes = [keys | told for told in ({"path": path}, WAVES, WAVES)[:count]]
         scene = Scene.model_validate({"volumes": volumes, "image": {"size": (size, size)}, "quality": quality})
-        for device in ("cpu", None):
+        for device in ("cpu", 0):
             plan, bricks = prepared(scene, every[:count])
             caster = loaded(plan, bricks, device)
             ways[name, device] = lambda caster=caster, plan=plan: caster.draw(plan, whole_pieces(plan))[0]
     runs = alternate(ways, frames)
     least = {key: min(run.cpu for run in each) for key, each in runs.items()}
     for name in SCENES:
-        cpu, gl = least[name, "cpu"], least[name, None]
+        cpu, gl = least[name, "cpu"], least[name, 0]
         row = {"volumes": name, "cpu": cpu, "gl": gl, "times": cpu / least["one", "cpu"], "ratio": gl / cpu}
         yield row | {"samples": runs[name, "cpu"][0].value.samples}
 

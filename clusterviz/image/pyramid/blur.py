@@ -47,7 +47,6 @@ def blur(image: Floats, sigma: float, fetches: Fetches | None = None) -> Floats:
     ----------
     image : float32 (h, w, c), c channels that are blurred alike; colours premultiplied by their opacity, of any range
     sigma : standard deviation in pixels, 0 to 1e6; 0 leaves the image as it is
-    fetches : counts
 
     Returns
     -------

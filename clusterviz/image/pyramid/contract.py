@@ -60,8 +60,6 @@ class Filter:
 
     Attributes
     ----------
-    name : in the table of filters
-    passes : in order
     alignment : of the coarse and the fine pixels; of a basic filter without meaning
     """
 

@@ -102,7 +102,7 @@ Where values at pixels must stay; not for blurring and zooming, for its diamonds
 DOO_SABIN = Filter("doo-sabin", (Pass("double", -0.25, odd=0.25),))
 """Weights 3/4 and 1/4, the biquadratic B-spline in the limit: one fetch, variance 3/4 of the result, cell alignment.
 
-For blurring, scattered data and zooming, smooth at the price of one lookup; it approximates, so pixels do not keep their
+For blurring, scattered data and zooming, smooth at the price of one lookup; it approximates: pixels do not keep their
 values. Section 4.1.3, figure 4.6; Catmull, Clark 1978; Doo, Sabin 1978.
 """
 
