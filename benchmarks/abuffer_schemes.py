@@ -22,6 +22,7 @@ from typing import Any, get_args
 import numpy as np
 from measuring import Row, context_of, opened, options, prepared, sample, show, timed, whole_pieces, write
 
+from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection
 from clusterviz.data import read_geometry
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
@@ -30,7 +31,6 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.fills import bytes_of, room_for
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
-from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Fill, ImageSettings, Resolve, Scene, Volume
 
 FILLS, RESOLVES = get_args(Fill)[1:], get_args(Resolve)[1:]
@@ -146,7 +146,6 @@ class TimedCaster(VectorCaster):
 def measured(name: str, asked: Any) -> Iterator[Row]:
     """Time all combinations, in turn; their pictures are equal."""
     plan, bricks = planned(name, asked.size)
-    assert plan.content, "there is geometry"
     caster: Any = Raycaster(context_of(), plan) if asked.gl else TimedCaster(plan)
     caster.load(plan, bricks)
     least: dict[tuple[str, str], tuple[float, float]] = dict.fromkeys(SCHEMES, (np.inf, np.inf))

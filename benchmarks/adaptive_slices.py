@@ -87,7 +87,7 @@ def least(
     for _ in range(HALVINGS):
         middle = (low + high) / 2
         found, seconds = adaptive(
-            plan, voxels, ORACLES[oracle](voxels, plan.transfer, 10**middle), along_rays=along_rays
+            plan, voxels, ORACLES[oracle](voxels, plan.volume.transfer, 10**middle), along_rays=along_rays
         )
         error = float(np.abs(found.rgba - truth.rgba).max())
         if error <= bound:

@@ -18,10 +18,10 @@ import numpy as np
 from measuring import Row, opened, options, picked, sample, show, write
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.grid.section import GridSection, KBuffer
 from clusterviz.data import read_grid
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame import FrameLoop, Options
-from clusterviz.scene.grids import GridSection, KBuffer
 from clusterviz.scene.values import Camera, ImageSettings, Scene
 
 KINDS = ["exact", *(KBuffer(k=k, entries=own) for k in (2, 6, 12, 32) for own in ("sorted", "unsorted"))]

@@ -17,7 +17,8 @@ from measuring import Row, loaded, opened, options, picture_of, positional, prep
 from clusterviz.cli.arguments import parse_device
 from clusterviz.data.bricks import read_bricks
 from clusterviz.image import compare
-from clusterviz.plan.plan import Plan, brick_cost
+from clusterviz.plan.content import brick_cost
+from clusterviz.plan.plan import Plan
 from clusterviz.render import brick_atlas
 from clusterviz.render.cpu import caster as vectors
 from clusterviz.render.storage import Slot

@@ -42,6 +42,7 @@ from measuring import (
 )
 from vtk_raycast_ratio import peer
 
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data import read_grid
 from clusterviz.data.samples import SAMPLES, Sample
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
@@ -50,7 +51,6 @@ from clusterviz.reference import render_reference
 from clusterviz.reference.cells import find_passages, place_cells
 from clusterviz.reference.rays import camera_rays
 from clusterviz.scene import Scene
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Camera, ImageSettings, Quality
 
 Arrays = dict[str, Any]

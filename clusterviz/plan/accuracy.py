@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import SceneError
 from clusterviz.plan.blend_mode import Classification, is_preintegrated
+from clusterviz.plan.content import Filter
 from clusterviz.plan.estimate import (
     FASTEST,
     SLOWEST,
@@ -39,7 +40,6 @@ from clusterviz.plan.estimate import (
     logarithms,
     still_missing,
 )
-from clusterviz.plan.plan import Filter
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene, Volume

@@ -21,6 +21,7 @@ from clusterviz.scene import Scene, Volume
 from clusterviz.scene.values import Cluster, ImageSettings
 
 
+@pytest.mark.cover("3-48-peaks", "1109-None-below steep", "1126-None-ramp")
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("number", "size", "function"),

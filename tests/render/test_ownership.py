@@ -24,6 +24,7 @@ from clusterviz.distribution.contract import distribution_of
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.gl.context import open_context
 from clusterviz.partition import BrickBox, Owners, Piece, owner_pieces
+from clusterviz.plan.content import KnownVolume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
@@ -76,7 +77,7 @@ def counted(draws: Sequence[Draw], context: moderngl.Context | None) -> Iterator
     of = None
     for draw in draws:
         held, scene = hold(draw.volume, draw.brick), scene_of(draw)
-        plan = make_plan(scene, held.source.grid, held.source.dtype, held.layout, held.summary)
+        plan = make_plan(scene, [KnownVolume(held.source.grid, held.source.dtype, held.layout, held.summary)])
         if of != (draw.volume, draw.brick):
             for caster in casters:
                 caster.release()
