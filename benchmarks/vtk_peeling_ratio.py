@@ -168,7 +168,7 @@ def report_on(name: str, asked: argparse.Namespace) -> Row:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         np.savez(folder / "scene.npz", **given)
-        found = {"scene": name, **errors(given, folder, options)} if asked.small else {"scene": name}
+        found = {"scene": name, **errors(given, folder, asked)} if asked.small else {"scene": name}
         path = write_scene(given, folder, asked.width)
         for _ in range(asked.rounds):
             theirs = peer(asked.python, folder / "scene.npz", "gpu", size, asked.frames, folder / "peer.npy")
