@@ -33,7 +33,6 @@ class Content:
 
     Attributes
     ----------
-    name : of the array, or of the file
     colours : float64 (n, 3), straight, for the legend; (0, 3) if they are not known
     transfer : transfer function; None without scalars, and if a shader gives the colours
     surfaces : scalars and opacities of isosurfaces
