@@ -18,7 +18,7 @@ import moderngl
 
 from clusterviz.errors import ClustervizError, DeviceError
 from clusterviz.gl.devices import choose_device, egl_devices
-from clusterviz.gl.shader import ShaderSource
+from clusterviz.spmd.source import ShaderSource
 
 _DRAW, _READ = 0x3059, 0x305A  # surfaces of EGL
 HINT = "install Mesa's EGL driver (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri) or a driver with EGL"

@@ -67,6 +67,7 @@ CASES: dict[str, tuple[Frames, int, int, int]] = {
 """Frames, and most dispatches, waits and uploaded bytes; those of a k-buffer are its tile lists."""
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("name", CASES)
 def test_a_moving_camera_takes_few_calls_one_wait_and_no_buffers(
     context: moderngl.Context, name: str, monkeypatch: pytest.MonkeyPatch

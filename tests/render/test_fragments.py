@@ -13,6 +13,7 @@ from render import scenes
 from render.scenes import Prepared, noise
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -26,7 +27,6 @@ from clusterviz.render.abuffer import fills, on_gl, raster, tiles
 from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.render_result import RenderResult
-from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Clip, Cluster, Fill, ImageSettings, Light, Quality, Resolve, Scene, Volume
 
 Entry = tuple[GeometrySection, Mesh | Lines | Points]
@@ -123,7 +123,6 @@ def drawn(
 
 
 def by_schemes(given: Prepared, fill: Fill, resolve: Resolve) -> Prepared:
-    assert given.plan.content, "there is geometry"
     content = replace(given.plan.content, fill=fill, resolve=resolve)
     return Prepared(replace(given.plan, content=content), given.bricks)
 
@@ -193,6 +192,9 @@ CASES = {
 }
 
 
+@pytest.mark.cover(
+    "isosurfaces, lit, clipped-outside-gl", "jittered-inside-gl", "isosurfaces, lit, clipped-outside-cpu"
+)
 @EACH
 @pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][3]])
 def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: str) -> None:
@@ -205,6 +207,7 @@ def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: 
     assert wrong.mean() <= (0.005 if "isosurfaces" in name else 0)
 
 
+@pytest.mark.cover("volumes-gl")
 @EACH
 @pytest.mark.parametrize(("parts", "step"), [((BYTES, FLOATS), 2.0), ((), 0.7)], ids=["volumes", "alone"])
 def test_neither_parts_nor_bricks_nor_memory_nor_vectors_change_the_picture(
@@ -265,6 +268,7 @@ def test_equal_fragments_are_in_the_order_of_the_list() -> None:
     assert found[..., 0].max() == 0.5
 
 
+@pytest.mark.cover("gl")
 @EACH
 def test_all_schemes_give_the_same_picture(where: Any, caster: str) -> None:
     """More fragments than the pools begin with and than are sorted at once, some equal, with a volume."""
@@ -280,6 +284,7 @@ def test_all_schemes_give_the_same_picture(where: Any, caster: str) -> None:
         assert np.array_equal(scenes.drawn(where, by_schemes(first, fill, resolve))[0], right), (fill, resolve)
 
 
+@pytest.mark.cover
 @EACH
 @pytest.mark.parametrize("fill", FILLS)
 @pytest.mark.parametrize("share", [8, 1])
@@ -365,6 +370,7 @@ def test_llvmpipe_refuses_what_it_would_leave_out(context: Any, monkeypatch: pyt
         drawn(context, scene_of((), "inside"), (), LIT)
 
 
+@pytest.mark.cover("fixed-peeling-False-cpu")
 @EACH
 @pytest.mark.parametrize(
     ("fill", "resolve", "coincident"),
@@ -387,6 +393,7 @@ def test_many_fragments_in_one_pixel(where: Any, caster: str, fill: Fill, resolv
     assert np.abs(found - expected(scene, (), entries)).max() <= 2e-5
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("scale", "offset"), [(1.0, 1e9), (1e-9, 0.0), (1e9, 0.0)])
 def test_neither_units_nor_the_origin_matter(scale: float, offset: float) -> None:
     """From within the meshes; with one lane, too."""
@@ -429,6 +436,7 @@ FLAWED = {
 }
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("name", FLAWED)
 def test_flawed_meshes_are_drawn_as_the_reference_draws_them(name: str) -> None:
     """Lit by normals that triangles share, from outside and from within, in small bricks."""
@@ -499,6 +507,7 @@ def whole_piece(given: Prepared) -> Piece:
     return Piece(0, BrickBox((0, 0, 0), given.plan.layout.counts_zyx))
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("name", LOOKS)
 def test_the_rasteriser_finds_the_fragments_of_tile_lists(context: Any, name: str) -> None:

@@ -14,6 +14,7 @@ from clusterviz.comm.placement import kernel_threads
 from clusterviz.errors import DeviceError
 from clusterviz.gl.context import is_llvmpipe
 from clusterviz.gl.device import Device
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.staging import Bytes
 from clusterviz.image.partial import Rect
 from clusterviz.plan.content import Content
@@ -34,7 +35,6 @@ from clusterviz.render.abuffer.program import (
 from clusterviz.render.abuffer.resolves import classified, counts_of, is_sorted
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, TileLists, make_lists, prepare_tiles
 from clusterviz.render.cells.table import CELLS_BINDING, GRIDS_BINDING, grids_block
-from clusterviz.spmd.driver_needs import compile_checked
 
 LLVMPIPE_ITERATIONS = 65535
 """Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""
@@ -52,7 +52,7 @@ Programs = dict[FindVariant, moderngl.ComputeShader]
 def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, moderngl.ComputeShader]:
     """Compile the programs of a plan."""
     variants = find_variants(plan)
-    if plan.content and plan.content.layers:
+    if plan.content.layers:
         prepare_tiles(plan)
     return {variant: compile_checked(context, variant.source) for variant in variants}
 
@@ -91,7 +91,6 @@ def bind_fragments(
     tiles : of the rectangle
     pools : of fragments
     """
-    assert plan.content, "there is geometry"
     _bind_primitives(device, plan, table, tiles)
     if plan.content.kbuffer:
         return _counted_by_kbuffer(device, plan.content, tiles, rect)
@@ -152,7 +151,6 @@ def bind_cells(device: Device, plan: Plan, table: PrimitiveTable) -> None:
     """Bind the tetrahedra of a table, if it has grids."""
     if not table.cells:
         return
-    assert plan.content, "there are grids"
     most, found = int(device.context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]), table.cells.words.nbytes
     if found > most:
         raise DeviceError(

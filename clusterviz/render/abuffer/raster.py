@@ -30,6 +30,7 @@ from clusterviz.errors import DeviceError
 from clusterviz.gl.context import is_llvmpipe
 from clusterviz.gl.device import LEAST_BYTES, Device
 from clusterviz.gl.drawing import compile_program
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.layout import glsl_block
 from clusterviz.gl.shader import assemble
 from clusterviz.gl.staging import Bytes
@@ -45,7 +46,6 @@ from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, Fin
 from clusterviz.render.abuffer.resolves import is_sorted
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, camera_block, lens_of
 from clusterviz.render.frame_block import FRAME_BLOCK
-from clusterviz.spmd.driver_needs import compile_checked
 
 RASTER = np.dtype(
     [
@@ -109,7 +109,7 @@ class Rasteriser:
     def serves(self, plan: Plan, rect: Rect) -> bool:
         """Return True if fragments of a plan's primitives are found here, and not by tile lists."""
         content = plan.content
-        if not self.is_used or content is None or content.kbuffer or plan.march.discard_margin is not None:
+        if not self.is_used or content.kbuffer or plan.march.discard_margin is not None:
             return False
         sides = self.device.context.info["GL_MAX_VIEWPORT_DIMS"]
         return is_sorted(content) and rect.width <= sides[0] and rect.height <= sides[1]
@@ -218,7 +218,7 @@ class Rasteriser:
 
 def _has_order(plan: Plan) -> bool:
     """Return True if the fragments of a pixel are needed in order, unlike entries into grids alone."""
-    return bool(plan.content and plan.content.geometry)
+    return bool(plan.content.geometry)
 
 
 def _groups(invocations: int) -> tuple[int, int]:
@@ -256,7 +256,6 @@ def _resident(table: PrimitiveTable) -> tuple[NDArray[np.int32], dict[int, NDArr
 
 def _moves(plan: Plan, block: NDArray[np.void], words: NDArray[np.int32]) -> NDArray[np.void]:
     """Return how the positions of each layer become the camera's coordinates; `MOVE` (layers,)."""
-    assert plan.content, "there is geometry"
     found = np.zeros(max(1, len(words)), MOVE)
     for record, layer, own in zip(found, plan.content.layers, words, strict=False):
         for name in ("right", "up", "forward"):
