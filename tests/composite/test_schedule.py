@@ -91,7 +91,7 @@ def _theory(algorithm: str, n: int, p: int) -> Counts:
     return Counts(rounds, messages, all_pixels, sent, received)  # type: ignore[arg-type]
 
 
-@pytest.mark.cover
+@pytest.mark.cover("parallel-pipeline")
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_counts_equal_theory(algorithm: str) -> None:
     for ranks in RANKS:
