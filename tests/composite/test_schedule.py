@@ -94,7 +94,7 @@ def _theory(algorithm: str, n: int, p: int) -> dict[str, float]:
     return found | {"most_sent": sent, "most_received": received}
 
 
-@pytest.mark.cover
+@pytest.mark.cover("parallel-pipeline")
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_counts_equal_theory(algorithm: str) -> None:
     for ranks in RANKS:

@@ -84,7 +84,7 @@ def two_volumes(_: Path) -> list[Scene]:
     return scenes
 
 
-@pytest.mark.cover
+@pytest.mark.cover("two")
 @pytest.mark.parametrize(
     ("make", "received"), [(lambda _: looks(), 50), (ranges_of_bytes, 10), (two_volumes, 10)], ids=["looks", "b", "two"]
 )
@@ -203,6 +203,7 @@ def test_what_cannot_work_is_refused_before_the_first_frame() -> None:
     check(on_ranks(int(named[1]), scenes), views(2))
 
 
+@pytest.mark.cover("OpenGL")
 @pytest.mark.parametrize("device", ["", "0"], ids=["processor", "OpenGL"])
 def test_a_memory_limit_is_kept_while_bricks_move(
     device: str, moves: list[Move], monkeypatch: pytest.MonkeyPatch

@@ -99,7 +99,7 @@ LOOKS: tuple[dict[str, Any], ...] = (
 )
 
 
-@pytest.mark.cover
+@pytest.mark.cover("{'blending': 'isosurface', 'isosurfaces': [0.2]}")
 @pytest.mark.parametrize("look", LOOKS, ids=str)
 def test_every_look_is_the_same_in_every_mode(look: dict[str, Any]) -> None:
     alone = on_ranks(1, scenes_of(look, 1), WAVES)

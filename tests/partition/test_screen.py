@@ -109,6 +109,7 @@ def test_a_pattern_gives_each_group_its_share_of_the_faces(view: View, groups: i
     assert counts.max() <= 1.5 * counts.mean()
 
 
+@pytest.mark.long
 def test_more_repetitions_leave_the_groups_more_alike() -> None:
     view, cost = view_of((240, 240)), np.zeros((240, 240))
     cost[60:140, 90:150] = 1.0
