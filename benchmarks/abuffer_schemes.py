@@ -25,6 +25,7 @@ import numpy as np
 from blend_modes import whole_pieces
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection
 from clusterviz.data import open_source, read_geometry
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
@@ -36,7 +37,6 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.fills import bytes_of, room_for
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
-from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Fill, ImageSettings, Resolve, Scene, Volume
 
 FILLS, RESOLVES = get_args(Fill)[1:], get_args(Resolve)[1:]

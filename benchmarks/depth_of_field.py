@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import MeshSection
 from clusterviz.data import open_scene
 from clusterviz.data.geometry import Geometry, Mesh
 from clusterviz.data.samples import fetch_sample
@@ -32,7 +33,6 @@ from clusterviz.image.pyramid.blur import blur
 from clusterviz.plan.lens import Lens
 from clusterviz.report.tradeoff.rating import luminance, ssim
 from clusterviz.scene import Scene
-from clusterviz.scene.geometry import MeshSection
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Camera, ImageSettings
 

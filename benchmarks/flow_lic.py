@@ -25,11 +25,11 @@ import numba
 import numpy as np
 
 from clusterviz.comm import limit_threads, open_channel
+from clusterviz.content.flow.section import Lic
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.flow.lic import LicSource, line_weights, noise_of, steps_of
 from clusterviz.flow.lic_lines import LicOverRanks
 from clusterviz.reference.line_integral_convolution import Lines, line_integral_convolution
-from clusterviz.scene.flows import Lic
 
 PEER = Path(__file__).with_name("flow_lic_peer.py")
 SIDE, NUMBA_SIDE, NUMPY_SIDE, SLICE_SIDE, RANKS_SIDE = 256, 96, 32, 512, 96

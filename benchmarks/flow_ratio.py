@@ -29,9 +29,9 @@ import flow_surface
 import numpy as np
 
 from clusterviz.comm import open_channel
+from clusterviz.content.flow.section import Trace
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.flow.tracing import trace
-from clusterviz.scene.flows import Trace
 
 SIDES, SEEDS, STEP_VOXELS, LENGTH = (64, 128), 10_000, 0.5, 2.0
 TOLERANCE = 1e-5

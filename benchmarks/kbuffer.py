@@ -16,11 +16,11 @@ import warnings
 import numpy as np
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.grid.section import GridSection, KBuffer
 from clusterviz.data import open_source, read_grid
 from clusterviz.data.samples import fetch_sample
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame import FrameLoop, Options
-from clusterviz.scene.grids import GridSection, KBuffer
 from clusterviz.scene.values import Camera, ImageSettings, Scene
 
 KINDS = ["exact", *(KBuffer(k=k, entries=own) for k in (2, 6, 12, 32) for own in ("sorted", "unsorted"))]

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data import open_source, read_grid
 from clusterviz.data.samples import SAMPLES, Sample, fetch_sample
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
@@ -38,7 +39,6 @@ from clusterviz.reference.cells import find_passages, place_cells
 from clusterviz.reference.rays import camera_rays
 from clusterviz.render.choice import make_caster
 from clusterviz.scene import Scene
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Camera, ImageSettings, Quality
 
 Arrays = dict[str, Any]

@@ -228,7 +228,8 @@ def _verified(
     Returns the choice, the error of the first that was tried over its estimate, at least 1, and the samples taken.
     """
     level = choice.trial.level
-    least = WITNESS if aim.needs_witness and is_first else COARSEST + 2  # slabs are no longer than those of the coarsest
+    # Slabs are no longer than those of the coarsest.
+    least = WITNESS if aim.needs_witness and is_first else COARSEST + 2
     finest = level + max(0, math.ceil(least - level))
     trial, pictures, samples = choice.trial._replace(level=min(level, finest - 2)), list[Image](), 0
     coarser, errors = round(finest - level), list[float]()

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree
+from clusterviz.content.flow.expansion import VELOCITY
+from clusterviz.content.flow.section import Seeds
 from clusterviz.data.geometry import Points
 from clusterviz.data.vectors import VectorSource, index_from_world
 from clusterviz.flow.seeds import make_seeds
-from clusterviz.scene.flow_content import VELOCITY
-from clusterviz.scene.flows import Seeds
 
 Floats = NDArray[np.float64]
 

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.flow.section import Lic
 from clusterviz.data.bricks import Box
 from clusterviz.data.header import check_box
 from clusterviz.data.source import IDENTITY, Grid, Index
@@ -35,7 +36,6 @@ from clusterviz.flow.noise import Noise
 from clusterviz.jobs.blocks import Blocks, make_blocks
 from clusterviz.jobs.device import current_device, on_device
 from clusterviz.jobs.kernel import kernel
-from clusterviz.scene.flows import Lic
 
 STEPPERS = {"euler": "step_euler.glsl", "rk4": "step_rk4.glsl", "rk45": "step_rk45.glsl"}
 """Shaders that step along a line, by the integrator."""

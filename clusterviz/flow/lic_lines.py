@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
 from clusterviz.comm.remote_memory import ThreadError
+from clusterviz.content.flow.section import Lic
 from clusterviz.data.bricks import Box
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.vectors import VectorSource
@@ -47,7 +48,6 @@ from clusterviz.flow.lic import (
 )
 from clusterviz.jobs.array import DistributedArray, array_from
 from clusterviz.jobs.kernel import kernel
-from clusterviz.scene.flows import Lic
 
 LINE = np.dtype([("voxel", "<i4", 3), ("next", "<i4"), ("state", "<f4", 5)])
 """Line on its way: its voxel (x, y, z), the number of its next sample, its displacement, sum and sum of weights."""

@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 
 from clusterviz.codec import intrinsics
 from clusterviz.comm.agree import abort_on_failure, agree
-from clusterviz.comm.all_to_all import all_to_all
-from clusterviz.comm.channel import Channel
+from clusterviz.comm.channel import Channel, all_to_all
 from clusterviz.comm.loopback import LoopbackChannel
+from clusterviz.content.flow.section import Seeds, Trace
 from clusterviz.data import vector_field
 from clusterviz.data.geometry import Lines
 from clusterviz.data.vectors import VectorSource
@@ -64,7 +64,6 @@ from clusterviz.flow.state import (
 )
 from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.report.machine import memory
-from clusterviz.scene.flows import Seeds, Trace
 
 LineKind = Literal["streamlines", "pathlines", "streaklines"]
 TABLEAUS = {

@@ -20,6 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
+from clusterviz.content.flow.expansion import with_flows, without_flows
+from clusterviz.content.geometry.section import GeometrySection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data import format_of, open_first_parts, open_time_step, override_grid, read_geometry, read_piece
 from clusterviz.data.axes import warn_of_choices
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
@@ -45,9 +48,6 @@ from clusterviz.plan.refinement import VolumeLevels, field_error, with_detail
 from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import Info, VolumeInfo, complete_scene
-from clusterviz.scene.flow_content import with_flows, without_flows
-from clusterviz.scene.geometry import GeometrySection
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Scene, Volume
 
 Bricks = dict[Index, Any]

@@ -27,6 +27,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.predicates import determinant_sign
 from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
@@ -36,7 +37,6 @@ from clusterviz.reference.intersections import near_pairs
 from clusterviz.reference.lighting import Material, lit
 from clusterviz.reference.rays import Floats, Rays
 from clusterviz.reference.transfer import TransferFunction, transfer_function
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Clip, Scene
 
 Indices = NDArray[np.int64]

@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import ambient_light
 from clusterviz.reference.cells import PlacedCells, UniformSlabs, march_cells
@@ -43,7 +44,6 @@ from clusterviz.reference.rays import Floats, Rays, inside, kept, on_slices, to_
 from clusterviz.reference.slabs import Slab, slabs_in
 from clusterviz.reference.surfaces import Crossings, RayField
 from clusterviz.reference.transfer import transfer_function
-from clusterviz.scene.flow_content import LicVolume
 from clusterviz.scene.values import Scene, Volume
 
 Flags = NDArray[np.bool_]

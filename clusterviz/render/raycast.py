@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import DeviceError, FullDeviceError
-from clusterviz.gl.context import is_software
+from clusterviz.gl.context import is_llvmpipe, is_software
 from clusterviz.gl.device import Counts, Device
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.reals import ENVIRONMENT, EXTENSION, chosen_reals, has_doubles
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece
@@ -55,7 +56,6 @@ from clusterviz.render.variant import Variant, of_size, variant_of
 from clusterviz.render.volume_layers import all_segments, content_tables, volume_blocks
 from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer_counts import KBufferCounts
-from clusterviz.spmd.driver_needs import compile_checked
 
 ITERATIONS = (1 << 16, 3600)
 """Of the loops of a ray in a dispatch, on GPUs and on llvmpipe, which silently leaves all loops after 65535 in total:
@@ -407,7 +407,7 @@ class Raycaster:
         """Return the block of the frame for a box of bricks."""
         block = frame_block(plan, part.box, rect, self.slot)
         block["first_box"] = first
-        block["optics"][0, 3] = ITERATIONS["llvmpipe" in self.renderer]
+        block["optics"][0, 3] = ITERATIONS[is_llvmpipe(self.renderer)]
         return block
 
     def _draw_boxes(self, plan: Plan, rect: Rect, march: March, tables: BrickTables, first: int, *_: object) -> None:

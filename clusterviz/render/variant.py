@@ -11,7 +11,7 @@ from typing import Literal
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.reals import Reals
-from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.gl.shader import assemble
 from clusterviz.plan.blend_mode import Lattice
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
@@ -40,6 +40,7 @@ from clusterviz.render.volume_layers import (
     voxel_files,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
+from clusterviz.spmd.source import ShaderSource
 
 PART_BYTES = 16  # a vec4
 USUAL_BRICK = 64  # cells along its side

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from clusterviz.comm.agree import describe
+from clusterviz.content.flow.expansion import without_flows
+from clusterviz.content.flow.section import FlowSection
 from clusterviz.errors import ClustervizError, SceneError, public_address
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.files import change_paths, check_scene, public_data
-from clusterviz.scene.flow_content import without_flows
-from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.overrides import apply_changes
 from clusterviz.scene.values import Camera, Scene
 from clusterviz.viewer.encoding import Picture

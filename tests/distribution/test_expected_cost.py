@@ -53,6 +53,7 @@ def counted(plan: Plan) -> np.ndarray:
     return samples
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("camera", OUTSIDE.values(), ids=OUTSIDE.keys())
 def test_expected_samples_are_those_of_the_rays_and_windows_divide_them(camera: Camera) -> None:
     plan = plan_of(camera)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection
 from clusterviz.data import files, primitives, read_geometry
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
@@ -27,7 +28,6 @@ from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.storage import slot_of
 from clusterviz.report.machine import Memory as MachineMemory
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection
 from clusterviz.scene.overrides import with_settings
 
 RANKS = 2

@@ -9,6 +9,7 @@ import pytest
 
 from clusterviz.comm import Channel, LoopbackChannel, open_channel, run_loopback
 from clusterviz.comm.remote_memory import ThreadError
+from clusterviz.content.flow.section import Lic
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.errors import DataError, RankError
@@ -20,7 +21,6 @@ from clusterviz.frame.run import Options
 from clusterviz.jobs.array import DistributedArray
 from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.reference.line_integral_convolution import Lines, line_integral_convolution
-from clusterviz.scene.flows import Lic
 from clusterviz.scene.values import Scene
 
 ORIGIN = (0, 0, 0)
@@ -64,6 +64,7 @@ CASES = {
 }
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("device", ["cpu", pytest.param(0, marks=pytest.mark.gl)])
 @pytest.mark.parametrize("case", CASES)
 def test_reference(case: str, device: Any) -> None:
@@ -150,6 +151,7 @@ HANDED = (
 )
 
 
+@pytest.mark.cover
 @pytest.mark.bits
 @pytest.mark.parametrize("lic", HANDED)
 def test_handed_lines_have_the_bits_of_halos(lic: Lic) -> None:

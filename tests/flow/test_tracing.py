@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import run_loopback
+from clusterviz.content.flow.section import Seeds, Trace
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.errors import DataError, InputError
 from clusterviz.flow.tracing import Traced, split_cells, trace
-from clusterviz.scene.flows import Seeds, Trace
 
 SEED = (0.5, 0.0, 0.0)
 
@@ -207,6 +207,7 @@ KINDS: Any = (
 )
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("name", "settings", "kind"), KINDS)
 @pytest.mark.parametrize("ranks", [2, 3, 5, 7])
 def test_lines_do_not_depend_on_ranks(name: str, settings: Trace, kind: Any, ranks: int) -> None:

@@ -16,6 +16,7 @@ from PIL import Image
 from clusterviz.annotations.contents import contents_of
 from clusterviz.annotations.picture import _with_names
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import GEOMETRY_SECTIONS
 from clusterviz.data import open_scene, open_volume, read_geometry
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
@@ -24,7 +25,6 @@ from clusterviz.frame import Options, Run, render_frame
 from clusterviz.frame.opening import open_volumes
 from clusterviz.scene import Scene
 from clusterviz.scene.camera import camera_axes, camera_vectors
-from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 from clusterviz.scene.text import chosen_arrays
 
 Y, X = np.mgrid[:10, :14].astype(np.float32)
@@ -154,6 +154,7 @@ def test_what_a_file_is_shown_as_and_the_title_of_its_colours(name: str, tmp_pat
     assert [content.name for content in contents_of(_with_names(found, infos))] == [FILES[name][2]]
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("name", FILES)
 def test_the_first_picture_is_not_blank(name: str, tmp_path: Path) -> None:

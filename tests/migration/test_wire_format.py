@@ -12,6 +12,8 @@ from render.scenes import SHAPE, camera_at, noise, prepare, scene_of
 from clusterviz.codec import pack
 from clusterviz.codec.contract import CodecError
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import MeshSection, PointsSection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.geometry import Geometry, Mesh, Points
 from clusterviz.data.source import Grid
 from clusterviz.frame.opening import OpenedContent, open_volumes
@@ -19,8 +21,6 @@ from clusterviz.frame.run import Options, Run
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
 from clusterviz.render.content_bricks import store_content
 from clusterviz.render.stored_brick import Stored, store
-from clusterviz.scene.geometry import MeshSection, PointsSection
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Camera, Cluster, Scene
 
 BRICK = (1, 0, 2)
@@ -34,6 +34,7 @@ def made(dtype: str, filter: str = "exact") -> tuple[WireFormat, Stored]:
     return wire_format, store(prepared.bricks[BRICK], prepared.plan.volume.encoding, wire_format.slot)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("codec", ["raw", "active+lz4", "active+delta+shuffle+lz4"])
 @pytest.mark.parametrize("filter", ["exact", "hardware"])
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32", "float64"])

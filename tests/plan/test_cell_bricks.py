@@ -10,6 +10,7 @@ import pytest
 from data.cells import lattice, mixed, one_cell, tetrahedra
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.unstructured import UnstructuredGrid
@@ -20,7 +21,6 @@ from clusterviz.plan.content import SEGMENT_COST
 from clusterviz.plan.plan import Plan
 from clusterviz.reference.rays import camera_rays
 from clusterviz.render.abuffer.primitives import make_table
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 TURN = ((0.6, -0.8, 0, 3), (0.8, 0.6, 0, -2), (0, 0, -1.5, 1), (0, 0, 0, 1))
@@ -49,6 +49,7 @@ def visible(plan: Plan) -> list[tuple[int, ...]]:
     return sorted(tuple(index) for index in np.argwhere(plan.cost > 0).tolist())
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("volumes", "brick", "step"), [(0, 64, 1.0), (0, 128, 40.0), (1, 2, 1.0)])
 def test_the_owner_of_a_sample_holds_its_tetrahedron(volumes: int, brick: int, step: float) -> None:
     source = ArraySource(np.ones((9, 10, 11), np.float32), Grid((9, 10, 11), (0.4,) * 3, (-1, -2, -3)))

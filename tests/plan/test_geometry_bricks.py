@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -16,7 +17,6 @@ from clusterviz.frame.run import Options, Run
 from clusterviz.reference.fragments import place
 from clusterviz.reference.intersections import intersect
 from clusterviz.reference.rays import camera_rays
-from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 RNG = np.random.default_rng(15)
@@ -55,6 +55,7 @@ def scene_of(*sections: Any, volumes: int = 0, brick: int = 4, step: float = 1.0
     return Scene(volumes=each, camera=CAMERA, quality=quality, cluster=cluster, image=image, **as_sections(sections))
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("volumes", [0, 1, 2])
 @pytest.mark.parametrize("step", [0.4, 1.0, 5.0])
 def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) -> None:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from data.cells import lattice, mixed, one_cell, tetrahedra
 
+from clusterviz.content.geometry.section import MeshSection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.geometry import Mesh
 from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
@@ -15,8 +17,6 @@ from clusterviz.reference.cells import PlacedCells, find_passages, march_cells, 
 from clusterviz.reference.fragments import Fragments
 from clusterviz.reference.rays import Rays, camera_rays
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.geometry import MeshSection
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Camera, Clip, ImageSettings, Quality, Scene, Volume
 
@@ -79,6 +79,7 @@ def check_cover(rays: Rays, cells: Tetrahedra, begin: np.ndarray, end: np.ndarra
     np.testing.assert_allclose(lengths, end - begin, rtol=0, atol=10 * rounding)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("tilt", [(0, 0, 1), (1, 0, 1), (1, 1, 1), (1, 2, 4)])
 def test_rays_through_every_corner_and_edge_are_covered_once(tilt: tuple[int, int, int], scale: float) -> None:

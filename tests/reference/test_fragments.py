@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection
 from clusterviz.data.geometry import Lines, Mesh, Points
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
@@ -15,7 +16,6 @@ from clusterviz.reference import render_reference
 from clusterviz.reference.fragments import find_fragments, place
 from clusterviz.reference.intersections import Hits, Segments, Spheres, Triangles, intersect
 from clusterviz.reference.rays import Rays
-from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Clip, ImageSettings, Quality, Scene, Volume
 
 SHAPE = (9, 5, 5)

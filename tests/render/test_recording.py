@@ -16,6 +16,7 @@ from render import scenes
 from render.scenes import LIT, camera_at, clip_of, lights_in, noise, scene_of, smooth
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.flow.section import FlowSection
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray
@@ -28,7 +29,6 @@ from clusterviz.render.crossing import Crossing
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.recording import recorded, run_on
 from clusterviz.render.variant import Variant
-from clusterviz.scene.flows import FlowSection
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.ir import Declare, Variable
 from clusterviz.spmd.machine_code import function_of, object_code
@@ -194,6 +194,20 @@ def watches_at(shader: Shader, place: str) -> tuple[str, ...]:
     return tuple(name for name, each in known.items() if each.kind in ("local", "in", "inout"))[-2:] or ("true",)
 
 
+@pytest.mark.cover(
+    "cubic, an opaque surface",
+    "occluded, pre-integrated",
+    "jittered uint16",
+    "hardware, lit",
+    "cubic",
+    "two volumes, surfaces",
+    "nearest, surfaces",
+    "surfaces",
+    "nearest, lit",
+    "opacity of one half, two volumes",
+    "occluded",
+    "cubic hardware",
+)
 @pytest.mark.gl
 @pytest.mark.parametrize("look", LOOKS)
 def test_the_interpreter_and_instrumented_shaders_find_what_opengl_draws(
@@ -244,6 +258,7 @@ def check_taken(places: list[str], probes: list[Probe], mine: list[Taken], their
     assert any(each.reached.any() for each in mine)
 
 
+@pytest.mark.cover("surfaces", "coherent", "opacity of one half")
 @pytest.mark.parametrize("look", ON_CPUS)
 def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
     look: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -14,7 +14,6 @@ from render.variants import alone
 
 from clusterviz.data.source import Grid
 from clusterviz.gl.context import compile_compute
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
@@ -26,6 +25,7 @@ from clusterviz.render.variant import Variant, variant_of
 from clusterviz.scene.complete import transfer_function
 from clusterviz.spmd.adversary import DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE, addresses, chosen_driver, function_of, object_code
+from clusterviz.spmd.source import ShaderSource
 
 GRID = Grid(SHAPE)
 PROBE = """
@@ -141,6 +141,7 @@ STEEP = ((0.0, 0.0), (0.3, 0.0), (0.3, 0.9), (0.31, 0.9), (0.31, 0.0), (0.6, 0.0
 MANY = tuple((0.5 + 1e-5 * k, k % 2 * 0.4) for k in range(60))
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("opacity", [BUMP, STEEP, MANY, 0.3], ids=["bump", "steep", "many-close", "number"])
 @pytest.mark.parametrize("uniform_bytes", [0, 1 << 16], ids=["storage", "block"])
 def test_segment_of_every_scalar_is_the_last_that_starts_at_or_below_it(
@@ -168,6 +169,7 @@ def shader_buffers(plan: Plan, slot: Slot, box: BrickBox | None = None) -> dict[
     return {"u0": frame, "b4": plan.volume.segments.buckets, "b5": plan.volume.segments.records}
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("slab", [1.0, 0.05, 20.0])
 def test_classification_follows_the_transfer_function(device: Device, slab: float) -> None:
     voxels = noise()
@@ -199,6 +201,7 @@ def test_deep_slab_of_many_colours_shows_its_front(device: Device) -> None:
     assert np.abs(found - expected).max() <= 1.5e-3
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("interpolation", ["linear", "nearest"])
 @pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16", "float32"])
 def test_field_in_a_brick_is_that_of_its_samples(device: Device, dtype: str, interpolation: str) -> None:
@@ -219,6 +222,7 @@ def test_field_in_a_brick_is_that_of_its_samples(device: Device, dtype: str, int
     assert np.abs(found - expected).max() <= 1e-6
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("camera", "jitter"), [*((camera, False) for camera in CAMERAS), ("outside", True)])
 def test_first_slab_of_a_box_is_found_from_every_camera(device: Device, camera: str, jitter: bool) -> None:
     """The estimate against a search through all slabs of the ray, for each brick as a box."""

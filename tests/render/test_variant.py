@@ -12,6 +12,7 @@ from clusterviz.render.storage import Slot
 from clusterviz.render.variant import Variant, variant_of
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS)
 def test_every_variant_compiles(context: moderngl.Context, variant: Variant) -> None:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import MeshSection
 from clusterviz.data import open_source
 from clusterviz.errors import InputError
 from clusterviz.image import compare
@@ -53,7 +54,6 @@ from clusterviz.report.tradeoff.rating import (
 )
 from clusterviz.report.tradeoff.survey import Survey
 from clusterviz.scene import Cluster, Quality, Scene, Volume, VolumeInfo, complete_scene, scene_of_data
-from clusterviz.scene.geometry import MeshSection
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.validation_messages import KEY_PATHS
 from clusterviz.scene.values import ImageSettings
@@ -511,6 +511,7 @@ def oracle(scene: Scene, step: float) -> Any:
     return render_reference(with_settings(scene, {"classification": "post"}), [s.grid for s in sources], voxels, step)
 
 
+@pytest.mark.cover("several, lit-0.0")
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("kind", "budget"), [("composite", 60.0), ("composite", 0.0), *((kind, 0.0) for kind in list(KINDS)[1:])]

@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from clusterviz.content.grid.section import KBuffer
 from clusterviz.data.primitives import Kind
 from clusterviz.gl.layout import glsl_array, glsl_rows
-from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.gl.shader import assemble
 from clusterviz.plan.blend_mode import Lattice
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
@@ -23,7 +24,7 @@ from clusterviz.render.cells.table import GRID, GRIDS_BINDING
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import LATTICES, MOST_ROWS, chain_of, define, light_files, undefine
-from clusterviz.scene.grids import KBuffer
+from clusterviz.spmd.source import ShaderSource
 
 LIGHTING_BINDING, COUNTED_BINDING, INTEGRALS_BINDING = 2, 16, 24
 MOST_SORTED = 256
@@ -181,7 +182,8 @@ def kinds_of(plan: Plan) -> tuple[Kind, ...]:
 
 def kind_constants(kinds: tuple[Kind, ...]) -> str:
     """Return GLSL constants that say which kinds of primitives there are."""
-    return f"const bool TRIANGLES = {_bool('triangle' in kinds)}, TUBES = {_bool('tube' in kinds)};\n"
+    flags = {"PRIMITIVES": bool(kinds), "TRIANGLES": "triangle" in kinds, "TUBES": "tube" in kinds}
+    return "".join(f"const bool {name} = {_bool(flag)};\n" for name, flag in flags.items())
 
 
 def _bool(flag: bool) -> str:

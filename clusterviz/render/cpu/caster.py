@@ -112,7 +112,7 @@ class VectorCaster:
     @property
     def renderer(self) -> str:
         """What draws, in words."""
-        return cpu_name(self._width)
+        return cpu_name(self._threads, self._width)
 
     @property
     def driver(self) -> str:

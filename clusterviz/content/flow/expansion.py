@@ -17,10 +17,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from clusterviz.content.flow.section import LINES, FlowInfo, FlowSection
+from clusterviz.content.geometry.section import LinesSection, PointsSection
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.flows import LINES, FlowInfo, FlowSection
-from clusterviz.scene.geometry import LinesSection, PointsSection
 from clusterviz.scene.transfer import interpolate, opacity_points
 from clusterviz.scene.transfer_2d import MadeTable, TransferTable
 from clusterviz.scene.values import Scene, Volume

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from clusterviz.scene.volume_info import MOST_EXACT, VolumeInfo, default_clim
+from clusterviz.content.volume.info import MOST_EXACT, VolumeInfo, default_clim
 
 Keys = dict[str, Any]
 Clim = tuple[float, float] | None

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
+from clusterviz.content.geometry.section import Transform
 from clusterviz.scene.checks import InvalidValueError, check_path, to_builtin
 from clusterviz.scene.field_types import (
     Ambient,
@@ -23,8 +24,6 @@ from clusterviz.scene.field_types import (
     Specular,
     SpecularPower,
 )
-from clusterviz.scene.flows import FlowSection
-from clusterviz.scene.geometry import GEOMETRY_SECTIONS, Transform
 
 MOST_GRIDS = 4
 """Grids of a scene: a ray walks through all of them at the same time."""
@@ -119,10 +118,6 @@ class GridSection(Section):
         examples=[[[1, 0, 0, 10], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]],
         description="World from the file's coordinates: 4 x 4, row by row, affine.",
     )
-
-
-LISTED_SECTIONS: dict[str, type[Section]] = {**GEOMETRY_SECTIONS, "grids": GridSection, "flows": FlowSection}
-"""Sections of a scene that list content other than volumes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from clusterviz.content.volume.info import range_around
 from clusterviz.image.spectral.lights import VISIBLE
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.checks import InvalidValueError, check_points, to_builtin
 from clusterviz.scene.field_types import FINITE, NotNegative, Number, Positive, Section
 from clusterviz.scene.materials import MATERIALS, Material, material, material_of_colour
 from clusterviz.scene.transfer import TransferFunction, distinct, interpolate
-from clusterviz.scene.volume_info import range_around
 
 Floats = NDArray[np.float64]
 WAVELENGTH_SETS: dict[str, tuple[float, ...]] = {

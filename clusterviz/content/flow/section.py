@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from clusterviz.content.geometry.section import Colour
 from clusterviz.scene.checks import InvalidValueError, check_normal, check_order, check_path, to_builtin
 from clusterviz.scene.field_types import (
     FINITE,
@@ -25,7 +26,6 @@ from clusterviz.scene.field_types import (
     SpecularPower,
     Vector,
 )
-from clusterviz.scene.geometry import Colour
 
 Show = Literal["lic", "streamlines", "pathlines", "streaklines", "glyphs", "surface-lic"]
 """How a flow is shown."""
