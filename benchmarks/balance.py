@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.complete import complete_scene
+from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.samples import fetch_sample
@@ -36,7 +38,6 @@ from clusterviz.partition import (
 )
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.scene.animation import orbit
-from clusterviz.scene.complete import VolumeInfo, complete_scene
 from clusterviz.scene.files import load_scene
 
 Costs = NDArray[np.float64]

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.cli.arguments import parse_device
+from clusterviz.content.complete import complete_scene
 from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.samples import fetch_sample
@@ -28,7 +29,7 @@ from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.choice import Device, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
-from clusterviz.scene import Scene, VolumeInfo, complete_scene
+from clusterviz.scene import Scene, VolumeInfo
 from clusterviz.scene.values import ImageSettings, Volume
 
 LIGHT: dict[str, Any] = {"position": (1.0, 2.0, 3.0)}

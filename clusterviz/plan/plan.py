@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.summary import VolumeSummary
@@ -50,7 +51,6 @@ from clusterviz.plan.spectrum import Spectrum, make_spectrum
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.report.decisions import Change, Detail
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
 
