@@ -163,7 +163,6 @@ def measure(name: str, size: int, rounds: int, gl: bool) -> dict[str, Any]:
     picture = counts = None
     for _ in range(rounds + 1):
         for fill, resolve in SCHEMES:
-            assert plan.content, "there is geometry"
             chosen = replace(plan, content=replace(plan.content, fill=fill, resolve=resolve))
             if not caster.can_draw(chosen):
                 caster.compile(chosen)

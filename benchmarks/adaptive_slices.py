@@ -107,7 +107,9 @@ def least(
     best: dict[str, Any] = {}
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        found, seconds = timed(plan, voxels, ORACLES[oracle](voxels, plan.transfer, 10**middle), along_rays=along_rays)
+        found, seconds = timed(
+            plan, voxels, ORACLES[oracle](voxels, plan.volume.transfer, 10**middle), along_rays=along_rays
+        )
         error = float(np.abs(found.rgba - truth.rgba).max())
         if error <= bound:
             low, best = middle, {"tolerance": 10**middle, "share": found.share, "error": error, "seconds": seconds}

@@ -25,6 +25,7 @@ from clusterviz.data.summary import VolumeSummary, summarise
 from clusterviz.gl.context import open_context
 from clusterviz.partition import Piece, build_tree, leaf_pieces
 from clusterviz.plan.blend_mode import margin_of
+from clusterviz.plan.content import KnownVolume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.choice import Device, egl_device, prefers_cpu
 from clusterviz.render.cpu.caster import VectorCaster
@@ -83,7 +84,7 @@ def planned(
     bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
     completed = complete_scene(scene, facts_of(source, summary))
-    return make_plan(completed, source.grid, source.dtype, layout, summary), bricks
+    return make_plan(completed, [KnownVolume(source.grid, source.dtype, layout, summary)]), bricks
 
 
 def facts_of(source: Source, summary: VolumeSummary) -> VolumeInfo:

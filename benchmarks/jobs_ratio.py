@@ -38,10 +38,10 @@ from clusterviz.cli.jobs import find_mpirun
 from clusterviz.data.field import shepp_logan, shepp_logan_integrals
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.jobs.reconstruction import ConeBeam, reconstruct
 from clusterviz.jobs.scheduler import SCHEDULES
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "jobs"
+CONE_BEAM = runpy.run_path(str(EXAMPLES / "cone_beam.py"))
 TIMEOUT_SECONDS = 300
 EMPTY_BLOCKS, PEER_TASKS, LAUNCHES = 4000, 1000, 500
 MATRIX, MATRIX_BLOCK = 1024, 128
@@ -144,10 +144,10 @@ def write_views(folder: Path, size: int) -> None:
     np.save(folder / f"{size}.npy", np.array(views, np.float32))
 
 
-def scan(size: int) -> ConeBeam:
+def scan(size: int) -> Any:
     """Geometry whose views hold the whole phantom."""
     pixels = size * 5 // 4
-    return ConeBeam(
+    return CONE_BEAM["ConeBeam"](
         source_to_axis=5,
         source_to_detector=8,
         detector=(pixels, pixels),
@@ -158,7 +158,7 @@ def scan(size: int) -> ConeBeam:
 
 def reconstruction(cluster: jobs.Cluster, folder: str, size: str) -> Result:
     """Time, bytes, and the root mean square of the error in the central half along each axis."""
-    n = int(size)
+    n, reconstruct = int(size), CONE_BEAM["reconstruct"]
     views = ArraySource(np.load(Path(folder) / f"{n}.npy", mmap_mode="r"), name="views")
     grid = Grid((n,) * 3, (2 / n,) * 3, (1 / n - 1,) * 3)
     found = []

@@ -23,7 +23,8 @@ from clusterviz.data import open_source
 from clusterviz.data.samples import fetch_sample
 from clusterviz.gl.context import open_context
 from clusterviz.image import compare
-from clusterviz.plan.plan import Plan, brick_cost
+from clusterviz.plan.content import brick_cost
+from clusterviz.plan.plan import Plan
 from clusterviz.render import brick_atlas
 from clusterviz.render.choice import Device, egl_device, prefers_cpu
 from clusterviz.render.cpu import caster as vectors

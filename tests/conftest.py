@@ -12,6 +12,7 @@ import pytest
 
 # Tests of one room share its pictures: `from composite.cases import ...`, whatever the import mode.
 sys.path.insert(0, str(Path(__file__).parent))
+import selection
 from gl.probing import context, probe, shaders, shared_context
 
 from clusterviz.comm.library import mpirun_folders
@@ -62,8 +63,19 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
         )
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave out what no adversarial driver has to give."""
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--all", action="store_true", help="run the long tests, too")
+    parser.addoption("--quick", action="store_true", help="run a row of every test that is fast")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Choose the tests, and leave out what no adversarial driver has to give."""
+    if not config.option.all and not any("::" in argument for argument in config.args):
+        kept = selection.chosen(items, config.option.quick)
+        left_out = list(dict.fromkeys(items).keys() - dict.fromkeys(kept).keys())
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = kept
     if os.environ.get("CLUSTERVIZ_ADVERSARY"):
         for item in items:
             if item.get_closest_marker("bits"):

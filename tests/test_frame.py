@@ -144,6 +144,7 @@ def test_a_share_larger_than_the_memory_is_read_again_and_gives_the_same_picture
     np.testing.assert_array_equal(pixels(draw(2)[0]), pixels(plain))
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("blending", ["maximum", "average", "local-maximum", "first-hit"])
 def test_projections_are_composited_as_asked_and_give_one_picture(blending: Blending) -> None:
@@ -181,6 +182,7 @@ def check_frames(frames: list[Rendered], scenes: list[Scene]) -> None:
     check_same(frames, [render_frame(scene, LoopbackChannel()) for scene in scenes])
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("ranks", [1, 3])
 @pytest.mark.parametrize("look", LOOKS, ids=str)

@@ -157,7 +157,6 @@ def _of_levels(
     """Return the field of each volume at the samples of its finest level, of the levels that a picture uses."""
     work, _ = prepare(Run(LoopbackChannel(), Options()), scene, given)
     assert work.plan is not None, "there is a volume"
-    assert work.plan.content is not None, "levels are drawn as content"
     found = []
     for layer, source, samples in zip(work.plan.content.volume_layers, sources, voxels, strict=True):
         levels = levels_of(source)

@@ -70,12 +70,8 @@ def granted_cores() -> frozenset[int]:
 def core_share(mine: int, granted: Sequence[frozenset[int]]) -> int:
     """Return the number of whole cores of a rank if each core is divided among the ranks that may run on it.
 
-    Ranks bound to cores of their own get all of them; unbound ranks get equal parts.
-
-    Parameters
-    ----------
-    mine : index of the rank on its node
-    granted : cores on which each rank of the node may run
+    Ranks bound to cores of their own get all of them; unbound ranks get equal parts. `mine` is the index of the rank on
+    its node, `granted` the cores on which each rank of the node may run.
     """
     share = sum(1.0 / sum(core in other for other in granted) for core in granted[mine])
     return max(1, int(share + 1e-9))
@@ -90,10 +86,7 @@ def single_placement(local_rank: int = 0, local_size: int = 1) -> Placement:
 def parse_ranks_per_node(text: str | None) -> int | None:
     """Return the ranks per simulated node that the environment variable's text sets; None if it is empty.
 
-    Raises
-    ------
-    InputError
-        No positive integer. Marked as agreed on, because every rank gets the same text.
+    Raises InputError, agreed on because every rank gets the same text, if it is no positive integer.
     """
     if not text:
         return None
@@ -125,12 +118,7 @@ def group_by_node(first_ranks: Sequence[int], ranks_per_node: int | None = None)
 
 
 def limit_threads(placement: Placement, environment: MutableMapping[str, str] | None = None) -> dict[str, str]:
-    """Limit the threads of llvmpipe, numba and OpenMP to the rank's cores, unless the user has set them.
-
-    Returns
-    -------
-    limits : value of each variable
-    """
+    """Limit the threads of llvmpipe, numba and OpenMP to the rank's cores unless the user has; return the variables."""
     variables = os.environ if environment is None else environment
     return {name: variables.setdefault(name, str(placement.cores)) for name in THREAD_VARIABLES}
 

@@ -97,8 +97,6 @@ def find_neighbours(tetrahedra: NDArray[np.uint32], points: int, threads: int = 
     Parameters
     ----------
     tetrahedra : uint32 (m, 4), m < 2³⁰, of positive volume, corners in the order of `Tetrahedra.corners`
-    points : number of points
-    threads : of the work
     """
     parts = _parts(len(tetrahedra), threads)
     halves = np.empty((len(tetrahedra), 4), np.uint32)

@@ -188,13 +188,7 @@ def _is_vectors(given: Any) -> bool:
 
 
 def as_vectors(given: Any, where: str) -> VectorSource:
-    """Return vectors in memory: a `VectorSource` as it is, or an array (z, y, x, 3).
-
-    Raises
-    ------
-    DataError
-        It is neither.
-    """
+    """Return vectors in memory: a `VectorSource` as it is, or an array (z, y, x, 3)."""
     if _is_vectors(given):
         vectors: VectorSource = given
         return vectors

@@ -23,13 +23,7 @@ Labels = tuple[int, ...] | Literal["hashed"]
 
 @dataclass(frozen=True)
 class LabelSource:
-    """Volume of small numbers, one for each label of another volume.
-
-    Attributes
-    ----------
-    stored : the labels
-    labels : see `Labels`
-    """
+    """Volume of small numbers, one for each label of another volume."""
 
     stored: Source
     labels: Labels
@@ -68,13 +62,7 @@ class LabelSource:
 
 
 def as_labels(source: Source, labels: Labels | None) -> Source:
-    """Return a source whose labels are small numbers; the source itself without `labels`, or if it is one already.
-
-    Raises
-    ------
-    DataError
-        The samples are no integers.
-    """
+    """Return a source whose labels are small numbers; the source itself without `labels`, or if it is one already."""
     inner: Any = source
     while hasattr(inner, "source"):  # wrapped by a guard or another grid
         inner = inner.source

@@ -90,8 +90,6 @@ class MixedSource:
 
     Attributes
     ----------
-    source : the volume
-    level_map : levels of its bricks
     level : whose samples are read; bricks of finer levels beside a box count as of this one
     """
 

@@ -19,7 +19,6 @@ class ArraySource:
     ----------
     array : any integer, boolean or float dtype, (z, y, x) or (y, x)
     grid : positions of the samples; by default 1 apart from the world's origin
-    name : for messages
 
     Raises
     ------

@@ -128,13 +128,7 @@ class VectorField:
 
 
 def open_vector_field(spec: str, scale: float = 1.0) -> VectorField:
-    """Open the vectors that `field:NAME[:SIZE[:STEPS]]` names.
-
-    Raises
-    ------
-    DataError
-        Unknown name, impossible size or number of steps, or steps of a steady flow.
-    """
+    """Open the vectors that `field:NAME[:SIZE[:STEPS]]` names."""
     head, _, steps = spec.rpartition(":") if spec.count(":") > 2 else (spec, "", "")
     name, side = parse_field(head, VECTOR_FIELDS)
     period = PERIODS.get(name)

@@ -40,8 +40,6 @@ class VectorSource(Protocol):
 
     Attributes
     ----------
-    name : for messages
-    grid : positions of the samples
     times : of the time steps, ascending; () if the flow is steady
     """
 
@@ -61,22 +59,11 @@ class VectorSource(Protocol):
         -------
         vectors : float32 or float64 (z, y, x, 3), components along x, y, z of the world per unit of time, owned by the
             caller; NaN where there are none
-
-        Raises
-        ------
-        DataError
-            The file ends early or cannot be decoded.
         """
         ...
 
     def at_time(self, step: int) -> VectorSource:
-        """Return the vectors at a time step.
-
-        Raises
-        ------
-        DataError
-            There is no such step, or it cannot be read.
-        """
+        """Return the vectors at a time step."""
         ...
 
 
@@ -115,7 +102,6 @@ class VectorArray:
     values : numbers (z, y, x, 3), or (steps, z, y, x, 3) with `times`; components along x, y, z of the world
     grid : positions of the samples; by default 1 apart from the world's origin
     times : of the steps, ascending
-    name : for messages
 
     Raises
     ------
@@ -164,7 +150,6 @@ class ComponentVectors:
     Attributes
     ----------
     components : along x, y, z; None is zero everywhere
-    scale : factor of all components
     open_step : function that opens a time step
     """
 
@@ -211,7 +196,6 @@ def open_vectors(
     array : name of the array of vectors, or of three arrays of components, "u,v,w"
     time : number of the time step, from 0; None: the first
     order : the axes of the stored components, such as "zyx"
-    scale : factor of all vectors
     interval : time between two steps of files
 
     Raises
@@ -292,13 +276,7 @@ def _at_first_step(path: str, subset: Subset) -> tuple[Source, Subset]:
 
 
 def _step_numbers(files: Sequence[str], where: str) -> list[float]:
-    """Return the times of files in steps, by the numbers in their names: 0, 1, 2, … if these are even.
-
-    Raises
-    ------
-    DataError
-        The numbers skip steps.
-    """
+    """Return the times of files in steps, by the numbers in their names: 0, 1, 2, … if these are even."""
     keys = [[number for number, _ in by_numbers(Path(file)) if number >= 0] for file in files]
     varying = [column for column in zip(*keys, strict=False) if len(set(column)) == len(files)]
     if len(files) < 2 or len({len(key) for key in keys}) > 1 or len(varying) != 1:

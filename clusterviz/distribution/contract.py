@@ -32,19 +32,15 @@ class Distribution(Protocol):
     @property
     def mode(self) -> Mode:
         """How ranks share a frame: sort-last, unless groups of them share the screen."""
-        ...
 
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
         """Return the pieces of a frame, front to back; at each pixel, each visible brick is in exactly one."""
-        ...
 
     def holds(self, rank: int) -> frozenset[Index]:
         """Return the bricks that a rank must keep after the last `assign`; it may drop all others."""
-        ...
 
     def learn(self, plan: Plan, costs: Sequence[RankFrame]) -> None:
         """Learn from the cost of a frame on each rank."""
-        ...
 
 
 class DistributionHooks(Protocol):
@@ -52,7 +48,6 @@ class DistributionHooks(Protocol):
 
     def prepare(self, run: Run, scene: Scene, plan: Plan) -> None:
         """Prepare the assignment of a frame, by a pre-pass for example."""
-        ...
 
     def before(self, run: Run, work: RankWork) -> Iterable[Rect] | None:
         """Begin the drawing of a frame whose bricks are loaded.
@@ -61,19 +56,15 @@ class DistributionHooks(Protocol):
         -------
         tiles : in which this rank draws all its pieces, such as those of a work queue; None: the pieces' rectangles
         """
-        ...
 
     def counted(self, counts: RankFrame) -> RankFrame:
         """Add the hooks' own counts to those of a frame."""
-        ...
 
     def after(self, run: Run, work: RankWork, costs: Sequence[RankFrame]) -> None:
         """Use the costs of a drawn frame, one for each rank."""
-        ...
 
     def close(self) -> None:
         """Free resources."""
-        ...
 
 
 def candidates(ranks: int) -> list[int]:

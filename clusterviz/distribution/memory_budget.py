@@ -139,7 +139,7 @@ class MemoryBudget:
         sizes = brick_bytes(plan, self.on_cpu)
         if self.on_cpu and self.by_opengl:
             sizes = np.maximum(sizes, brick_bytes(plan, on_cpu=False))
-        for layer in plan.content.layers if plan.content else ():
+        for layer in plan.content.layers:
             sizes = sizes + layer.nbytes + layer.table_bytes
         return np.where(plan.cost > 0, sizes, 0)
 

@@ -31,8 +31,7 @@ from numpy.typing import NDArray
 
 from clusterviz.codec import intrinsics
 from clusterviz.comm.agree import abort_on_failure, agree
-from clusterviz.comm.all_to_all import all_to_all
-from clusterviz.comm.channel import Channel
+from clusterviz.comm.channel import Channel, all_to_all
 from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.content.flow.section import Seeds, Trace
 from clusterviz.data import vector_field

@@ -31,9 +31,9 @@ from clusterviz.flow.lic_lines import LicOverRanks
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree
 from clusterviz.plan.cell_bricks import KnownCells
-from clusterviz.plan.content import ContentBrick, KnownVolume
+from clusterviz.plan.content import ContentBrick, KnownVolume, is_mixed
 from clusterviz.plan.geometry_bricks import KnownGeometry
-from clusterviz.plan.plan import Plan, make_content_plan
+from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.plan.refinement import with_detail
 from clusterviz.report.machine import memory
 from clusterviz.scene.values import Scene
@@ -81,7 +81,7 @@ class OpenedContent:
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
         known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary, levels_of(v.source)) for v in self.volumes]
-        return self.with_detail(make_content_plan(scene, known, self.geometry, self.grids), scene)
+        return self.with_detail(make_plan(scene, known, self.geometry, self.grids), scene)
 
     def with_detail(self, plan: Plan, scene: Scene) -> Plan:
         """Return a plan with the levels of volumes that its view needs, and the bounds of their errors."""
@@ -93,14 +93,11 @@ class OpenedContent:
 
     def grid_of(self, plan: Plan) -> Grid:
         """Return the grid of a plan's domain, in whose index space it is."""
-        assert plan.content is not None, "the plan has content"
         return plan.content.domain.grid
 
     def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, ContentBrick]]:
         """Read bricks of a plan from all sources, with one pass over each volume; collective, but for volumes alone."""
         content = plan.content
-        if content is None:
-            raise ValueError("the plan has no content")
         # First, since the ranks exchange what their bricks hold.
         pairs = zip(self.geometry, content.geometry, strict=True)
         geometry = [one.read(layer, content.brick_grid, wanted) for one, layer in pairs]
@@ -120,7 +117,6 @@ class OpenedContent:
     def suiting(self, plan: Plan, held: Bricks) -> Bricks:
         """Return those of the bricks in memory that were read with the margins and levels of a plan."""
         content = plan.content
-        assert content is not None, "the plan has content"
         return {
             index: brick
             for index, brick in held.items()
@@ -140,7 +136,6 @@ class OpenedContent:
 
     def changed(self, plan: Plan, before: Opened, bricks: Set[Index]) -> set[Index]:
         """Return those of some bricks of a plan that may differ from those of other time steps."""
-        assert plan.content is not None, "the plan has content"
         found = set[Index]()
         for now, earlier, part in zip(self.volumes, before.volumes, plan.content.volume_layers, strict=True):
             if now.source is earlier.source:
@@ -185,8 +180,8 @@ def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     with run.local("plan", "plan"):
         bricks = [dict(volume.read_bricks) for volume in found["volumes"]]
         volumes = tuple(replace(volume, read_bricks={}) for volume in found["volumes"])
-        is_alone = len(volumes) == sum(map(len, found.values())) == 1 and scene.volumes[0].detail == "full"
-        opened = volumes[0] if is_alone else OpenedContent(**{**found, "volumes": volumes}, ranks=run.channel.size)
+        several = OpenedContent(**{**found, "volumes": volumes}, ranks=run.channel.size)
+        opened = several if is_mixed(scene) else volumes[0]
         scene = complete(opened, scene)
         if labelled := with_chosen_labels(asked, scene):
             return open_content(run, labelled, source)

@@ -187,8 +187,7 @@ class WireFormat:
 
 def wire_format_of(plan: Plan, dtype: np.dtype[Any]) -> WireFormat:
     """Return the wire format of a plan's bricks."""
-    layers = plan.content.layers if plan.content else ()
-    return WireFormat(slot_of(plan), dtype, stamp_of(plan), PART_BYTES, layers)
+    return WireFormat(slot_of(plan), dtype, stamp_of(plan), PART_BYTES, plan.content.layers)
 
 
 def _bytes(array: NDArray[Any]) -> Bytes:

@@ -307,7 +307,7 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
     look, rows = None, None
     if volume.shader is not None:
         # Few scenes need it.
-        from clusterviz.spmd.look_files import read_look
+        from clusterviz.plan.look_files import read_look
 
         look, rows = read_look(volume.shader), _look_units(clim, grid)
     if volume.transfer_2d is None:

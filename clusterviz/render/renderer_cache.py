@@ -62,15 +62,19 @@ class RendererCache:
         self._context: moderngl.Context | None = None
         self._caster: Raycaster | VectorCaster | None = None
         self._prefers_cpu: bool | None = None
-        self._encodings: tuple[object, ...] = ()
+        self._stored: tuple[object, int] = (), 0
         self._levels: dict[Index, tuple[bytes, ...]] = {}
 
     def missing(self, plan: Plan, wanted: Collection[Index]) -> set[Index]:
         """Return the bricks that have to be loaded, or loaded again, before the plan can be drawn."""
-        if self._caster is None or self._encodings != _encodings_of(plan) or not self._suits(plan):
+        if self._caster is None or self._stored != _stored_of(plan) or not self._suits(plan):
             return set(wanted)
         held = self._caster.pool.bricks
-        return {index for index in wanted if index not in held or self._levels.get(index, ()) != _levels(plan, index)}
+        return {
+            index
+            for index in wanted
+            if index not in held or self._levels.get(index, ()) != plan.content.levels_around(index)
+        }
 
     def is_compiled(self, plan: Plan) -> bool:
         """Return True if there is a program for the plan."""
@@ -222,8 +226,8 @@ class RendererCache:
 
     def _note(self, plan: Plan, bricks: Iterable[Index]) -> None:
         """Note how bricks are stored."""
-        self._encodings = _encodings_of(plan)
-        if plan.content and any(part.levels for part in plan.content.volume_layers):
+        self._stored = _stored_of(plan)
+        if any(part.levels for part in plan.content.volume_layers):
             self._levels |= {index: plan.content.levels_around(index) for index in bricks}
 
     def _suits(self, plan: Plan) -> bool:
@@ -236,12 +240,6 @@ class RendererCache:
             self._caster = None
 
 
-def _levels(plan: Plan, index: Index) -> tuple[bytes, ...]:
-    return plan.content.levels_around(index) if plan.content else ()
-
-
-def _encodings_of(plan: Plan) -> tuple[object, ...]:
-    """Return the encoding of each volume's stored bricks, None for unchanged integers, and the surfaces' reach."""
-    each = [part.encoding for part in plan.content.volume_layers] if plan.content else [plan.encoding]
-    reach = plan.content.reach if plan.content else 0
-    return (*(encoding if encoding.kind == "f32" else None for encoding in each), reach)
+def _stored_of(plan: Plan) -> tuple[object, int]:
+    """Return the encodings of the stored bricks, and the surfaces' reach."""
+    return plan.content.encodings, plan.content.reach

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Literal
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.reals import Reals
-from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.gl.shader import assemble
 from clusterviz.plan.blend_mode import Lattice
-from clusterviz.plan.plan import Filter, Plan
+from clusterviz.plan.content import Filter
+from clusterviz.plan.plan import Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
 from clusterviz.plan.shading import LOOK_ROWS, Table
@@ -41,6 +42,7 @@ from clusterviz.render.volume_layers import (
     voxel_files,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
+from clusterviz.spmd.source import ShaderSource
 
 if TYPE_CHECKING:
     from clusterviz.spmd.look import Look
@@ -511,32 +513,27 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int, reals: Reals = "doubl
     uniform_bytes : the driver's largest uniform block
     reals : form of numbers that the device prefers; what `needs_doubles` has none but double precision
     """
-    grading = plan.blend_mode.grading
-    volumes = volume_variants(plan.content, slot) if plan.content else ()
-    records = (
-        sum(part.segments.records.nbytes for part in plan.content.volume_layers)
-        if plan.content
-        else plan.segments.records.nbytes
-    )
-    fits = records <= uniform_bytes
+    grading, layers = plan.blend_mode.grading, plan.content.volume_layers
+    lone = None if plan.content.mixed else plan.volume
+    fits = sum(part.segments.records.nbytes for part in layers) <= uniform_bytes
     found = Variant(
-        plan.march.filter,
+        plan.filter,
         replace(slot, group_box=None),
         plan.layout.brick,
-        plan.segments.further_starts,
+        lone.segments.further_starts if lone else 0,
         uniform_bytes if fits else 0,
         plan.blend_mode.blending,
         len(plan.blend_mode.shading.lights) if plan.blend_mode.shading else 0,
         len(plan.clip),
         _surfaces(plan),
-        plan.march.preintegrated,
+        lone is not None and lone.preintegrated,
         grading.fading if grading else 0,
         grading.table_holds if grading else "",
         bool(plan.blend_mode.shading and plan.blend_mode.shading.has_places),
         plan.blend_mode.smooth,
         plan.march.lattice,
         plan.march.split,
-        volumes,
+        () if lone else volume_variants(plan.content, slot),
         len(plan.blend_mode.shading.caps) if plan.blend_mode.shading else 0,
         plan.march.frame_coherence is not None,
         plan.march.crossing,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,13 +16,14 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.plan.blend_mode import BlendMode, Lattice
-from clusterviz.plan.content import Content
-from clusterviz.plan.plan import Filter, Plan
+from clusterviz.plan.content import Content, Filter
+from clusterviz.plan.plan import Plan
 from clusterviz.plan.preintegration import SUM_ROWS
-from clusterviz.plan.segments import BUCKETS
+from clusterviz.plan.segments import BUCKETS, Segments, make_segments
 from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS
 from clusterviz.render.storage import HEADER_WORDS, LEVEL_WORDS, Slot
+from clusterviz.scene.transfer import TransferFunction
 
 if TYPE_CHECKING:
     from clusterviz.spmd.look import Look
@@ -65,6 +67,7 @@ def spline_file(filter: Filter, gradient: str) -> str:
     return "spline.glsl" if "cubic" in filter + gradient else "// nothing\n"
 
 
+LONE_BINDINGS = 2, 5, 4  # lighting, grading and isosurfaces of a volume alone
 VOLUMES_BINDING, ROWS_BINDING = 6, 7  # the block of all volumes, and the rows of their lighting and isosurfaces
 OWN_BINDING = 10  # on CPUs, the first of blocks with the rows of one volume
 MOST_ROWS = 1 << 12  # of a block whose size is not known when CPUs compile
@@ -295,7 +298,7 @@ def volume_variants(content: Content, slot: Slot) -> tuple[VolumeVariant, ...]:
     """Return the variant of each volume."""
     return tuple(
         VolumeVariant(
-            part.interpolation,
+            part.filter,
             part_slot,
             part.segments.further_starts,
             len(part.blend_mode.shading.lights) if part.blend_mode.shading else 0,
@@ -374,11 +377,25 @@ def content_files(
     )
 
 
-def content_blocks(content: Content) -> list[tuple[int, NDArray[Any]]]:
-    """Return the uniform blocks of several volumes, with their bindings."""
+def volume_blocks(content: Content, on_cpu: bool = False) -> list[tuple[int, NDArray[Any]]]:
+    """Return the uniform blocks of all volumes, with their bindings.
+
+    Parameters
+    ----------
+    on_cpu : of mixed content each volume has blocks of its own, since where one of all would be divided is not known
+    """
+    if not content.mixed:
+        mode = content.volume_layers[0].blend_mode
+        bindings = [
+            n for n, part in zip(LONE_BINDINGS, (mode.shading, mode.grading, mode.surfaces), strict=True) if part
+        ]
+        return list(zip(bindings, rows_of(mode), strict=True))
+    if not content.volume_layers and not on_cpu:
+        return []
     rows = [rows for part in content.volume_layers for rows in rows_of(part.blend_mode)]
-    block = [(ROWS_BINDING, np.concatenate(rows))] if rows else []
-    return [(VOLUMES_BINDING, volumes_block(content)), *block] if content.volume_layers else []
+    if on_cpu:
+        return [(VOLUMES_BINDING, volumes_block(content)), *enumerate(rows, OWN_BINDING)]
+    return [(VOLUMES_BINDING, volumes_block(content)), *([(ROWS_BINDING, np.concatenate(rows))] if rows else [])]
 
 
 def rows_of(blend_mode: BlendMode) -> list[NDArray[np.float32]]:
@@ -412,12 +429,12 @@ def volumes_block(content: Content) -> NDArray[np.void]:
 def all_segments(plan: Plan) -> tuple[NDArray[np.void], NDArray[Any], NDArray[np.float64] | None]:
     """Return buckets, records and sums; of volumes and grids concatenated, and buckets refer to the joined records.
 
-    Records are bytes then, since there are two types of one size; sums are None if no volume has any.
+    Records of several are bytes, since there are two types of one size; sums are None if no volume has any.
     """
-    if not plan.content or not (plan.content.volume_layers or plan.content.cells):
-        return plan.segments.buckets, plan.segments.records, plan.segments.sums
     volumes, grids = plan.content.volume_layers, plan.content.cells
-    each = [*(part.segments for part in volumes), *(part.segments for part in grids)]
+    each = [*(part.segments for part in volumes), *(part.segments for part in grids)] or [_nothing()]
+    if len(each) == 1:
+        return each[0].buckets, each[0].records, each[0].sums
     buckets, sums, first = [], [], 0
     for segments in each:
         own = segments.buckets.copy()
@@ -429,3 +446,11 @@ def all_segments(plan: Plan) -> tuple[NDArray[np.void], NDArray[Any], NDArray[np
     records = np.concatenate([segments.records.view(np.uint8) for segments in each])
     has_sums = any(segments.sums is not None for segments in each)
     return np.concatenate(buckets), records, np.concatenate(sums) if has_sums else None
+
+
+@cache
+def _nothing() -> Segments:
+    """Return what shaders without a transfer function are given."""
+    return make_segments(
+        TransferFunction(np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(1), 1.0, (0.0, 1.0)), 1.0
+    )

@@ -67,13 +67,13 @@ def returns(node: Any) -> Iterator[Leave]:
             yield from returns(child)
 
 
-def _nodes_of(function: Function) -> Iterator[Any]:
-    """Yield the nodes of a function, and of all that it calls."""
-    waiting, seen = list[Any]([function.body]), {id(function)}
+def walk(*roots: Any, calls: bool = False) -> Iterator[Any]:
+    """Yield nodes and all their parts; with `calls`, also the bodies of the functions that they call, each once."""
+    waiting, seen = list(roots), set[int]()
     while waiting:
         node = waiting.pop()
         yield node
-        if isinstance(node, Call) and id(node.function) not in seen and node.function.body is not None:
+        if calls and isinstance(node, Call) and id(node.function) not in seen and node.function.body is not None:
             seen.add(id(node.function))
             waiting.append(node.function.body)
         waiting += children(node)
@@ -89,21 +89,17 @@ def used_by(program: Program) -> set[int]:
     """
     if "main" not in program.functions:
         raise program.places.error("no function main", 0)
-    main = program.functions["main"][0]
     values = {id(d.variable): d.value for d in program.globals if d.value is not None}
-    found, waiting, seen = set[int](), list[Any]([main.body]), {id(main)}
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, Call) and id(node.function) not in seen:
-            seen.add(id(node.function))
-            waiting.append(node.function.body)
-        if isinstance(node, BuiltIn) and node.name == "texture":
-            raise program.places.error("CPUs do not filter textures", node.at, node.name, "texelFetch")
-        if isinstance(node, Name) and id(node.variable) not in found:
-            found.add(id(node.variable))
-            if id(node.variable) in values:
-                waiting.append(values[id(node.variable)])
-        waiting += children(node)
+    found, roots = set[int](), [program.functions["main"][0].body]
+    while roots:
+        names = set[int]()
+        for node in walk(*roots, calls=True):
+            if isinstance(node, BuiltIn) and node.name == "texture":
+                raise program.places.error("CPUs do not filter textures", node.at, node.name, "texelFetch")
+            if isinstance(node, Name):
+                names.add(id(node.variable))
+        roots = [values[each] for each in names - found if each in values]
+        found |= names
     return found
 
 
@@ -192,7 +188,7 @@ class Facts:
         """Return the ids of the variables that a function, and what it calls, may use."""
 
         def find(function: Function) -> frozenset[int]:
-            return frozenset(id(node.variable) for node in _nodes_of(function) if isinstance(node, Name))
+            return frozenset(id(node.variable) for node in walk(function.body, calls=True) if isinstance(node, Name))
 
         return self._fact("used", function, find)  # type: ignore[no-any-return]
 
@@ -201,7 +197,7 @@ class Facts:
 
         def find(function: Function) -> frozenset[int]:
             targets = list[Expression]()
-            for node in _nodes_of(function):
+            for node in walk(function.body, calls=True):
                 if isinstance(node, Assign):
                     targets.append(node.target)
                 if isinstance(node, Call):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from clusterviz.errors import InputError
 from clusterviz.spmd.ir import (
@@ -52,24 +54,32 @@ SYSTEM = {
     "gl_NumWorkGroups": NUMBERS["u", 3],
     "gl_GlobalInvocationID": NUMBERS["u", 3],
 }
-FOLDED: dict[str, Callable[[int, int], int]] = {
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
-    "/": lambda a, b: abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1),
-    "%": lambda a, b: a - b * (abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)),
+
+
+def _quotient(a: Any, b: Any) -> Any:
+    """Return the quotient of integers, rounded towards 0."""
+    return abs(a) // abs(b) * (1 - 2 * ((a < 0) != (b < 0)))
+
+
+OPERATORS: dict[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "&": operator.and_,
+    "|": operator.or_,
+    "^": operator.xor,
+    "/": _quotient,
+    "%": lambda a, b: a - b * _quotient(a, b),
     "<<": lambda a, b: a << (b & 31),
     ">>": lambda a, b: a >> (b & 31),
-    "&": lambda a, b: a & b,
-    "|": lambda a, b: a | b,
-    "^": lambda a, b: a ^ b,
-    "<": lambda a, b: a < b,
-    ">": lambda a, b: a > b,
-    "<=": lambda a, b: a <= b,
-    ">=": lambda a, b: a >= b,
-    "==": lambda a, b: a == b,
-    "!=": lambda a, b: a != b,
+    "<": operator.lt,
+    ">": operator.gt,
+    "<=": operator.le,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
 }
+"""Operators of integers, numbers or arrays, before the result is cut to its bits."""
 
 
 class Checker:
@@ -195,8 +205,8 @@ class Checker:
     def _operation(self, operator: str, result: Type, a: Expression, b: Expression, at: int) -> Expression:
         if operator in ("/", "%") and isinstance(b, Constant) and b.type.element in "iu" and not b.value:
             raise self.error("division of an integer by 0", at)
-        if isinstance(a, Constant) and isinstance(b, Constant) and a.type.element in "iub" and operator in FOLDED:
-            found: Number = FOLDED[operator](int(a.value), int(b.value))
+        if isinstance(a, Constant) and isinstance(b, Constant) and a.type.element in "iub" and operator in OPERATORS:
+            found: Number = OPERATORS[operator](int(a.value), int(b.value))
             if result.element != "b":
                 found = whole(result.element, found)
             return Constant(result, at, bool(found) if result is BOOL else found)

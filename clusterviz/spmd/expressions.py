@@ -8,7 +8,7 @@ from contextlib import nullcontext
 
 from clusterviz.spmd.analysis import ATOMIC, COSTLY, SEPARATE, Facts
 from clusterviz.spmd.built_in import BUILT_INS, dot, least, most
-from clusterviz.spmd.checker import FOLDED
+from clusterviz.spmd.checker import OPERATORS
 from clusterviz.spmd.emitter import Part, constant
 from clusterviz.spmd.ir import (
     SYSTEM_BLOCK,
@@ -27,8 +27,8 @@ from clusterviz.spmd.ir import (
     Program,
 )
 from clusterviz.spmd.memory import Blocks
-from clusterviz.spmd.types import SAMPLERS
-from clusterviz.spmd.variables import Cell, Parts, elements_of
+from clusterviz.spmd.types import SAMPLERS, elements_of
+from clusterviz.spmd.variables import Cell, Parts
 
 
 class Expressions(Blocks):
@@ -169,7 +169,7 @@ class Expressions(Blocks):
 
     def _compare(self, sign: str, a: Part, b: Part) -> Part:
         if a.constant is not None and b.constant is not None:
-            return constant("b", FOLDED[sign](a.constant, b.constant))  # type: ignore[arg-type]
+            return constant("b", OPERATORS[sign](a.constant, b.constant))  # type: ignore[arg-type]
         return self.emit.compare(sign, a, b)
 
     def _either(self, node: Either) -> Parts:

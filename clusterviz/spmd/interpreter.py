@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.shader import ShaderSource
+from clusterviz.spmd.built_in import BUILT_INS
+from clusterviz.spmd.checker import OPERATORS
+from clusterviz.spmd.emitter import Part
 from clusterviz.spmd.ir import (
     Assign,
     Block,
@@ -40,7 +41,8 @@ from clusterviz.spmd.ir import (
     Statement,
     Variable,
 )
-from clusterviz.spmd.types import Type
+from clusterviz.spmd.source import ShaderSource
+from clusterviz.spmd.types import Type, layout
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -194,9 +196,7 @@ class Interpreter:
         for declare in self.program.globals:
             variable = declare.variable
             if variable.kind == "shared":
-                self._globals[variable] = [
-                    np.zeros(len(self.groups), DTYPES[e]) for e, _ in layout(variable.type, False)
-                ]
+                self._globals[variable] = [np.zeros(len(self.groups), DTYPES[e]) for e, _ in layout(variable.type)]
             else:
                 yield from self._declare(declare, everything)
         yield from self._call(self.program.functions["main"][0], [], everything)
@@ -236,7 +236,7 @@ class Interpreter:
     def _declare(self, statement: Declare, mask: Mask) -> Execution:
         variable = statement.variable
         if statement.value is None:
-            value: Value = [np.zeros(1, DTYPES[element]) for element, _ in layout(variable.type, False)]
+            value: Value = [np.zeros(1, DTYPES[element]) for element, _ in layout(variable.type)]
         else:
             value = yield from self._value(statement.value, mask)
         (self.frames[-1].variables if self.frames else self._globals)[variable] = value
@@ -383,7 +383,7 @@ class Interpreter:
     def _store(self, target: Expression, value: Value, mask: Mask) -> Generator[Statement, None, None]:
         if isinstance(target, Memory):
             address = yield from self._address(target, mask)
-            for part, (element, offset) in zip(value, layout(target.type, False), strict=True):
+            for part, (element, offset) in zip(value, layout(target.type), strict=True):
                 view, index = self._place(target, address, element, offset, mask)
                 view[np.broadcast_to(index, self.lanes)[mask]] = np.broadcast_to(part, self.lanes)[mask]
         elif isinstance(target, Name):
@@ -455,11 +455,13 @@ class Interpreter:
         if node.name == "barrier":
             return []
         given = yield from self._values(node.arguments, mask)
-        if node.name in WHOLE:
-            return WHOLE[node.name](*given)
-        size = max(map(len, given))
-        function = EACH[node.name]
-        return [function(*(one[n % len(one)] for one in given)) for n in range(size)]
+        if node.name == "unpackDouble2x32":
+            return list(np.ascontiguousarray(given[0][0]).view(np.uint32).reshape(-1, 2).T)
+        if node.name in EXACT:
+            size = max(map(len, given))
+            return [EXACT[node.name](*(one[n % len(one)] for one in given)) for n in range(size)]
+        found = BUILT_INS[node.name](ARITHMETIC, [[_Lanes(part) for part in one] for one in given])  # type: ignore[misc]
+        return [_array(part) for part in found]
 
     def _atomic(self, node: BuiltIn, mask: Mask) -> Evaluation:
         (value,) = yield from self._value(node.arguments[1], mask)
@@ -493,55 +495,14 @@ class Interpreter:
         }
 
 
-@cache
-def layout(kind: Type, uniform: bool) -> tuple[tuple[str, int], ...]:
-    """Return the element, and the offset in bytes in a block, of each scalar of a type."""
-    if kind.fields:
-        return tuple(
-            (element, kind.offset(name, uniform) + offset)
-            for name, of in kind.fields
-            for element, offset in layout(of, uniform)
-        )
-    if kind.of:
-        stride = kind.of.stride(uniform)
-        return tuple((element, n * stride + at) for n in range(kind.size) for element, at in layout(kind.of, uniform))
-    return tuple((kind.element, n * STORED[kind.element]().itemsize) for n in range(kind.size * bool(kind.element)))
-
-
 def _zeros(kind: Type) -> Value:
-    return [np.zeros(1, DTYPES[element]) for element, _ in layout(kind, False)]
+    return [np.zeros(1, DTYPES[element]) for element, _ in layout(kind)]
 
 
 def _merged(mask: Mask, value: Value, old: Value) -> Value:
     return [a if a is b else np.where(mask, a, b) for a, b in zip(value, old, strict=True)]
 
 
-def _quotient(a: Array, b: Array) -> Array:
-    if a.dtype.kind == "f":
-        return a / b
-    return (
-        a // b
-        if a.dtype.kind == "u"
-        else (np.abs(a) // np.abs(b) * np.where((a < 0) == (b < 0), 1, -1)).astype(a.dtype)
-    )
-
-
-OPERATORS: dict[str, Callable[..., Array]] = {
-    "+": np.add,
-    "-": np.subtract,
-    "*": np.multiply,
-    "/": _quotient,
-    "%": lambda a, b: a - b * _quotient(a, b),
-    "<<": lambda a, b: a << (b & 31).astype(a.dtype),
-    ">>": lambda a, b: a >> (b & 31).astype(a.dtype),
-    "&": np.bitwise_and,
-    "|": np.bitwise_or,
-    "^": np.bitwise_xor,
-    "<": np.less,
-    ">": np.greater,
-    "<=": np.less_equal,
-    ">=": np.greater_equal,
-}
 UNARY: dict[str, Callable[[Array], Array]] = {"neg": np.negative, "!": np.logical_not, "~": np.invert}
 
 
@@ -554,8 +515,16 @@ def _operated(operator: str, given: list[Value]) -> Value:
         return [equal if operator == "==" else ~equal]
     if operator == "transform":
         return [a[n] * b[0] + a[n + 3] * b[1] + a[n + 6] * b[2] for n in range(3)]
-    function, size = OPERATORS[operator], max(len(a), len(b))
-    return [function(a[n % len(a)], b[n % len(b)]) for n in range(size)]
+    size = max(len(a), len(b))
+    return [_binary(operator, a[n % len(a)], b[n % len(b)]) for n in range(size)]
+
+
+def _binary(sign: str, a: Array, b: Array) -> Array:
+    if sign in ("<", "<=", ">", ">="):
+        return np.asarray(OPERATORS[sign](a, b))
+    if sign == "/" and a.dtype.kind == "f":
+        return a / b
+    return np.asarray(OPERATORS[sign](a, b)).astype(a.dtype, copy=False)
 
 
 def _fma(a: Array, b: Array, c: Array) -> Array:
@@ -564,86 +533,63 @@ def _fma(a: Array, b: Array, c: Array) -> Array:
     return (a.astype(np.float64) * b + c).astype(np.float32)
 
 
-def _length(a: Value) -> Array:
-    return np.sqrt(_dot(a, a)[0])
+@dataclass(frozen=True, slots=True)
+class _Lanes:
+    """Array in place of a part of generated code."""
+
+    values: Array
+    varying = False
+    constant = None
+
+    @property
+    def element(self) -> str:
+        return ELEMENTS[self.values.dtype]
 
 
-def _dot(a: Value, b: Value) -> Value:
-    found = a[0] * b[0]
-    for x, y in zip(a[1:], b[1:], strict=True):
-        found = found + x * y
-    return [found]
+class _Arithmetic:
+    """What the functions of `built_in.py` ask of an emitter, done at once."""
+
+    lanes = 1
+
+    def binary(self, sign: str, a: Any, b: Any) -> _Lanes:
+        return _Lanes(_binary(sign, _array(a), _array(b)))
+
+    def compare(self, sign: str, a: Any, b: Any) -> _Lanes:
+        return _Lanes(np.asarray(OPERATORS[sign](_array(a), _array(b))))
+
+    def select(self, mask: Any, a: Any, b: Any) -> _Lanes:
+        return _Lanes(np.where(_array(mask), _array(a), _array(b)))
+
+    def inverse(self, a: Any) -> _Lanes:
+        return _Lanes(~_array(a))
+
+    def bits(self, a: Any, element: str) -> _Lanes:
+        return _Lanes(np.ascontiguousarray(_array(a)).view(DTYPES[element]))
+
+    def call(self, name: str, result: str, *parts: Any) -> _Lanes:
+        given = [_array(part) for part in parts]
+        if name == "fmuladd":
+            return _Lanes(given[0] * given[1] + given[2])
+        return _Lanes(getattr(np, name)(*given))
 
 
-def _bits(kind: type) -> Callable[[Array], Array]:
-    return lambda a: np.ascontiguousarray(a).view(kind)
+def _array(part: Part | _Lanes) -> Array:
+    if isinstance(part, _Lanes):
+        return part.values
+    return np.full(1, part.constant, DTYPES[part.element])
 
 
-def _least(a: Array, b: Array) -> Array:
-    return np.where(a < b, a, b)
-
-
-def _most(a: Array, b: Array) -> Array:
-    return np.where(a > b, a, b)
-
-
-def _smooth(low: Array, high: Array, a: Array) -> Array:
-    t: Array = np.clip((a - low) / (high - low), 0, 1).astype(a.dtype)
-    return np.asarray(t * t * (3 - 2 * t))
-
-
-def _mixed(a: Array, b: Array, share: Array) -> Array:
-    return np.where(share, b, a) if share.dtype == np.bool_ else a + (b - a) * share
-
-
-EACH: dict[str, Callable[..., Array]] = {
-    **{name: getattr(np, name) for name in ("floor", "ceil", "trunc", "sqrt", "exp", "exp2", "log", "log2")},
-    **{name: getattr(np, name) for name in ("sin", "cos", "tan", "radians", "degrees")},
+ELEMENTS = {np.dtype(kind): element for element, kind in DTYPES.items()}
+ARITHMETIC: Any = _Arithmetic()
+EXACT: dict[str, Callable[..., Array]] = {
+    "tan": np.tan,
     "asin": np.arcsin,
     "acos": np.arccos,
     "atan": lambda a, b=None: np.arctan(a) if b is None else np.arctan2(a, b),
-    "round": np.rint,
-    "roundEven": np.rint,
-    "isnan": np.isnan,
-    "isinf": np.isinf,
-    "mod": lambda a, b: a - b * np.floor(a / b),
-    "step": lambda edge, a: (a >= edge).astype(a.dtype),
-    "smoothstep": _smooth,
     "pow": np.power,
     "fma": _fma,
-    "fract": lambda a: a - np.floor(a),
-    "inversesqrt": lambda a: a.dtype.type(1) / np.sqrt(a),
-    "abs": np.abs,
-    "sign": np.sign,
-    "min": _least,
-    "max": _most,
-    "clamp": lambda a, low, high: _least(_most(a, low), high),
-    "mix": _mixed,
-    "lessThan": np.less,
-    "lessThanEqual": np.less_equal,
-    "greaterThan": np.greater,
-    "greaterThanEqual": np.greater_equal,
-    "equal": np.equal,
-    "notEqual": np.not_equal,
-    "not": np.logical_not,
-    "floatBitsToInt": _bits(np.int32),
-    "floatBitsToUint": _bits(np.uint32),
-    "intBitsToFloat": _bits(np.float32),
-    "uintBitsToFloat": _bits(np.float32),
 }
-"""Functions of each component."""
-WHOLE: dict[str, Callable[..., Value]] = {
-    "dot": _dot,
-    "distance": lambda a, b: [_length([x - y for x, y in zip(a, b, strict=True)])],
-    "cross": lambda a, b: [a[n - 2] * b[n - 1] - a[n - 1] * b[n - 2] for n in range(3)],
-    "reflect": lambda a, b: [x - 2 * _dot(b, a)[0] * y for x, y in zip(a, b, strict=True)],
-    "length": lambda a: [_length(a)],
-    "normalize": lambda a: [part / _length(a) for part in a],
-    "all": lambda a: [np.logical_and.reduce(np.broadcast_arrays(*a))],
-    "any": lambda a: [np.logical_or.reduce(np.broadcast_arrays(*a))],
-    "unpackDouble2x32": lambda a: list(np.ascontiguousarray(a[0]).view(np.uint32).reshape(-1, 2).T),
-}
-"""Functions of all components."""
+"""Functions of each component for which generated code has instructions or a library of its own."""
 ATOMIC: dict[str, Callable[[Any, Any], Any]] = {"atomicAdd": np.add, "atomicMin": np.minimum}
 
 

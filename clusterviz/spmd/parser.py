@@ -7,7 +7,6 @@ compile a shader for the first time, and its tree had to be read again to be che
 from __future__ import annotations
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.checker import Checker
 from clusterviz.spmd.ir import (
     Assign,
@@ -25,6 +24,7 @@ from clusterviz.spmd.ir import (
     Statement,
     Variable,
 )
+from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.tokens import Token, tokens_of
 from clusterviz.spmd.types import BOOL, DOUBLE, FLOAT, INT, SAMPLERS, UINT, VOID, Type, array_of, whole
 

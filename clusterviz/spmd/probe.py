@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.interpreter import DTYPES, Array, Interpreter, Mask, Value
 from clusterviz.spmd.ir import Block, Declare, Expression, Function, If, Loop, Memory, Statement, Variable
 from clusterviz.spmd.parser import parse, parse_expression
-from clusterviz.spmd.tokens import tokens_of
+from clusterviz.spmd.source import ShaderSource
+from clusterviz.spmd.tokens import closing, tokens_of
 from clusterviz.spmd.types import BOOL, FLOAT, Type
 
 SCALAR = re.compile(r"(?<![\w.])(?:\w+\.)*s(?![\w.(])")
@@ -210,7 +210,7 @@ class Shader:
         statement = point.place.anchor
         first = self._token_at(statement)
         if isinstance(statement, Loop) and point.place.statement is statement:
-            begin, end = first + 1, self._closing(first + 1)
+            begin, end = first + 1, closing(self._tokens, first + 1)
             if self._tokens[first].text == "for":
                 begin = self._end(begin + 1)
                 end = self._end(begin + 1)
@@ -232,24 +232,15 @@ class Shader:
         """Position behind a statement."""
         first = self._token_at(statement)
         if isinstance(statement, Block):
-            return self._tokens[self._closing(first)].at + 1
+            return self._tokens[closing(self._tokens, first)].at + 1
         if isinstance(statement, If):
             return self._after(statement.otherwise or statement.then)
         return self._after(statement.body) if isinstance(statement, Loop) else self._tokens[self._end(first)].at + 1
 
-    def _closing(self, number: int) -> int:
-        """The token that closes a bracket."""
-        depth = 0
-        for n in range(number, len(self._tokens)):
-            depth += (self._tokens[n].text in "([{") - (self._tokens[n].text in ")]}")
-            if not depth:
-                return n
-        raise AssertionError("the parser has seen to that")
-
     def _end(self, number: int) -> int:
         """The next semicolon outside of brackets."""
         while self._tokens[number].text != ";":
-            number = self._closing(number) + 1
+            number = closing(self._tokens, number) + 1
         return number
 
 

@@ -85,6 +85,7 @@ def texts(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, tuple[float, ...]]
     return found
 
 
+@pytest.mark.cover("outside-True")
 @pytest.mark.gl
 @pytest.mark.parametrize(("name", "turned"), [*zip(CAMERAS, (True, False, True, False), strict=True)])
 def test_edges_are_hidden_by_the_data_as_lines_among_them_are(name: str, turned: bool) -> None:

@@ -57,6 +57,10 @@ def largest_errors(frames: list[Any], truths: list[Any]) -> list[float]:
     return [float(np.abs(one.image - truth.image).max()) for one, truth in zip(frames, truths, strict=True)]
 
 
+@pytest.mark.cover(
+    "hydrogen-[[0.0, 0.0], [0.5, 0.0], [0.5, 0.5], [1.0, 0.5]]-0.00392156862745098",
+    "marschner-lobb-[[0.0, 0.0], [0.45, 0.0], [0.5, 0.8], [0.55, 0.0]]-0.00784313725490196",
+)
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("field", "opacity", "bound"),
@@ -170,6 +174,7 @@ def test_fewer_bits_are_taken_where_ranks_send_and_the_bound_has_room() -> None:
             assert all(accuracy.reasons.values())
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_the_texture_unit_is_measured_where_opengl_draws() -> None:
     scene = scene_of("gaussian", RAMP, 0.02)

@@ -169,6 +169,7 @@ def test_of_ways_that_take_nearly_as_long_the_one_that_holds_least_is_chosen() -
     assert choose(ways[1:], present=1) == 2  # which no longer fits
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_a_look_that_others_held_up_is_not_believed(late: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of what a sample takes, the shortest time is what the device takes for it."""

@@ -22,6 +22,7 @@ from clusterviz.report.decisions import Accuracy
 ACCURACY = Accuracy(0.1, 0.0, True, 1.0, "post", "exact", 0.0, "float32", 0, 0, 0.0)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("settings", "accuracy", "share"),
     [({"pixel": "float16"}, None, 2), ({}, ACCURACY, 4), ({}, replace(ACCURACY, error=0.1), 1)],
@@ -46,6 +47,7 @@ def test_the_pixels_of_the_frame_are_those_that_are_weighed(
     assert floats == pytest.approx([share * each for each in found], rel=1e-3)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("settings", "several", "shared"),
     [

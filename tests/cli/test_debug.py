@@ -126,6 +126,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("arguments", "message"), MISTAKES.items(), ids=MISTAKES.values())
 def test_a_mistake_is_one_message(
     arguments: tuple[str, ...], message: str, cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -141,6 +141,7 @@ def test_a_shell_is_told_the_options_of_the_command_that_it_completes() -> None:
     assert done.stdout.split() == ["--brick"]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("error", "told"),
     # Rank 0 would have ended a rank that waits before it says that it was interrupted.

@@ -51,6 +51,7 @@ FILES: dict[str, tuple[Callable[[Path], Path], str, list[int]]] = {
 }
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("name", FILES)
 def test_a_volume_is_described_and_drawn_by_ranks(name: str, cli: Callable[..., Any], tmp_path: Path) -> None:
     write, kind, shape = FILES[name]

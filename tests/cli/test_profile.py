@@ -61,6 +61,7 @@ def test_opengl_counts_pixels_only(cli: Callable[..., Any], tmp_path: Path) -> N
     assert "--by cpu" in (tmp_path / "gl" / "index.html").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_fragments_are_counted_without_a_volume(cli: Callable[..., Any], octahedron: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"

@@ -219,6 +219,7 @@ CASES = [
 ]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("arguments", "files", "said"), CASES)
 def test_bad_input(
     arguments: str,

@@ -198,6 +198,7 @@ def survive(message: Bytes, count: int, dtype: Any, rows: Rows) -> bool:
     return True
 
 
+@pytest.mark.cover
 @every_packing
 @every_dtype
 def test_damage_of_any_byte_and_of_many_is_survived(dtype: type, codec: str) -> None:

@@ -266,6 +266,7 @@ CHECKS = (
 )
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("check", [*CHECKS, check_threads])
 @pytest.mark.parametrize("ranks", [1, 2, 3, 5, 8])
 def test_threads(ranks: int, check: Check) -> None:

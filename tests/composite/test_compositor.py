@@ -54,6 +54,7 @@ def drawn(case: Case, algorithm: str, root: int = 0) -> np.ndarray | None:
     return found[root]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_every_algorithm_with_any_number_of_ranks(algorithm: str, kind: str) -> None:
@@ -64,6 +65,7 @@ def test_every_algorithm_with_any_number_of_ranks(algorithm: str, kind: str) -> 
         case.check(drawn(case, algorithm), case.ranks - 1)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @settings(max_examples=25, deadline=None)
 @given(st.data(), st.integers(1, 11), st.tuples(st.integers(1, 13), st.integers(1, 11)))
@@ -78,6 +80,7 @@ def test_any_footprints_orders_and_roots(
     case.check(drawn(case, algorithm, root), ranks - 1)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_several_images_a_rank_lie_between_those_of_others(transport: str, kind: str) -> None:
@@ -90,6 +93,7 @@ def test_several_images_a_rank_lie_between_those_of_others(transport: str, kind:
         assert algorithm in ("auto", ran) or transport == "shared" or (falls_back and ran == "direct-send")
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("transport", TRANSPORTS)
 @settings(max_examples=40, deadline=None)
 @given(data=st.data(), ranks=st.integers(1, 8), seed=st.integers(0, 1000), kind=st.sampled_from((*KINDS, "float16")))
@@ -128,6 +132,7 @@ def test_mpi_equals_loopback(mpi_ranks: int) -> None:
     channel.close()
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("codec", [*CODECS, "auto"])
 @pytest.mark.parametrize("algorithm", ["direct-send", "binary-swap", "slic"])
 def test_no_codec_changes_a_bit(algorithm: str, codec: str) -> None:
@@ -136,6 +141,7 @@ def test_no_codec_changes_a_bit(algorithm: str, codec: str) -> None:
     assert np.array_equal(raw, compose(case, algorithm, codec=codec)[0])
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("kind", ["uint8", "float16"])
 @pytest.mark.parametrize("ranks", [2, 3, 5, 8, 13, 16])
 def test_fewer_bits_are_rounded_once_a_round(ranks: int, kind: str) -> None:

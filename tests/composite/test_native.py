@@ -21,7 +21,7 @@ BLEND = """
 import sys
 import numpy as np
 from clusterviz.codec import CODECS, Rows, pack, unpack
-from clusterviz.composite.over.blend import over_into
+from clusterviz.composite.over.blend import put_before
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.data.store import wavelet
 from clusterviz.composite.fragment import Patch
@@ -31,8 +31,8 @@ for codec in CODECS:
     image[100:300] = 7
     assert np.array_equal(unpack(pack(image, codec, Rows(0, 64)), 640, image.dtype, Rows(0, 64)), image)
 pixels, out = np.full((8, 4), 128, np.uint8), np.zeros((8, 4), np.uint8)
-over_into(out, pixels, pixels)
 patch = Patch(8, 0, 8, Rect(0, 0, 8, 1))
+put_before(out, patch, pixels, patch)
 blend_layers([Layer(patch, pixels)] * 2, patch, out)
 print(out[0, 0], "numba" in sys.modules)
 """
@@ -191,6 +191,7 @@ def test_other_sources_or_processors_make_other_files(
     assert len(paths) == 3
 
 
+@pytest.mark.long
 def test_processors_without_half_floats_get_the_same_bits(tmp_path: Path) -> None:
     """All halves, and floats around the middle between them, through both ways of converting.
 

@@ -91,6 +91,7 @@ def _theory(algorithm: str, n: int, p: int) -> Counts:
     return Counts(rounds, messages, all_pixels, sent, received)  # type: ignore[arg-type]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_counts_equal_theory(algorithm: str) -> None:
     for ranks in RANKS:
@@ -108,6 +109,7 @@ def test_counts_equal_theory(algorithm: str) -> None:
                 assert counts.messages == pixels * (ranks - 1)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("pixels", [0, 1, 31, 64, 1_000_003])
 def test_every_pixel_is_merged_once_in_order_with_no_waste(algorithm: str, pixels: int) -> None:

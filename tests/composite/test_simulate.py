@@ -37,6 +37,7 @@ def test_every_algorithm_can_be_simulated(algorithm: str, footprints: str) -> No
             assert made.pixels_sent <= counts.pixels
 
 
+@pytest.mark.cover("pipeline", "radix-k")
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_65536_ranks(algorithm: str) -> None:
     made = simulate(algorithm, 65_536, (4096, 4096), PLAIN)

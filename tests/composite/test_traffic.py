@@ -52,6 +52,7 @@ def _dealt(ranks: int, spans: int) -> Schedule:
     return Schedule(ranks, PIXELS, (Stage.of(rows),))
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("dense", [True, False])
 @pytest.mark.parametrize(
     "schedule",
@@ -118,6 +119,7 @@ SPARSE = {
 }
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @settings(max_examples=25, deadline=None)
 @given(st.integers(1, 19), st.integers(0, 2**32 - 1))

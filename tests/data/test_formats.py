@@ -57,6 +57,7 @@ TYPED: list[tuple[str, Iterable[str], dict[str, Any]]] = [
 ]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize(
     ("name", "dtype", "options"), [(name, dtype, options) for name, dtypes, options in TYPED for dtype in dtypes]

@@ -424,6 +424,7 @@ LAST_BYTES = {"vtp-raw": b"</Appended", "vtp-zlib": b"</Appended", "freesurfer":
 """What follows the data; in a file of other names, nothing does."""
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_that_ends_early_is_refused(name: str, tmp_path: Path) -> None:
     if name in ("pdb", "cif"):

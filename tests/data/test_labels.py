@@ -45,6 +45,7 @@ def automatic(path: str = "a.npy", **keys: Any) -> Scene:
     return with_settings(scene_of_data(path), {"size": (32, 24), "brick": 8, **keys})
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("name", FAR)
 def test_large_labels_are_drawn_as_small_ones(name: str, tmp_path: Path) -> None:
     dtype, ids = FAR[name]

@@ -166,6 +166,7 @@ def test_store_is_read_by_ranges(name: str, site: Site) -> None:
     assert {path for path, _ in site.requests[count:]} <= {f"{OWN}/zarr.json"}  # asked again: was the store changed?
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("fault", [["500"], ["503", "429", "502", "408"], ["cut"], ["slow"], "whole"])
 def test_failures_that_pass(fault: Any, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(remote, "TIMEOUT_SECONDS", 0.2)
@@ -174,6 +175,7 @@ def test_failures_that_pass(fault: Any, site: Site, monkeypatch: pytest.MonkeyPa
         np.testing.assert_array_equal(open_source(f"{site.url}/{name}").read((0, 0, 0), FIELD.shape), FIELD)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("path", "fault", "text"),
     [

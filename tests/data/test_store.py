@@ -202,6 +202,7 @@ def make_source(dtype: str = "u1", shape: tuple[int, int, int] = (40, 70, 51)) -
     return ArraySource(field.astype(dtype), Grid(shape, (0.5, 1.0, 2.0), (3.0, -4.0, 5.0), direction, "RAS"))
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("dtype", "codec"),
     [
@@ -435,6 +436,7 @@ def absurd(**changes: list[int]) -> Callable[[Path], None]:
     return apply
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("damage", "text"),
     [
@@ -700,6 +702,7 @@ def on_three_processes(series: Series, path: Path, codec: BrickCodec) -> None:
     run_loopback(3, write)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("codec", [BrickCodec("wavelet"), BrickCodec("wavelet", 2.0), BrickCodec("zstd")], ids=str)
 def test_bricks_of_time_steps_refer_to_earlier_ones_within_the_error(
     codec: BrickCodec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

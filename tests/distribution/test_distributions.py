@@ -21,6 +21,7 @@ DISTRIBUTIONS: tuple[dict[str, Any], ...] = (
 LARGER: dict[str, Any] = {"brick": 8, "largest_brick": 32, "field": "field:gaussian:60"}
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("keys", DISTRIBUTIONS, ids=str)
 def test_every_frame_is_what_one_rank_draws(keys: dict[str, Any]) -> None:
     """Cameras jump, and transfer functions show nothing, little and all."""
@@ -28,6 +29,7 @@ def test_every_frame_is_what_one_rank_draws(keys: dict[str, Any]) -> None:
     check(on_ranks(5, [with_settings(scene, keys) for scene in scenes]), scenes)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     "keys", [{}, {"distribution": "replicated"}, {"distribution": "interleaved"}, {"mode": "sort-first"}], ids=str
 )

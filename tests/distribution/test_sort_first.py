@@ -57,6 +57,7 @@ def plain() -> list[Rendered]:
     return frames
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("tiling", TILINGS)
 @pytest.mark.parametrize(("ranks", "groups"), [(1, None), (7, None), (5, 2), (3, 1)])
 def test_pictures_and_samples_do_not_depend_on_who_draws(
@@ -92,6 +93,7 @@ LOOKS: tuple[dict[str, Any], ...] = (
 )
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("look", LOOKS, ids=str)
 def test_every_look_is_the_same_in_every_mode(look: dict[str, Any]) -> None:
     alone = on_ranks(1, scenes_of(look, 2), WAVES)
@@ -150,6 +152,7 @@ def clouds() -> np.ndarray:
     return np.add.reduce([np.exp(-((z - a) ** 2 + (y - b) ** 2 + (x - c) ** 2) / (2 * w * w)) for a, b, c, w in places])
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("ranks", "groups"), [(4, 2), (6, 2), (6, 3)])
 def test_bricks_and_cuts_follow_the_cost_while_the_camera_moves(ranks: int, groups: int) -> None:
     volume = Volume(path="clouds", clim=(0.0, 1.0), opacity=((0.02, 0.0), (1.0, 0.3)))

@@ -70,6 +70,7 @@ SEEN: list[tuple[Any, Sequence[int], dict[str, Any], bool]] = [
 NOTHING = [(np.full((6, 6, 6), value), (1, 3), {}, False) for value in (np.nan, np.inf)]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("voxels", "ranks", "settings", "seen"),
     [*(pytest.param(*case, marks=pytest.mark.gl) for case in SEEN), *NOTHING],

@@ -28,10 +28,10 @@ def _by_opengl(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 STAGES = [
     ("scene", 1, "clusterviz.cli.render:open_scene"),
     ("output", 0, "clusterviz.cli.render:check_writable"),
-    ("open", 1, "clusterviz.frame.opening:open_first_parts"),
-    ("read", 1, "clusterviz.frame.opening:read_bricks"),
-    ("summarise", 1, "clusterviz.frame.opening:summarise"),
-    ("plan", 1, "clusterviz.frame.opening:make_plan"),
+    ("open", 1, "clusterviz.content.volume.opening:open_first_parts"),
+    ("read", 1, "clusterviz.content.volume.opening:read_bricks"),
+    ("summarise", 1, "clusterviz.content.volume.opening:summarise"),
+    ("plan", 1, "clusterviz.content.volume.opening:make_plan"),
     ("context", 1, "clusterviz.gl.context:open_context"),
     ("shaders", 1, "clusterviz.render.raycast:Raycaster.__init__"),
     ("upload", 1, "clusterviz.render.raycast:Raycaster.load"),
@@ -112,6 +112,7 @@ DRAW, COLLECT = "clusterviz.render.raycast:Raycaster.draw", "clusterviz.composit
         (None, 3, "kill", COLLECT),
         # Ctrl-C in a terminal reaches all processes of the foreground.
         ("all", 1, "native", DRAW),
+        ("all", 1, "delete", DRAW),
         ("all", 3, "wait", DRAW),
         ("all", 3, "wait", COLLECT),
         (signal.SIGINT, 3, "wait", "clusterviz.cli.instrumentation:_process_age"),  # before MPI is started
@@ -141,4 +142,5 @@ def test_a_rank_that_is_killed_or_signalled_ends_the_job(
     assert ended.status != 0
     assert ended.err.count("clusterviz: interrupted") == (number is not None)
     assert "Traceback" not in ended.err + ended.out
+    assert ("interrupted once more" in ended.out) == (how == "delete")
     assert list(tmp_path.iterdir()) == []

@@ -64,6 +64,7 @@ CASES = {
 }
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("device", ["cpu", pytest.param(0, marks=pytest.mark.gl)])
 @pytest.mark.parametrize("case", CASES)
 def test_reference(case: str, device: Any) -> None:
@@ -150,6 +151,7 @@ HANDED = (
 )
 
 
+@pytest.mark.cover
 @pytest.mark.bits
 @pytest.mark.parametrize("lic", HANDED)
 def test_handed_lines_have_the_bits_of_halos(lic: Lic) -> None:

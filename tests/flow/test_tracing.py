@@ -207,6 +207,7 @@ KINDS: Any = (
 )
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("name", "settings", "kind"), KINDS)
 @pytest.mark.parametrize("ranks", [2, 3, 5, 7])
 def test_lines_do_not_depend_on_ranks(name: str, settings: Trace, kind: Any, ranks: int) -> None:

@@ -53,6 +53,7 @@ def check_consistency(overlapped: list[Rendered], alone: list[Rendered]) -> None
             assert mine.seconds["total"] >= mine.seconds["render"]
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("ranks", "settings"),

@@ -80,6 +80,7 @@ def counts(frame: Rendered) -> EarlyDiscarding:
     return found
 
 
+@pytest.mark.cover("mesh-3-keys6-0")
 @pytest.mark.parametrize(
     ("content", "ranks", "keys", "device"),
     [
@@ -114,6 +115,7 @@ def test_nothing_is_left_out_where_no_ray_ends() -> None:
         assert (counts(frame).pixels, counts(frame).redrawn) == (0, 0)
 
 
+@pytest.mark.cover("opengl")
 @pytest.mark.parametrize("device", DEVICES)
 def test_other_frames_may_follow(device: Device) -> None:
     """A jump to the other side, into the content, another opacity, the other projection."""
@@ -131,6 +133,7 @@ def test_other_frames_may_follow(device: Device) -> None:
     check([with_settings(first, change) for change in changes], CONTENT["mesh"][1], device)
 
 
+@pytest.mark.cover("volume, mesh, lines, points-schemes3-0", "mesh-schemes0-cpu")
 @pytest.mark.parametrize(
     ("content", "schemes", "device"),
     [

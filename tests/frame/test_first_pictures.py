@@ -153,6 +153,7 @@ def test_what_a_file_is_shown_as_and_the_title_of_its_colours(name: str, tmp_pat
     assert [content.name for content in legends_of(_with_names(found, infos))] == [FILES[name][2]]
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("name", FILES)
 def test_the_first_picture_is_not_blank(name: str, tmp_path: Path) -> None:

@@ -101,6 +101,7 @@ OPENGL_LOOKS = {look: keys for look, keys in LOOKS.items() if look != "pre-integ
 """Light is that of the surface: it takes long to compile."""
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("look", "ranks", "device"),
     [

@@ -75,6 +75,7 @@ WAYS: list[tuple[int, dict[str, Any]]] = [
 ]
 
 
+@pytest.mark.cover("0", "2")
 @pytest.mark.gl
 @pytest.mark.parametrize("volumes", [0, 1, 2])
 def test_the_picture_is_the_reference_however_bricks_are_dealt_out(volumes: int) -> None:

@@ -109,6 +109,7 @@ WITHIN_A_SLAB = {"surfaces within": 1e-3, "mixture": 5e-3}
 """Bounds where the end of a range of depths may change the order of a slab and of what is in it."""
 
 
+@pytest.mark.cover("mixture")
 @pytest.mark.parametrize("content", [*ALONE, "mixture", "grid"])
 def test_sub_images_over_each_other_are_the_picture_of_the_pinhole(
     content: str, monkeypatch: pytest.MonkeyPatch
@@ -137,6 +138,7 @@ def alone() -> np.ndarray:
     return found
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("ranks", "keys"), WAYS, ids=str)
 def test_any_ranks_and_modes_give_the_same_picture(alone: np.ndarray, ranks: int, keys: dict[str, Any]) -> None:
     (frame,) = on_ranks(ranks, [behind_lens(**keys)], check=True)
@@ -248,6 +250,7 @@ EXTREMES: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("keys", EXTREMES, ids=str)
 def test_lenses_at_the_edge_of_sense(keys: dict[str, Any]) -> None:
     scene = behind_lens(**keys)

@@ -85,6 +85,7 @@ def check_equal(found: list[Rendered], whole: list[Rendered]) -> None:
             np.testing.assert_array_equal(layers_of(one.image)[name], layer)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("look", LOOKS)
 def test_picture_is_that_without_a_limit(look: str) -> None:
     views = list(VIEWS.values())

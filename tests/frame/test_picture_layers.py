@@ -90,6 +90,7 @@ def check_equal(found: dict[str, Any], expected: dict[str, Any], few: int, bound
     assert np.count_nonzero(wrong) <= few
 
 
+@pytest.mark.cover("two volumes-0")
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("name", "device"),
@@ -110,6 +111,7 @@ def test_layers_are_those_of_the_reference_and_equal_on_any_ranks(name: str, dev
         check_equal(layers(*made, ranks, device), alone, 0, 2e-5)
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("name", SETTINGS)
 def test_layers_do_not_depend_on_how_ranks_share_the_work(name: str) -> None:
@@ -147,6 +149,7 @@ def with_geometry(volumes: int) -> tuple[Scene, list[Any], list[np.ndarray], lis
     return scene, [*sources, *given], voxels, [grid] * volumes, parts
 
 
+@pytest.mark.cover("1-0", "2-cpu", "0-cpu")
 @pytest.mark.gl
 @pytest.mark.parametrize(("volumes", "device"), [(1, 0), (0, "cpu"), (1, "cpu"), (2, "cpu")])
 def test_layers_show_geometry(volumes: int, device: Any) -> None:

@@ -61,6 +61,7 @@ def picture(kinds: str, unit: float, **settings: Any) -> Pixels:
     return np.asarray(image)
 
 
+@pytest.mark.cover("mesh-1e-05", "flow-0.01", "grid-1e-05")
 @pytest.mark.parametrize(
     ("kinds", "bound"),
     [
@@ -117,6 +118,7 @@ def test_memory_does_not_follow_the_box_around_content() -> None:
     assert np.abs(found - expected).max() <= 1e-5
 
 
+@pytest.mark.cover("100000.0")
 @pytest.mark.parametrize("far", [1e5, 1e7])
 def test_what_lies_far_away_takes_no_memory(far: float) -> None:
     """A lamp's sphere behind the eye, and a long trajectory across the box, behind all that is seen."""

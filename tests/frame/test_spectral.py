@@ -54,6 +54,7 @@ def alone() -> Any:
     return found
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("ranks", "keys"), WAYS, ids=str)
 def test_any_ranks_and_modes_give_the_same_fluxes(alone: np.ndarray, ranks: int, keys: dict[str, Any]) -> None:
     (frame,) = on_ranks(ranks, [with_settings(SCENE, keys)], check=True)

@@ -58,6 +58,7 @@ def twice(scene: Scene) -> Scene:
     return scene.model_copy(update={"volumes": (scene.volumes[0], moved)})
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("change", "several", "ranks", "reads"),
     [

@@ -21,6 +21,7 @@ SECONDS = 0.1
 """Of CPU time, in place of a whole second, for a file of meshlane's formats: damaged ones may use it up."""
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("name", READERS)
 def test_damaged_files_are_read_or_refused(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     trials = Trials(name, tmp_path)
@@ -91,6 +92,7 @@ FOUND: dict[str, tuple[str, Callable[[bytes], bytes], str]] = {
 }
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("case", FOUND)
 def test_what_was_found_is_refused(case: str, tmp_path: Path) -> None:
     name, damage, said = FOUND[case]

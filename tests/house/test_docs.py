@@ -30,11 +30,11 @@ from clusterviz.content.sections import CONTENT_SECTIONS
 from clusterviz.data import open_source
 from clusterviz.data.formats import mrc
 from clusterviz.errors import SceneError
+from clusterviz.plan.look_files import read_look
 from clusterviz.scene import load_scene, scene_of_data
 from clusterviz.scene.animation import load_path
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.values import Scene
-from clusterviz.spmd.look_files import read_look
 
 ROOT = Path(__file__).parents[2]
 PAGES = ["README.md", "CONTRIBUTING.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/*/*.md"))]
@@ -117,6 +117,7 @@ def test_the_algorithm_of_the_how_to_runs_by_its_name(monkeypatch: pytest.Monkey
 FRAGMENTS = {f"docs/how-to/add-{name}.md" for name in ("a-blend-mode", "a-format", "an-algorithm")}
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("page", [page for page in pages_with("python") if page not in FRAGMENTS])
 def test_python_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -261,6 +262,7 @@ def _known(section: str, overrides: list[str], keys: dict[str, Any]) -> str:
     return ""
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("page", [page for page in PAGES if shell_of(page)])
 def test_commands_have_such_options_and_keys(page: str, tmp_path: Path) -> None:
     commands = [words for call in calls_of(page, tmp_path) for words in commands_in(call)]

@@ -69,6 +69,7 @@ def stretch_by_hand(values: list[float]) -> tuple[float | None, float]:
     return max(values[begin:end]), max(values)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("operator", MERGES)
 @given(parts=st.lists(SAMPLES, min_size=2, max_size=5))
 def test_cuts_and_brackets_do_not_matter(operator: str, parts: list[list[float | None]]) -> None:

@@ -7,7 +7,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import path_tracing
 import pytest
+from cone_beam import reconstruct
 from jobs.phantom import phantom_grid, phantom_scan, reconstructed
 from jobs.test_filters import check_ranks
 from jobs.test_path_tracing import bits
@@ -19,8 +21,6 @@ from clusterviz.data import open_source
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import ClustervizError
 from clusterviz.image import read_image
-from clusterviz.jobs import path_tracing
-from clusterviz.jobs.reconstruction import reconstruct
 
 
 def check_reconstruction(channel: Channel) -> None:

@@ -6,7 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import path_tracing
 import pytest
+from path_tracing import PathTracing, TracedPicture, majorants, trace_paths
 
 import clusterviz
 from clusterviz import jobs
@@ -14,8 +16,6 @@ from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.content.transfer import transfer_function
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import InputError, SceneError
-from clusterviz.jobs import path_tracing
-from clusterviz.jobs.path_tracing import PathTracing, TracedPicture, majorants, trace_paths
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.overrides import with_settings
 

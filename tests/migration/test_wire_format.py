@@ -31,9 +31,10 @@ def made(dtype: str, filter: str = "exact") -> tuple[WireFormat, Stored]:
     voxels = noise(dtype=dtype)
     prepared = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), filter=filter), voxels, brick=7)
     wire_format = replace(wire_format_of(prepared.plan, voxels.dtype), part_bytes=PART_BYTES)
-    return wire_format, store(prepared.bricks[BRICK], prepared.plan.encoding, wire_format.slot)
+    return wire_format, store(prepared.bricks[BRICK], prepared.plan.volume.encoding, wire_format.slot)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("codec", ["raw", "active+lz4", "active+delta+shuffle+lz4"])
 @pytest.mark.parametrize("filter", ["exact", "hardware"])
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32", "float64"])

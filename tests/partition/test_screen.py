@@ -89,6 +89,7 @@ def test_interleaved_groups_take_turns_in_rows_and_columns(groups: int) -> None:
     assert all(sorted(line) == list(range(groups)) for line in [*owner, *owner.T])
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("groups", [1, 2, 3, 7, 8])
 @pytest.mark.parametrize(
     "view",

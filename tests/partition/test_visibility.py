@@ -104,6 +104,7 @@ def numbered(owners: Owners, groups: tuple[BrickGroup, ...]) -> np.ndarray:
     return number
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("name", ASSIGNMENTS)
 @settings(max_examples=50)
 @given(SEEDS, st.none() | EYES, DIRECTIONS.filter(any), st.integers(1, 9))

@@ -49,12 +49,12 @@ def visible(plan: Plan) -> list[tuple[int, ...]]:
     return sorted(tuple(index) for index in np.argwhere(plan.cost > 0).tolist())
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("volumes", "brick", "step"), [(0, 64, 1.0), (0, 128, 40.0), (1, 2, 1.0)])
 def test_the_owner_of_a_sample_holds_its_tetrahedron(volumes: int, brick: int, step: float) -> None:
     source = ArraySource(np.ones((9, 10, 11), np.float32), Grid((9, 10, 11), (0.4,) * 3, (-1, -2, -3)))
     scene = scene_of(*SECTIONS, volumes=volumes, brick=brick, step=step)
     scene, opened, plan = planned(scene, [source][:volumes] + GRIDS)
-    assert plan.content
     domain, length = plan.content.domain, plan.march.step_world
     bricks = dict(opened.read(plan, set(visible(plan))))
     rays = camera_rays(scene.camera, scene.image.size)
@@ -92,7 +92,6 @@ def opened_tetrahedra(section: GridSection, grid: Any) -> np.ndarray:
 def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
     grid = lattice(3, 4, 5)
     _, opened, plan = planned(scene_of(GridSection(path="a", opacity=0.5), brick=1024), [grid])
-    assert plan.content
     a, b, c, d = (tetrahedra(grid).points[corner] for corner in tetrahedra(grid).corners.T)
     faces = ((a, b, c), (a, b, d), (a, c, d), (b, c, d))
     areas = sum(np.linalg.norm(np.cross(q - p, r - p), axis=1).sum() / 2 for p, q, r in faces)
@@ -103,7 +102,6 @@ def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
     _, opened, plan = planned(scene_of(GridSection(path="a", opacity=0.5), brick=16), [grid])
     everything = plan.cost > 0
     _, opened, plan = planned(scene_of(GridSection(path="a", opacity=[[9, 0], [10, 1]]), brick=16), [grid])
-    assert plan.content
     hidden = everything & (plan.cost == 0)
     assert hidden.any()
     assert (plan.cost > 0).any()
@@ -114,7 +112,6 @@ def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
 @pytest.mark.parametrize("array", ["f", "kind"])
 def test_memory_of_a_brick_is_that_of_its_arrays(array: str) -> None:
     _, opened, plan = planned(scene_of(GridSection(path="a", array=array, opacity=0.5), brick=1024), [mixed()])
-    assert plan.content
     ((index, brick),) = opened.read(plan, set(visible(plan)))
     table = make_table(plan.content.layers, [()], [brick.cells])
     assert table.cells
@@ -130,7 +127,6 @@ def test_bricks_are_as_large_as_a_few_cells(sides: tuple[int, ...], bricks: int,
     """But for few cells small enough to share; beside volumes they are as large as is asked for."""
     grid, section = lattice(*sides), GridSection(path="a", opacity=0.5)
     _, _, plan = planned(scene_of(section), [grid])
-    assert plan.content
     (layer,) = plan.content.cells
     assert layer.in_bricks[0].sum() <= times * layer.count
     assert max(plan.layout.counts_zyx) == bricks
@@ -143,7 +139,6 @@ def test_ranks_find_the_same(given: list[Any]) -> None:
     def found(channel: Channel) -> Any:
         sections = SECTIONS if len(given) > 1 else [GridSection(path="a")]
         _, opened, plan = planned(scene_of(*sections), given, channel)
-        assert plan.content
         first = dict(opened.read(plan, set(visible(plan)[channel.rank :: channel.size])))
         facts = [tuple(map(repr, vars(info).items())) for info in opened.infos]
         packed = {

@@ -55,6 +55,7 @@ def scene_of(*sections: Any, volumes: int = 0, brick: int = 4, step: float = 1.0
     return Scene(volumes=each, camera=CAMERA, quality=quality, cluster=cluster, image=image, **as_sections(sections))
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("volumes", [0, 1, 2])
 @pytest.mark.parametrize("step", [0.4, 1.0, 5.0])
 def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) -> None:
@@ -70,7 +71,6 @@ def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) 
     given = [Geometry(**{kind: part}) for kind, part in zip(("mesh", "mesh", "lines", "points"), content, strict=True)]
     scene, several = opened(scene_of(*sections, volumes=volumes, step=step), [*sources, *given])
     plan = several.plan(scene)
-    assert plan.content
     domain, layout = plan.content.domain, plan.layout
     every = {tuple(index) for index in np.argwhere(plan.cost > 0).tolist()}
     bricks = dict(several.read(plan, every))
@@ -121,7 +121,6 @@ def test_ranks_share_the_work_and_find_the_same(monkeypatch: pytest.MonkeyPatch)
         scene, several, _ = open_content(run, scene_of(*sections), given)
         assert isinstance(several, OpenedContent)
         plan = several.plan(scene)
-        assert plan.content
         every = sorted(tuple(index) for index in np.argwhere(plan.cost > 0).tolist())
         first = dict(several.read(plan, set(every[channel.rank :: channel.size])))
         # One rank lacks bricks later.

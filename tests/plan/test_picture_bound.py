@@ -43,6 +43,7 @@ def bound_of(scene: Scene, field: FieldError, grid: Grid, brick: int) -> tuple[P
     return bound, Rays(view, grid.shape_zyx, step, clip_planes(scene.clip, grid))
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("seed", range(9))
 def test_no_picture_differs_by_more_than_the_bound(seed: int) -> None:
     random = np.random.default_rng(seed)

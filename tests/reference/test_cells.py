@@ -79,6 +79,7 @@ def check_cover(rays: Rays, cells: Tetrahedra, begin: np.ndarray, end: np.ndarra
     np.testing.assert_allclose(lengths, end - begin, rtol=0, atol=10 * rounding)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("tilt", [(0, 0, 1), (1, 0, 1), (1, 1, 1), (1, 2, 4)])
 def test_rays_through_every_corner_and_edge_are_covered_once(tilt: tuple[int, int, int], scale: float) -> None:

@@ -68,6 +68,7 @@ def test_every_pixel_equals_a_ray_marched_by_hand(step: float) -> None:
     assert 10 < drawn < 48
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("step", [1e-3, 0.3, 1.0, 2.5, 100.0])
 def test_a_homogeneous_slab_is_exact_at_every_step(step: float) -> None:
     scene = one_volume(along_x(), opacity=0.3, unit=2.0, size=(1, 1))

@@ -37,6 +37,7 @@ def samples_of(rendered: Rendered) -> int:
     return sum(rank.samples for rank in rendered.statistics.per_rank)
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("bound", [1e-3, 1 / 64])

@@ -29,6 +29,7 @@ from clusterviz.render import raycast
 from clusterviz.render.abuffer import primitives
 from clusterviz.render.cells.table import LocalGrid, make_local_grid
 from clusterviz.render.march import March
+from clusterviz.render.raycast import Raycaster
 from clusterviz.report.kbuffer.analysis import analyse, comparisons
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
@@ -159,6 +160,7 @@ CASES: dict[str, tuple[Any, ...]] = {
 }
 
 
+@pytest.mark.cover("two, one lit-inside", "volume, geometry, and two, one lit-outside")
 @pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][4]])
 def test_pictures_are_the_reference(name: str, camera: str) -> None:
     grids, volumes, meshes, keys, _, bound = CASES[name]
@@ -173,6 +175,7 @@ ON_OPENGL = [("holes", "outside"), ("holes", "inside"), ("cells with holes", "ou
 """All but the mixture are drawn by one program: Mesa compiles for much longer than it draws."""
 
 
+@pytest.mark.cover("volume, geometry, and two, one lit-outside")
 @pytest.mark.gl
 @pytest.mark.parametrize(("name", "camera"), ON_OPENGL)
 def test_opengl_draws_what_cpus_draw(name: str, camera: str, context: moderngl.Context) -> None:
@@ -182,6 +185,25 @@ def test_opengl_draws_what_cpus_draw(name: str, camera: str, context: moderngl.C
     found = scenes.drawn(context, given)[0]
     assert np.abs(found - scenes.drawn(None, given)[0]).max() <= 3e-6
     assert np.abs(found - expected(scene, grids, volumes, meshes)).max() <= bound
+
+
+@pytest.mark.cover("volume, geometry, and two, one lit")
+@pytest.mark.gl
+def test_the_rasteriser_finds_the_entries_of_tile_lists(context: moderngl.Context) -> None:
+    """Before and behind the eye, at edges, and of mirrored cells."""
+    caster = None
+    for camera, section in ((camera, section) for section in (THIN, MIRRORED) for camera in CAMERAS):
+        given = prepared(scene_of(((section, HOLES),), camera), ((section, HOLES),), (), ())
+        (right,) = scenes.draw_pieces(None, given, scenes.pieces_of(given, 1))[0]
+        caster = caster or Raycaster(context, given.plan, raster=True)
+        caster.drop(given.bricks)
+        caster.load(given.plan, given.shown)
+        (found,) = caster.draw(given.plan, scenes.pieces_of(given, 1))
+        assert right.fragments.any()
+        assert np.array_equal(found.fragments, right.fragments), camera
+        assert np.abs(found.partial.rgba - right.partial.rgba).max() <= 3e-6, camera
+    assert caster
+    caster.release()
 
 
 @pytest.mark.gl
@@ -276,6 +298,7 @@ BUFFERED = [("lattice", "along edges"), *(("holes", camera) for camera in VIEWS)
 BUFFERED += [(name, "outside") for name in ("peaks", "arrays of cells", "mirrored", "clipped")]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("name", "camera"), BUFFERED)
 def test_k_buffers_that_suffice_draw_the_exact_picture(name: str, camera: str) -> None:
     ((entry,), _, _, keys, _, _) = CASES[name]
@@ -314,6 +337,7 @@ def test_parts_and_bricks_do_not_change_the_picture_of_a_k_buffer(camera: str) -
         assert np.abs(drawn_by(section, HOLES, camera, pieces, brick=brick)[0] - first).max() <= 1e-5, brick
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("section", "grid", "bound"), [(THIN, HOLES, 5e-3), (PEAKS, HOLES, 0.05), (OF_CELLS, CELLS, 1e-2)]
 )
@@ -346,6 +370,7 @@ def placed(entry: Entry, scale: float, offset: float) -> Entry:
     return section.model_copy(update=unit), replace(grid, points=points)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("name", "camera", "scale", "offset", "bound"),
     [

@@ -359,6 +359,7 @@ def check(context: moderngl.Context | None, row: Row, folder: Path, width: Width
     return expected
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("row", ROWS, ids=str)
 def test_pictures_are_those_of_the_reference(context: moderngl.Context, row: Row, tmp_path: Path) -> None:
@@ -368,6 +369,7 @@ def test_pictures_are_those_of_the_reference(context: moderngl.Context, row: Row
     assert check(context, row, tmp_path).any() != empty, "the scene shows nothing that could be wrong"
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("name", MODES)
 def test_where_nothing_is_to_be_seen_the_picture_is_empty(context: moderngl.Context, name: str, tmp_path: Path) -> None:
@@ -382,6 +384,7 @@ def test_where_nothing_is_to_be_seen_the_picture_is_empty(context: moderngl.Cont
         assert not render_reference(scene, Grid(shape), voxels).any()
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("name", MODES)
 def test_values_far_outside_of_the_range_give_numbers(context: moderngl.Context, name: str, tmp_path: Path) -> None:
@@ -408,6 +411,7 @@ def test_every_mode_has_a_picture_of_its_own(tmp_path: Path) -> None:
 NARROW = [*(width for width in WIDTHS if width.lanes != 16), Width(1, "one lane")]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("width", NARROW, ids=lambda width: width.lanes)
 @pytest.mark.parametrize("row", NARROWER, ids=str)
 def test_narrower_vectors_draw_the_same(row: Row, width: Width, tmp_path: Path) -> None:
@@ -426,6 +430,7 @@ ADVERSE = [
 ]
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("driver", DRIVERS)
 @pytest.mark.parametrize("row", ADVERSE, ids=str)
 def test_adversarial_drivers_draw_the_reference(
@@ -439,6 +444,7 @@ def test_adversarial_drivers_draw_the_reference(
     compiled_variant.cache_clear()
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("row", NARROWER, ids=str)
 def test_all_passes_of_llvm_draw_the_same_bits(row: Row, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As users draw; other tests compile with one pass."""

@@ -101,6 +101,7 @@ def test_a_constant_field_has_ambient_light_only(pictures: Any, voxels: np.ndarr
         assert np.abs(found[..., 3] - dark[..., 3]).max() <= 1e-6
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("keys", "same", "bound"),
     [
@@ -183,6 +184,7 @@ def plateaus() -> np.ndarray:
     return values
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("keys", [{}, PREINTEGRATED | {"size": (12, 10)}], ids=["post", "pre-integrated"])
 @pytest.mark.parametrize(
     "grid", [GRID, Grid(SHAPE, origin=(-7.0, 3.0, 1.0), direction=TURNED)], ids=["plain", "turned"]
@@ -276,6 +278,7 @@ def test_no_ray_is_cut_short_by_the_drivers_limit_of_loop_iterations(context: mo
         assert np.abs(found[..., 3] - 0.5).max() <= 1e-6
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("residual", [0.01, 0.1, 0.5])
 @pytest.mark.parametrize(
     "keys", [{}, PREINTEGRATED, SURFACE | {"isosurfaces": [0.4]}], ids=["post", "integrated", "surface"]
@@ -297,6 +300,7 @@ def test_early_termination_errs_by_the_residual_at_most_and_saves_samples(
         assert "isosurfaces" in keys or not np.array_equal(full, ended)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("filter", "bound"), [("exact", BOUND), ("hardware", 0.03)])
 @pytest.mark.parametrize("shape", [(2, 3, 5000), (2, 5000, 3), (3000, 2, 2)], ids=["x", "y", "z"])
 def test_volume_longer_than_a_texture_may_be(
@@ -337,6 +341,7 @@ SEAMS: dict[str, tuple[Any, dict[str, Any], float]] = {
 }
 
 
+@pytest.mark.cover("lit", "faint", "cubic")
 @pytest.mark.parametrize("name", SEAMS)
 def test_neither_the_size_of_bricks_nor_the_caster_changes_picture_or_samples(
     context: moderngl.Context, name: str

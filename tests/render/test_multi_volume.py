@@ -178,6 +178,11 @@ def wrong(found: np.ndarray, right: np.ndarray, bound: float = 1e-5) -> float:
     return float((np.abs(found - right).max(axis=-1) > bound).mean())
 
 
+@pytest.mark.cover(
+    "gl-integrals, lit, clipped, jittered-outside",
+    "gl-surfaces through each other-inside",
+    "gl-three, lit, clipped-outside",
+)
 @pytest.mark.parametrize(("caster", "name", "camera"), CASES)
 def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: str) -> None:
     parts, sections, _ = (BY_OPENGL if caster == "gl" else BY_CPU)[name]
@@ -202,6 +207,7 @@ def test_tables_of_two_dimensions(where: Any, caster: str, tmp_path: Path) -> No
     assert np.abs(found - expected(scene, parts)).max() <= BOUND
 
 
+@pytest.mark.cover("coarse and fine-gl", "integrated-gl")
 @EACH
 @pytest.mark.parametrize(
     ("parts", "camera", "sections"),
@@ -226,6 +232,7 @@ def test_neither_parts_nor_bricks_nor_memory_change_the_picture(
         assert samples == taken
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_neither_parts_nor_bricks_change_where_slabs_end(context: moderngl.Context) -> None:
     """Slabs of two voxels reach a voxel beyond their bricks, and no slab is longer."""
@@ -295,6 +302,7 @@ def blobs(**keys: Any) -> tuple[Part, Part]:
     )
 
 
+@pytest.mark.cover("OpenGL, surfaces")
 @pytest.mark.parametrize(
     ("caster", "brick", "sections", "keys"),
     [
@@ -382,7 +390,6 @@ def filled() -> tuple[Memory, dict[tuple[int, int, int], Stored]]:
     """The CPU's memory of the bricks of three volumes, and these."""
     parts = (BYTES, FLOATS, WORDS)
     each = prepared(scene_of(parts, brick=9), parts)
-    assert each.plan.content is not None
     slot = slot_of(each.plan)
     stored = {i: store_content(portions, each.plan.content, slot) for i, portions in each.bricks.items()}
     held = Memory(slot)

@@ -80,6 +80,7 @@ def test_a_packed_picture_has_the_bits_that_the_host_rounds_to(made: Any, is_map
     assert (counts.waits, counts.made, counts.dispatches) == (1, 0, 1)
 
 
+@pytest.mark.cover
 @WAYS
 @pytest.mark.parametrize(("pixel", "size"), [("float32", 16), ("float16", 8), ("uint8", 4)])
 def test_only_covered_squares_are_read(made: Any, is_mapped: bool, pixel: str, size: int) -> None:
@@ -145,6 +146,7 @@ def test_a_caster_draws_the_same_packed_or_whole(context: moderngl.Context, pixe
         assert packed.bytes_read > packed.work.nbytes
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("keys", "expected"),
     [

@@ -98,11 +98,13 @@ def check_counts(where: moderngl.Context | None, look: dict[str, Any]) -> None:
             assert np.array_equal(sum_of := whole(plan, three, name), whole(plan, one, name)), (name, sum_of.sum())
 
 
+@pytest.mark.cover("jittered")
 @pytest.mark.parametrize("name", LOOKS)
 def test_slabs_are_sampled_skipped_or_left_out_on_a_cpu(name: str) -> None:
     check_counts(None, LOOKS[name])
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("name", LOOKS)
 def test_slabs_are_sampled_skipped_or_left_out_in_opengl(name: str, context: moderngl.Context) -> None:
@@ -159,6 +161,7 @@ def values_at(voxels: np.ndarray, points: np.ndarray) -> np.ndarray:
     return found
 
 
+@pytest.mark.long
 def test_light_is_executed_once_for_each_visible_sample(lit: tuple[Plan, PieceProfile, Code]) -> None:
     plan, found, code = lit
     slabs, first, last, by = rays(plan)

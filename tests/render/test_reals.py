@@ -88,6 +88,7 @@ def pairs() -> tuple[Doubles, Doubles]:
     return a, b
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("device", DEVICES)
 def test_integers_compute_as_double_precision_does(device: str | int, where: Where) -> None:
     a, b = pairs()
@@ -142,12 +143,14 @@ def test_boxes_own_the_same_slabs_of_a_million_rays(context: moderngl.Context) -
     assert owning > views * WIDTH**2 / 6
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS)
 def test_variants_without_double_precision_have_none(variant: Variant) -> None:
     text = COMMENT.sub("", replace(variant, reals="integer").source.text)
     assert bool(DOUBLE.search(text)) == bool(variant.needs_doubles or variant.split)
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_pictures_are_the_same(context: moderngl.Context, monkeypatch: pytest.MonkeyPatch) -> None:
     voxels, grid = noise(), Grid(SHAPE)

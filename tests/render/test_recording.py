@@ -194,6 +194,20 @@ def watches_at(shader: Shader, place: str) -> tuple[str, ...]:
     return tuple(name for name, each in known.items() if each.kind in ("local", "in", "inout"))[-2:] or ("true",)
 
 
+@pytest.mark.cover(
+    "cubic, an opaque surface",
+    "occluded, pre-integrated",
+    "jittered uint16",
+    "hardware, lit",
+    "cubic",
+    "two volumes, surfaces",
+    "nearest, surfaces",
+    "surfaces",
+    "nearest, lit",
+    "opacity of one half, two volumes",
+    "occluded",
+    "cubic hardware",
+)
 @pytest.mark.gl
 @pytest.mark.parametrize("look", LOOKS)
 def test_the_interpreter_and_instrumented_shaders_find_what_opengl_draws(
@@ -244,6 +258,7 @@ def check_taken(places: list[str], probes: list[Probe], mine: list[Taken], their
     assert any(each.reached.any() for each in mine)
 
 
+@pytest.mark.cover("surfaces", "coherent", "opacity of one half")
 @pytest.mark.parametrize("look", ON_CPUS)
 def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
     look: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

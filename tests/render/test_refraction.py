@@ -83,6 +83,7 @@ CASES: list[tuple[str, str, Grid, dict[str, Any], dict[str, Any]]] = [
 ]
 
 
+@pytest.mark.cover("cubic")
 @pytest.mark.gl
 @pytest.mark.parametrize(("camera", "grid", "index", "keys"), [row[1:] for row in CASES], ids=[row[0] for row in CASES])
 def test_casters_draw_the_reference(

@@ -12,7 +12,8 @@ import pytest
 from render.scenes import LIT, Counted, Prepared, camera_at, draw, drawn, prepare, scene_of
 
 from clusterviz.data.source import Grid
-from clusterviz.plan.plan import Plan, brick_cost
+from clusterviz.plan.content import brick_cost
+from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
 from clusterviz.render import brick_atlas, raycast
 from clusterviz.render.cpu import caster
@@ -78,6 +79,7 @@ def show_all(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> Prepared:
     return replace(prepared, plan=replace(plan, cost=brick_cost(plan.layout, np.zeros(plan.layout.counts_zyx, bool))))
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("case", CASES)
 def test_skipping_changes_no_bit(
     context: moderngl.Context, case: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -132,6 +134,7 @@ def test_dispatches_end_where_nothing_is_cut(
     assert taken == samples
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("brick", [5, 12, 33, 64])
 @pytest.mark.parametrize(
     ("voxels", "keys"),

@@ -43,6 +43,7 @@ def planes_met(scene: Prepared, camera: str, grown: float) -> np.ndarray:
     return np.where(leave > entry, np.ceil(last) - np.ceil(first), 0.0).reshape(SIZE[::-1])
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize("camera", ["outside", "on-a-face", "parallel"])
 def test_polygons_show_what_the_ray_caster_shows(context: moderngl.Context, camera: str) -> None:

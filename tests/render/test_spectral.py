@@ -108,6 +108,7 @@ ROWS: list[tuple[str, str, Grid, dict[str, Any]]] = [
 ]
 
 
+@pytest.mark.cover
 @pytest.mark.gl
 @pytest.mark.parametrize(("camera", "dtype", "grid", "keys"), ROWS, ids=[row[0] for row in ROWS])
 def test_pictures_solve_the_two_flux_equations_through_all_layers(

@@ -9,11 +9,12 @@ from data.cells import lattice, tetrahedra
 from clusterviz.data.faces import NONE, find_neighbours
 from clusterviz.data.tetrahedra import Tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
-from clusterviz.gl.shader import ShaderSource, shader_file
+from clusterviz.gl.shader import shader_file
 from clusterviz.reference.cells import find_passages
 from clusterviz.reference.rays import Rays
 from clusterviz.spmd.adversary import DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE, addresses, function_of, object_code
+from clusterviz.spmd.source import ShaderSource
 
 PROGRAM = """
 layout(std430, binding = 0) readonly buffer VerticesBlock { vec4 vertices[]; };
@@ -91,6 +92,7 @@ def slopes_through(step: float) -> np.ndarray:
     return step * np.stack(np.meshgrid(np.arange(-8, 8), np.arange(-7, 9)), axis=-1).reshape(-1, 2)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("lanes", [4, 16])
 @pytest.mark.parametrize("step", [1.0, 0.5, 0.25, 1 / 3])
 def test_rays_through_corners_and_edges_pass_what_the_reference_passes(step: float, lanes: int) -> None:

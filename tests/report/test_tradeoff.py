@@ -512,6 +512,7 @@ def oracle(scene: Scene, step: float) -> Any:
     return render_reference(with_settings(scene, {"classification": "post"}), [s.grid for s in sources], voxels, step)
 
 
+@pytest.mark.cover("several, lit-0.0")
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("kind", "budget"), [("composite", 60.0), ("composite", 0.0), *((kind, 0.0) for kind in list(KINDS)[1:])]

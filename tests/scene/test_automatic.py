@@ -63,6 +63,7 @@ def completed(voxels: np.ndarray, *options: str) -> Scene:
     return complete_scene(scene_of_data("array", options), facts_of(voxels))
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("name", VOLUMES)
 def test_the_kind_of_a_volume_and_that_it_can_be_shown(name: str) -> None:
     voxels, kind = VOLUMES[name]

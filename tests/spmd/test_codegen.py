@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import CPU_VARIABLE, OPTIMIZE_VARIABLE, has_features, machine, optimizes
 from clusterviz.render.storage import HEADER_WORDS
 from clusterviz.scene.values import Scene
@@ -21,6 +20,7 @@ from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.intrinsics import BELOW
 from clusterviz.spmd.machine_code import addresses, code_of, code_sources, function_of, object_code, texture_block
 from clusterviz.spmd.parser import parse
+from clusterviz.spmd.source import ShaderSource
 
 PROGRAM = """
 layout(std430, binding = 0) readonly buffer GivenBlock {{ int given[]; }};

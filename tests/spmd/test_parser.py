@@ -10,15 +10,16 @@ import pytest
 from render.variants import CPU_VARIANTS, VARIANTS
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
+from clusterviz.gl.driver_needs import AMPLE, needs_of
 from clusterviz.render.variant import Lanes, Variant
 from clusterviz.spmd.codegen import Generator
-from clusterviz.spmd.driver_needs import AMPLE, needs_of
 from clusterviz.spmd.parser import parse
+from clusterviz.spmd.source import ShaderSource
 
 DISTINCT = {variant.source.names: (name, variant) for name, variant in (VARIANTS | CPU_VARIANTS).items()}
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("name", "variant"), DISTINCT.values(), ids=[name for name, _ in DISTINCT.values()])
 def test_every_combination_of_files_is_understood(name: str, variant: Variant) -> None:
     program = parse(variant.source)
@@ -44,6 +45,7 @@ def covering() -> dict[str, Variant]:
 COVERING = covering()
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(("name", "variant"), COVERING.items(), ids=COVERING)
 def test_every_file_becomes_code_for_cpus(name: str, variant: Variant) -> None:
     llvmlite.binding.parse_assembly(Generator(parse(variant.source), 8, {}).text("f")).verify()

@@ -63,6 +63,7 @@ def test_a_ramp_of_colours_against_the_step(way: Way, record_property: Record) -
     check_orders(record_property, [abs(way(scene, source)[0, 0, 2] - truth) for scene in scenes], *SECOND)
 
 
+@pytest.mark.cover
 @OPENGL_TOO
 def test_a_gaussian_against_the_step(way: Way, record_property: Record) -> None:
     """From the middle to 1.5 σ: between two zeros the midpoint rule converges faster than by any power.
@@ -93,6 +94,7 @@ def test_a_gaussian_against_the_voxel(way: Way, record_property: Record) -> None
     check_orders(record_property, errors, *SECOND)
 
 
+@pytest.mark.cover
 @OPENGL_TOO
 def test_marschner_lobb_against_the_voxel(way: Way, record_property: Record) -> None:
     """A picture of 8 × 8 rays aslant through a part of the field with two waves; rms over its pixels."""

@@ -47,6 +47,7 @@ def coefficients(samples: Picture) -> Picture:
     return np.linalg.solve(system, samples.reshape(-1, count).T).T.reshape(samples.shape)
 
 
+@pytest.mark.cover
 @OPENGL_TOO
 @pytest.mark.parametrize(("prefiltered", "order", "band"), [(False, 2.0, 0.12), (True, 4.0, 0.35)])
 def test_cubic_splines_against_the_voxel(
@@ -91,6 +92,7 @@ def brightness(kappa: float) -> float:
     return float(weights / 2 @ (t / np.hypot(t, 3 * 0.3) * kappa * np.exp(-kappa * (t - 0.5))))
 
 
+@pytest.mark.cover
 @EACH_WAY
 @EACH_FIELD
 def test_light_against_the_voxel(way: Way, interpolation: str, record_property: Record) -> None:
@@ -144,6 +146,7 @@ def cosines(scene: Scene) -> Picture:
     return np.sqrt(along**2 - (rays.start**2).sum(axis=1) + 0.75**2) / 0.75
 
 
+@pytest.mark.cover
 @EACH_WAY
 @EACH_FIELD
 def test_isosurfaces_against_the_voxel(way: Way, interpolation: str, record_property: Record) -> None:
@@ -171,6 +174,7 @@ def smooth_opacity(points: int, unit: float, depth: float) -> tuple[tuple[float,
     return tuple(zip(s.tolist(), (-np.expm1(-depth * np.sin(np.pi * s) ** 2)).tolist(), strict=True))
 
 
+@pytest.mark.cover
 @EACH_WAY
 @pytest.mark.parametrize(("classification", "step"), [("post", 1 / 16), ("pre-integrated", 2.0)])
 def test_control_points_against_their_number(

@@ -41,6 +41,7 @@ def between(scene: Scene) -> Scene:
     return scene.model_copy(update={"quality": scene.quality.model_copy(update={"classification": "pre-integrated"})})
 
 
+@pytest.mark.cover
 @BY_OPENGL
 @pytest.mark.parametrize("step", [0.3, 1.0, 2.0])
 def test_ramps_have_no_error_at_any_step(way: Way, step: float) -> None:
@@ -52,6 +53,7 @@ def test_ramps_have_no_error_at_any_step(way: Way, step: float) -> None:
     assert way(between(scene), source)[0, 0, 2] == pytest.approx(ramp_blue(0.8, 64, 20.0), abs=1e-6)
 
 
+@pytest.mark.cover
 @BY_OPENGL
 @pytest.mark.parametrize("step", [0.3, 1.0, 2.0])
 def test_a_jump_of_opacity_has_no_error_at_any_step(way: Way, step: float) -> None:
@@ -62,6 +64,7 @@ def test_a_jump_of_opacity_has_no_error_at_any_step(way: Way, step: float) -> No
     assert np.abs(way(between(scene), source)[..., 3].ravel() - truth).max() <= 1e-6
 
 
+@pytest.mark.cover("peaks-reference", "peaks-OpenGL")
 @BY_OPENGL
 @pytest.mark.parametrize(
     ("opacity", "midpoints"), [(SMOOTH, 2.0), (STEP, 1.0), (PEAKS, None)], ids=["smooth", "jump", "peaks"]

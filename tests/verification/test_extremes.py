@@ -188,7 +188,7 @@ CASES: dict[str, Case] = {
         for step in (0.3, 100.0)
     },
     # Cut between ranks at no multiple of the step.
-    "10⁴ slabs": Case(noise(), {"step": 1e-3, "opacity": 0.3, "size": (3, 3)} | AT_X),
+    "10,000 slabs": Case(noise(), {"step": 1e-3, "opacity": 0.3, "size": (3, 3)} | AT_X),
     **{f"both ends of {dtype}": Case(both_ends(dtype), {"step": 0.4}) for dtype in INTEGERS},
     # The range from the lowest to the highest float is no float64 itself.
     **{
@@ -245,7 +245,7 @@ CASES: dict[str, Case] = {
     },
     # Sums and extremes of ten thousand samples, over several dispatches and ranks.
     **{
-        f"10⁴ slabs, {name}": of_mode(ball(), {"opacity": 0.3} | MODES[name] | AT_X | {"step": 1e-3, "size": (2, 2)})
+        f"10,000 slabs, {name}": of_mode(ball(), {"opacity": 0.3} | MODES[name] | AT_X | {"step": 1e-3, "size": (2, 2)})
         for name in ("local-maximum", "average")
     },
     # No gradient, no ramp, and no sample that is larger than another.
@@ -276,6 +276,16 @@ def check(record: Record, case: Case) -> Voxels:
     return expected
 
 
+@pytest.mark.cover(
+    "spacing of 1e-4",
+    "spacing of 1e4",
+    "uint16, surfaces",
+    "int64, cubic",
+    "10,000 slabs",
+    "10,000 slabs, average",
+    "int64, pre-integrated",
+    "int64, shade",
+)
 @pytest.mark.parametrize("name", CASES)
 def test_pictures_of_several_ranks_are_those_of_the_reference(record_property: Record, name: str) -> None:
     check(record_property, CASES[name])
@@ -302,6 +312,7 @@ def test_the_last_bits_of_float64_are_drawn_like_any_others() -> None:
     assert compare(*pictures, BOUND).count == 0
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("residual", [1e-3, 0.1, 0.5])
 @pytest.mark.parametrize("ranks", [1, 4])
 def test_early_termination_on_several_ranks_keeps_its_bound(

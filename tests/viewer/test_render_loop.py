@@ -160,6 +160,7 @@ def test_still_pictures_have_the_bits_of_render(ranks: int) -> None:
     assert np.abs([box["corners"] for box in boxes]).max() == pytest.approx(1.0)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("key", "value", "text"),
     [

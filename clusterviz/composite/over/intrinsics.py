@@ -95,10 +95,6 @@ def _load_alpha(builder: Any, address: Any, pixel: Any) -> Any:
     return builder.load(_pointer(builder, address, lane, ir.FloatType()))
 
 
-def _store_int(builder: Any, address: Any, index: Any, value: Any) -> None:
-    builder.store(builder.trunc(value, _INT), _pointer(builder, address, index, _INT), align=1)
-
-
 def _fill(builder: Any, address: Any, bytes_: Any) -> None:
     pointer = builder.inttoptr(address, _BYTE.as_pointer())
     kind = ir.FunctionType(ir.VoidType(), [pointer.type, _BYTE, _WORD, ir.IntType(1)])
@@ -106,27 +102,17 @@ def _fill(builder: Any, address: Any, bytes_: Any) -> None:
     builder.call(fill, [pointer, ir.Constant(_BYTE, 0), bytes_, ir.Constant(ir.IntType(1), 0)])
 
 
-def _move(builder: Any, target: Any, source: Any, bytes_: Any) -> None:
-    pointers = [builder.inttoptr(address, _BYTE.as_pointer()) for address in (target, source)]
-    kinds = [pointers[0].type, pointers[1].type, _WORD]
-    kind = ir.FunctionType(ir.VoidType(), [*kinds, ir.IntType(1)])
-    move = builder.module.declare_intrinsic("llvm.memcpy", kinds, kind)
-    builder.call(move, [*pointers, bytes_, ir.Constant(ir.IntType(1), 0)])
-
-
 # word(address, index), number(address, index): the int64 or int32 at an index of a table.
 word = define_intrinsic(2, lambda b, address, index: b.load(_pointer(b, address, index, _WORD)), types.int64)
 number = define_intrinsic(2, _load_int, types.int64)
-# set_word(address, index, value), set_number(address, index, value)
+# set_word(address, index, value)
 set_word = define_intrinsic(3, lambda b, address, index, value: b.store(value, _pointer(b, address, index, _WORD)))
-set_number = define_intrinsic(3, _store_int)
 # alpha(address, pixel): the alpha of a float pixel.
 alpha = define_intrinsic(2, _load_alpha, types.float32)
 # any_set(address): whether any bit of 64 bytes is set.
 any_set = define_intrinsic(1, lambda b, address: vector_code.any_set(b, address, 64), types.boolean)
-# clear(address, bytes), copy(target, source, bytes)
+# clear(address, bytes)
 clear = define_intrinsic(2, _fill)
-copy = define_intrinsic(3, _move)
 
 
 def scratch(bytes_: int) -> Any:

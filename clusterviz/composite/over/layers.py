@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.composite.fragment import Patch
-from clusterviz.composite.over.job import check_floats, job_head, layer_entry, run, runs_at
+from clusterviz.composite.over.job import check_floats, job_head, layer_entry, run
 from clusterviz.composite.over.native import kernel
 from clusterviz.image.merge import MERGES, Operator
 
@@ -46,7 +46,6 @@ def blend_layers(
     *,
     operator: Operator = "over",
     split: int = 0,
-    threads: int = 1,
 ) -> None:
     """Blend layers into `out`: (the first `split` over each other) over (the others over each other).
 
@@ -57,7 +56,6 @@ def blend_layers(
     out : uint8, float16 or float32 (patch.count, 4), C order; overlaps no layer; every pixel is written
     operator : merge operator of `image/merge.py`; all but over need float32 arrays
     split : number of layers in the front group
-    threads : most threads; small targets are blended by one
 
     Raises
     ------
@@ -65,12 +63,10 @@ def blend_layers(
         An array of a wrong type or shape, not in C order, or a target that is read-only.
     """
     check_floats(operator, out, *(layer.pixels for layer in layers))
-    numbers = job_head(out, patch, len(layers), min(max(split, 0), len(layers)), operator=operator)
+    numbers = job_head(out, patch, len(layers), min(max(split, 0), len(layers)), operator)
     for layer in layers:
-        runs = (0, -1) if layer.runs is None else runs_at(layer.runs)
-        numbers += layer_entry(layer.pixels, layer.patch, *runs)
-    patches = [patch, *(layer.patch for layer in layers)]
-    run(kernel("layer_kernels", "blend_layers"), numbers, patches, threads)
+        numbers += layer_entry(layer.pixels, layer.patch, layer.runs)
+    run(kernel("layer_kernels", "blend_layers"), numbers, [patch, *(layer.patch for layer in layers)])
 
 
 def plain_layers(

@@ -7,11 +7,9 @@ from pathlib import Path
 
 from clusterviz.kernels.compiled import CompiledKernel
 
-# Modules from which kernels are made.
-_PARTS = ("job", "vector_code", "intrinsics", "geometry", "merging_pixels")
 COMMON_KERNELS = (("layer_kernels", "blend_layers"), ("pair_kernels", "put"))
-"""Module and name of the kernels that all compositing needs."""
-SOURCES = (*_PARTS, "layer_kernels", "pair_kernels", "depth_kernels")
+"""Module and name of all kernels."""
+SOURCES = ("job", "vector_code", "intrinsics", "geometry", "merging_pixels", "layer_kernels", "pair_kernels")
 
 
 @cache

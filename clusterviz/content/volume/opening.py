@@ -30,8 +30,8 @@ from clusterviz.errors import DataError, InputError
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
-from clusterviz.plan.content import VolumeLayer
-from clusterviz.plan.plan import Plan, brick_cost, make_plan
+from clusterviz.plan.content import KnownVolume, VolumeLayer, brick_cost
+from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.plan.refinement import VolumeLevels, field_error
 from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
@@ -94,7 +94,7 @@ class OpenedVolume:
 
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
-        return make_plan(scene, self.source.grid, self.source.dtype, self.layout, self.summary)
+        return make_plan(scene, [KnownVolume(self.grid, self.source.dtype, self.layout, self.summary)])
 
     def with_detail(self, plan: Plan, scene: Scene) -> Plan:
         """Return a plan with the levels that its view needs: as it is."""

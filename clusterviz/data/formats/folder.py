@@ -65,13 +65,7 @@ class PictureSource:
 
 
 def open_picture(path: Path, subset: Subset) -> PictureSource:
-    """Open a picture as one layer.
-
-    Raises
-    ------
-    DataError
-        Not a picture, truncated, or several channels and none named.
-    """
+    """Open a picture as one layer."""
     from PIL import Image
 
     size = require_file(path)
@@ -128,13 +122,7 @@ class FolderSource:
 
 
 def open_folder(path: Path, subset: Subset) -> Source:
-    """Open the slices in a folder as one volume.
-
-    Raises
-    ------
-    DataError
-        No slices, slices of several kinds, or a first file that is not a slice.
-    """
+    """Open the slices in a folder as one volume."""
     where = str(path)
     with readable(path):
         held = [file for file in path.iterdir() if not file.name.startswith(".")]

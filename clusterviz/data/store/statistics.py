@@ -41,11 +41,6 @@ def read_statistics(path: FilePath, layout: BrickLayout, has_checksum: bool = Tr
     Parameters
     ----------
     has_checksum : not in stores of version 1
-
-    Raises
-    ------
-    DataError
-        Missing, damaged, or of another volume.
     """
     most = WHOLE_FILE_BYTES + 64 * (math.prod(layout.counts_zyx) + math.prod(block_counts(layout.shape_zyx)))
     data, _ = read_range(path, most=most)

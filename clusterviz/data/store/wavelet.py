@@ -98,7 +98,6 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0, effort: int = EFFORT
     ----------
     samples : any integer or float type of up to 64 bits, three axes, each at least 1
     error : largest difference between a sample and the decoded one; 0: bit for bit
-    effort : level of zstd, 1 to 22
     """
     samples = np.ascontiguousarray(samples)
     if error > 0 and samples.dtype.kind == "f":
@@ -198,13 +197,7 @@ def compress(numbers: NDArray[Any], effort: int, repeats: bool = True) -> bytes:
 
 
 def decompress(frame: memoryview, size: int, where: str) -> bytes:
-    """Return the bytes of a frame of zstd.
-
-    Raises
-    ------
-    DataError
-        It does not hold `size` bytes, or is damaged.
-    """
+    """Return the bytes of a frame of zstd."""
     import zstandard
 
     try:

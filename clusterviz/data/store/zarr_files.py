@@ -38,13 +38,7 @@ _INSTALL = {"imagecodecs": "imagecodecs", "pcodec": "pcodec", "zfpy": "zfpy", "w
 
 
 def open_zarr(path: FilePath, zarr_format: Literal[2, 3]) -> Array[Any]:
-    """Open an array for reading.
-
-    Raises
-    ------
-    DataError
-        Not an array, a codec that is not installed, or chunks too large to be read.
-    """
+    """Open an array for reading."""
     where = str(path)
     files = ZarrFiles(path)
     try:
@@ -104,13 +98,7 @@ class _Packing:
     is_first: bool = False
 
     def check(self, data: bytes, is_part: bool, where: str) -> None:
-        """Check what is read of a file: all of it, or a part, which is a chunk or the index of a shard.
-
-        Raises
-        ------
-        DataError
-            A chunk is larger than the array says.
-        """
+        """Check what is read of a file: all of it, or a part, which is a chunk or the index of a shard."""
         if not self.shard or is_part:
             if self.codecs and len(data) != self.shard:
                 self._check_chunk(data, where)

@@ -64,8 +64,7 @@ class FragmentFinder:
 
     def table(self, plan: Plan, part: Part) -> PrimitiveTable:
         """Return the primitives and tetrahedra of a box of bricks, of a plan with layers of them."""
-        layers = plan.content.layers if plan.content else ()
-        found = self._primitives.table(layers, part.bricks, part.atlas.primitives, part.atlas.cells)
+        found = self._primitives.table(plan.content.layers, part.bricks, part.atlas.primitives, part.atlas.cells)
         assert found, "there are layers"
         return found
 

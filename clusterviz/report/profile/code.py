@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.render.profiling import CodeProfile
 from clusterviz.spmd.profiling import Site, reached
+from clusterviz.spmd.source import ShaderSource
 
 SAMPLING = "take_run", "last_of", "take_slab", "class_at"
 """Functions that take samples, with all that they call; others find rays, bricks and gaps."""

@@ -142,7 +142,7 @@ def _joined(plan: Plan, pieces: list[PieceProfile], voxel_bytes: int) -> RankPro
     side, sampled = pieces[0].block_side, np.logical_or.reduce([piece.sampled for piece in pieces])
     count, cell_bytes = int(sampled.sum()), side**3 * voxel_bytes
     corners = np.argwhere(sampled) * side // plan.layout.brick
-    fetched = int(maps["samples"].sum()) * FOOTPRINTS[plan.march.filter] * voxel_bytes
+    fetched = int(maps["samples"].sum()) * FOOTPRINTS[plan.filter] * voxel_bytes
     memory = {
         "bricks_sampled": len(np.unique(corners, axis=0)),
         "blocks_sampled": count,

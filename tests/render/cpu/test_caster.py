@@ -19,6 +19,7 @@ from clusterviz.render.cpu.caster import VectorCaster
 GRID = Grid(SHAPE)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("dtype", "keys"),
     [
@@ -46,6 +47,7 @@ def test_bricks_of_several_sizes_change_no_bit(dtype: str, keys: dict[str, Any])
         assert uniform.bricks > 2 * larger.bricks
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     "keys",
     [{}, LIT, {"classification": "pre-integrated"}, {"blending": "isosurface", "isosurfaces": [(140.0, 0.4), 100.0]}],
@@ -93,6 +95,7 @@ def test_bricks_come_and_go() -> None:
     assert max(size) <= 4 * len(bricks) * (8**3 + 1)
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("dtype", "keys"),
     [("uint8", LIT), ("uint16", {}), ("float32", {"interpolation": "cubic"})],

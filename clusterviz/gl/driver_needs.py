@@ -6,21 +6,19 @@ are compared before a driver with less than `AMPLE` compiles. What a shader decl
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from math import prod
 from typing import Any
 
 from clusterviz.errors import DeviceError, InputError
 from clusterviz.gl.context import compile_compute
-from clusterviz.gl.shader import ShaderSource
-from clusterviz.spmd.analysis import children
-from clusterviz.spmd.ir import Call, Declare, Expression, Function, Memory, Name, Program, Statement
+from clusterviz.spmd.analysis import walk
+from clusterviz.spmd.ir import Declare, Expression, Memory, Name, Program
 from clusterviz.spmd.parser import parse
-from clusterviz.spmd.types import Type
+from clusterviz.spmd.source import ShaderSource
+from clusterviz.spmd.types import elements_of
 
 DOUBLES = "GL_ARB_gpu_shader_fp64"
-Node = Expression | Statement
 
 
 @dataclass(frozen=True)
@@ -97,9 +95,10 @@ def limits_of(context: Any) -> Needs:
 def needs_of(program: Program) -> Needs:
     """Return what a parsed compute shader needs."""
     used, doubles = set[int](), False
-    for node in _reached(program):
+    mains = [function.body for function in program.functions.get("main", []) if function.body is not None]
+    for node in walk(*program.globals, *mains, calls=True):
         kind = node.type if isinstance(node, Expression) else node.variable.type if isinstance(node, Declare) else None
-        doubles = doubles or (kind is not None and "d" in _elements(kind))
+        doubles = doubles or (kind is not None and "d" in elements_of(kind))
         block = node.block if isinstance(node, Memory) else node.variable if isinstance(node, Name) else None
         used |= {id(block)}
     counts = dict.fromkeys(KINDS.values(), 0)
@@ -117,29 +116,3 @@ def _check(source: ShaderSource, has: Needs, renderer: str) -> None:
     if lacking:
         advice = "draw on the CPU (--device cpu) or on another device; clusterviz doctor --gl says what this one can"
         raise DeviceError(f"{renderer} lacks what {source.names[0]} needs: {', '.join(lacking)}; {advice}")
-
-
-def _elements(kind: Type) -> set[str]:
-    """Return the elements of a type, and of its parts."""
-    inner = [each for _, each in kind.fields] + ([kind.of] if kind.of else [])
-    return {kind.element}.union(*map(_elements, inner))
-
-
-def _reached(program: Program) -> Iterator[Node]:
-    """Yield all expressions and statements that `main` reaches, and those of global variables."""
-    waiting: list[Any] = [*program.globals]
-    seen = set[int]()
-
-    def wait(function: Function) -> None:
-        if id(function) not in seen and function.body is not None:
-            seen.add(id(function))
-            waiting.append(function.body)
-
-    for main in program.functions.get("main", []):
-        wait(main)
-    while waiting:
-        node = waiting.pop()
-        yield node
-        if isinstance(node, Call):
-            wait(node.function)
-        waiting += children(node)

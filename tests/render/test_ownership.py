@@ -1,18 +1,12 @@
-"""Samples of random draws, counted: every slab of every ray belongs to one rank, whoever draws what.
-
-    python benchmarks/ownership.py [--draws 1000] [--seed 0] [--no-opengl]
+"""Every slab of every ray belongs to one rank, whoever draws what: samples of random draws, counted.
 
 A draw is a camera, a brick size, a number of ranks and a distribution, of one of three volumes that are faint
 everywhere: no slab is left out, so that a slab that two ranks draw, or none, changes the number of samples. One draw in
-four looks along an axis, with rays that lie in the faces of bricks, or all but do. Every draw is made in one piece and
-in the pieces of its distribution, by the CPU and by OpenGL.
+four looks along an axis, with rays that lie in the faces of bricks, or all but do.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -20,6 +14,7 @@ from typing import Any
 
 import moderngl
 import numpy as np
+import pytest
 
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.memory import ArraySource
@@ -29,6 +24,7 @@ from clusterviz.distribution.contract import distribution_of
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.gl.context import open_context
 from clusterviz.partition import BrickBox, Owners, Piece, owner_pieces
+from clusterviz.plan.content import KnownVolume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
@@ -63,26 +59,6 @@ class Held:
     bricks: dict[Index, Any]
 
 
-def main() -> int:
-    """Count; the exit status is 1 where some numbers differ."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--no-opengl", action="store_true")
-    arguments = parser.parse_args()
-    draws = random_draws(arguments.draws, arguments.seed)
-    slabs, wrong = 0, Counter[str]()
-    for draw, counts in counted(draws, None if arguments.no_opengl else open_context()):
-        slabs += counts["processor"]
-        if len(set(counts.values())) > 1:
-            wrong[draw.distribution] += 1
-            print(f"{draw}: {counts}", flush=True)
-    print(f"{len(draws)} draws, {slabs:,} slabs; {wrong.total()} draws with different numbers of samples")
-    for distribution, number in Counter(draw.distribution for draw in draws).items():
-        print(f"  {distribution}: {wrong[distribution]} of {number}")
-    return int(wrong.total() > 0)
-
-
 def random_draws(count: int, seed: int) -> list[Draw]:
     """The same for the same seed; draws of the same bricks follow each other."""
     rng, draws = np.random.default_rng(seed), []
@@ -101,7 +77,7 @@ def counted(draws: Sequence[Draw], context: moderngl.Context | None) -> Iterator
     of = None
     for draw in draws:
         held, scene = hold(draw.volume, draw.brick), scene_of(draw)
-        plan = make_plan(scene, held.source.grid, held.source.dtype, held.layout, held.summary)
+        plan = make_plan(scene, [KnownVolume(held.source.grid, held.source.dtype, held.layout, held.summary)])
         if of != (draw.volume, draw.brick):
             for caster in casters:
                 caster.release()
@@ -188,5 +164,14 @@ def _camera(position: Any, focal_point: Any, up: Any, lens: dict[str, float]) ->
     return Camera(**dict(zip(("position", "focal_point", "view_up"), places, strict=True)), **lens)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def test_every_slab_is_drawn_once_whoever_draws_it() -> None:
+    for draw, counts in counted(random_draws(12, seed=7), None):
+        assert len(set(counts.values())) == 1, f"{draw}: {counts}"
+
+
+@pytest.mark.gl
+def test_opengl_takes_the_samples_of_the_processor() -> None:
+    with open_context() as context:
+        for draw, counts in counted(random_draws(6, seed=8), context):
+            assert len(counts) == 4
+            assert len(set(counts.values())) == 1, f"{draw}: {counts}"
