@@ -327,7 +327,7 @@ def _open(text: str, part: Subset) -> Source:
     if part.scattered is not None:
         from clusterviz.data.scattered import open_scattered
 
-        return open_scattered(file, part)
+        return open_scattered(file, part, read_grid(file) if grid_format_of(file) else read_geometry(file))
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)

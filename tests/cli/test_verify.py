@@ -16,11 +16,12 @@ from data.grid_writers import vtu
 from clusterviz.cli import jobs, verify
 from clusterviz.cli.jobs import job_command
 from clusterviz.cli.verify import Configuration, compare_with_reference
+from clusterviz.content import transfer
 from clusterviz.data import open_scene, open_source
 from clusterviz.data.store.shards import BrickCodec
 from clusterviz.data.store.writer import write_store
 from clusterviz.image import write_image
-from clusterviz.scene import Scene, complete, scene_of_data
+from clusterviz.scene import Scene, scene_of_data
 
 SCENE = ("field:marschner-lobb:20", "--size", "32x24")
 WRONG_OWNER = Path(__file__).parent / "wrong_owner.py"
@@ -211,7 +212,7 @@ def test_scene_for_groups_of_ranks_is_compared_with_the_reference_on_one_rank() 
 @pytest.mark.parametrize("part", ["colour_points", "opacity_points", "TransferFunction"])
 def test_a_wrong_transfer_function_is_found(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The reference has its own, so that a mistake in what the renderer uses is none in both."""
-    right = getattr(complete, part)
+    right = getattr(transfer, part)
 
     def wrong(*given: Any, **named: Any) -> Any:
         found = right(*given, **named)
@@ -219,7 +220,7 @@ def test_a_wrong_transfer_function_is_found(part: str, monkeypatch: pytest.Monke
             return replace(found, unit_distance=1.05 * found.unit_distance)
         return found[0], 0.95 * found[1]
 
-    monkeypatch.setattr(complete, part, wrong)
+    monkeypatch.setattr(transfer, part, wrong)
     scene = scene_of_data(
         "field:gaussian:9", ["image.size=[8,6]", "volumes.0.cmap=viridis", "volumes.0.opacity=linear"]
     )

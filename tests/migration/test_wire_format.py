@@ -16,7 +16,7 @@ from clusterviz.content.geometry.section import MeshSection, PointsSection
 from clusterviz.content.grid.section import GridSection
 from clusterviz.data.geometry import Geometry, Mesh, Points
 from clusterviz.data.source import Grid
-from clusterviz.frame.opening import OpenedContent, open_volumes
+from clusterviz.frame.opening import OpenedContent, open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
 from clusterviz.render.content_bricks import store_content
@@ -71,7 +71,7 @@ def test_primitives_and_tetrahedra_come_out_as_they_went_in() -> None:
     sections = {"meshes": (MeshSection(path="m", scalars="heat"),), "points": (PointsSection(path="p", radius=0.5),)}
     grids = (GridSection(path="g", array="f"),)
     scene = Scene(**sections, grids=grids, cluster=Cluster(brick=256), camera=Camera(position=(60, 50, 40)))
-    scene, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, [mesh, points, mixed()])
+    scene, opened, _ = open_content(Run(LoopbackChannel(), Options()), scene, [mesh, points, mixed()])
     assert isinstance(opened, OpenedContent)
     plan = opened.plan(scene)
     wire_format, several = wire_format_of(plan, opened.range_type), plan.content
