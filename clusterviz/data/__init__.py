@@ -325,9 +325,7 @@ def _open(text: str, part: Subset) -> Source:
     if files != [text]:
         return open_step(files, part, _open, text)
     if part.scattered is not None:
-        from clusterviz.data.scattered import open_scattered
-
-        return open_scattered(file, part)
+        return cast("Source", import_module("clusterviz.data.scattered").open_scattered(file, part))
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)
