@@ -11,10 +11,10 @@ MRtrix3 documentation: Image and other file formats, "Tracks file format (.tck)"
 from __future__ import annotations
 
 import logging
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import nibabel
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,13 +64,12 @@ def _check_count(stated: Any, found: int, where: str) -> None:
 
 def read_trk(path: Path) -> Geometry:
     """Read all streamlines of TrackVis's file."""
-    streamlines: Any = import_module("nibabel.streamlines")
     where, size = str(path), require_file(path, (b"TRACK",))
     _check_trk(path, size)
     logger = logging.getLogger("nibabel.global")
     disabled, logger.disabled = logger.disabled, True  # of headers without an orientation, which then is taken as RAS
     try:
-        tractogram = streamlines.load(path)
+        tractogram = nibabel.streamlines.load(path)
     finally:
         logger.disabled = disabled
     found, header = tractogram.streamlines, tractogram.header

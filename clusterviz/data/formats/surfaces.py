@@ -12,10 +12,10 @@ from __future__ import annotations
 import gzip
 import re
 import warnings
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import nibabel
 import numpy as np
 
 from clusterviz.data.files import readable
@@ -30,7 +30,6 @@ MAX_COMMENT = 1 << 16  # bytes
 
 
 def read_gifti(path: Path) -> Geometry:
-    nibabel: Any = import_module("nibabel")
     where, packed = str(path), path.name.lower().endswith(".gz")
     with readable(path), gzip.open(path) if packed else path.open("rb") as file:
         axes = [int(number) for number in DIMENSIONALITY.findall(file.read())]
@@ -52,7 +51,6 @@ def read_gifti(path: Path) -> Geometry:
 
 
 def _name(array: Any) -> str:
-    nibabel: Any = import_module("nibabel")
     intent = str(nibabel.nifti1.intent_codes.niistring[array.intent])
     return str(array.meta.get("Name") or intent.removeprefix("NIFTI_INTENT_").lower())
 
@@ -71,7 +69,6 @@ def read_freesurfer(path: Path) -> Geometry:
     check_size(size, begin + 8 + 12 * (vertex_count + triangle_count), where)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of files without the volume's geometry
-        freesurfer: Any = import_module("nibabel.freesurfer")
-        vertices, triangles, volume = freesurfer.read_geometry(path, read_metadata=True)
+        vertices, triangles, volume = nibabel.freesurfer.read_geometry(path, read_metadata=True)
     centre = volume.get("cras", np.zeros(3)) if str(volume.get("valid", "0")).startswith("1") else np.zeros(3)
     return Geometry(mesh=Mesh(where, (vertices + centre).astype(np.float32), triangles.astype(np.int64)))
