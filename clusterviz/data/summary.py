@@ -188,20 +188,12 @@ def summarise(
 
 @dataclass(frozen=True)
 class _Part:
-    """First pass over the bricks of one rank.
+    """First pass over the bricks of one rank."""
 
-    Attributes
-    ----------
-    bricks : (index, minimum, maximum) of each brick
-    samples : number of samples that the bricks own
-    counts : sparse counts of the leading digit
-    blocks : flat indices of the blocks met (n,), and their extremes (2, n)
-    """
-
-    bricks: list[tuple[Index, float, float]]
-    samples: int
-    counts: Sparse
-    blocks: tuple[NDArray[np.int64], NDArray[np.float64]]
+    bricks: list[tuple[Index, float, float]]  # index, minimum and maximum
+    samples: int  # that the bricks own
+    counts: Sparse  # of the leading digit
+    blocks: tuple[NDArray[np.int64], NDArray[np.float64]]  # flat indices of those met (n,), and their extremes (2, n)
     categories: Categories | None
 
 
