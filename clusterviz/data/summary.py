@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.order_statistics import DIGITS, Counts, begin_selection, count, keys_of, shifts_of, values_of
-from clusterviz.data.source import Index, Source
+from clusterviz.data.source import Index, Source, as_index
 
 Bricks = Callable[[], Iterator[tuple[Index, NDArray[Any]]]]
 AllGather = Callable[[Any], list[Any]]
@@ -238,14 +238,12 @@ def _merge_parts(layout: BrickLayout, parts: Sequence[_Part], bins: int) -> Volu
 
 def block_sides(shape_zyx: Index) -> Index:
     """Return the cells along the sides of a volume's blocks."""
-    z, y, x = (-(-max(1, n - 1) // BLOCKS) for n in shape_zyx)
-    return z, y, x
+    return as_index(-(-max(1, n - 1) // BLOCKS) for n in shape_zyx)
 
 
 def block_counts(shape_zyx: Index) -> Index:
     """Return the blocks of a volume along each axis."""
-    z, y, x = (-(-max(1, n - 1) // side) for n, side in zip(shape_zyx, block_sides(shape_zyx), strict=True))
-    return z, y, x
+    return as_index(-(-max(1, n - 1) // side) for n, side in zip(shape_zyx, block_sides(shape_zyx), strict=True))
 
 
 def _empty_blocks(layout: BrickLayout) -> NDArray[np.float64]:

@@ -11,10 +11,10 @@ MRtrix3 documentation: Image and other file formats, "Tracks file format (.tck)"
 from __future__ import annotations
 
 import logging
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import nibabel
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +23,7 @@ from clusterviz.data.geometry import Attributes, Geometry, Lines
 from clusterviz.data.header import check_size
 from clusterviz.errors import DataError
 
+nibabel: Any = import_module("nibabel")  # whose functions have no types
 TRK_HEADER, MAX_LINE = 1000, 1 << 16  # bytes
 TCK_TYPES = {"Float32LE": "<f4", "Float32BE": ">f4", "Float64LE": "<f8", "Float64BE": ">f8"}
 

@@ -12,10 +12,10 @@ from __future__ import annotations
 import gzip
 import re
 import warnings
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import nibabel
 import numpy as np
 
 from clusterviz.data.files import readable
@@ -23,6 +23,7 @@ from clusterviz.data.geometry import Geometry, Mesh
 from clusterviz.data.header import check_size
 from clusterviz.errors import DataError
 
+nibabel: Any = import_module("nibabel")  # whose functions have no types
 DIMENSIONALITY = re.compile(rb"Dimensionality\s*=\s*[\"'](\d{1,30})")
 MAX_AXES = 6  # of an array
 POINTS, TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
