@@ -325,7 +325,9 @@ def _open(text: str, part: Subset) -> Source:
     if files != [text]:
         return open_step(files, part, _open, text)
     if part.scattered is not None:
-        return cast("Source", import_module("clusterviz.data.scattered").open_scattered(file, part))
+        from clusterviz.data.scattered import open_scattered
+
+        return open_scattered(file, part, read_grid(file) if grid_format_of(file) else read_geometry(file))
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)
