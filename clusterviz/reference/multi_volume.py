@@ -282,7 +282,8 @@ def march_mixture(
         if placed.has_extent
     ]
     mixed, crossed = list[UniformSlabs](), list[Fragments]()
-    none = UniformSlabs(np.empty(0, np.int64), *[np.empty(0)] * 3, np.empty((0, 3)))
+    nothing = np.empty(0)
+    none = UniformSlabs(np.empty(0, np.int64), nothing, nothing, nothing, np.empty((0, 3)))
     for slab in slabs_in(placed_rays, high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
