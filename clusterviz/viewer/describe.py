@@ -35,7 +35,7 @@ MOST_BINS = 256
 
 @dataclass(frozen=True)
 class Content:
-    """What is known of the data of a scene; see `viewer.session.Content`.
+    """What is known of the data of a scene.
 
     Attributes
     ----------
