@@ -29,12 +29,12 @@ from clusterviz.cli.console import Verbosity, show_progress, verbosity
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
+from clusterviz.content.flow.opening import geometry_with_flows, open_flows
 from clusterviz.data import open_scene, open_volume, read_geometry, read_grid
 from clusterviz.data.labels import as_labels
 from clusterviz.data.levels import MixedSource
 from clusterviz.data.source import Source, levels_of
 from clusterviz.errors import ClustervizError
-from clusterviz.flow.content import geometry_with_flows, open_flows
 from clusterviz.frame import Options, Run, prepare, render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.content.grid.section import KBuffer
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.levels import LevelMap, mixed_type
 from clusterviz.data.source import Grid, Index, MultilevelSource
@@ -45,7 +46,6 @@ from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.plan.spectrum import Spectrum
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Fill, Resolve, Scene, Volume
 
@@ -188,7 +188,7 @@ class Content:
     mixed: bool = True
     geometry: tuple[GeometryLayer, ...] = ()
     reach: int = 0
-    fill: Fill = "auto"
+    fill: Fill = "fixed"
     resolve: Resolve = "static"
     cells: tuple[CellLayer, ...] = ()
 

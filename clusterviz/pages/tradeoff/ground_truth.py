@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.loopback import LoopbackChannel
+from clusterviz.content.flow.opening import geometry_with_flows, open_flows
 from clusterviz.data import open_volume, read_geometry, read_grid
 from clusterviz.errors import ClustervizError
-from clusterviz.flow.content import geometry_with_flows, open_flows
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.image import compare
 from clusterviz.pages.tradeoff.knobs import exact_settings
