@@ -17,9 +17,9 @@ sys.path.insert(0, str(HERE))
 
 from reference_pages import scene  # noqa: E402
 
+from clusterviz.content.sections import LISTED_SECTIONS  # noqa: E402
 from clusterviz.scene import scene_schema  # noqa: E402
 from clusterviz.scene.field_types import Section  # noqa: E402
-from clusterviz.scene.grids import LISTED_SECTIONS  # noqa: E402
 from clusterviz.scene.transfer_2d import Transfer2d  # noqa: E402
 from clusterviz.scene.validation_messages import SECTIONS  # noqa: E402
 from clusterviz.scene.values import Light, Scene  # noqa: E402

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.flow.section import FlowSection
+from clusterviz.content.geometry.section import GeometrySection, LinesSection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.errors import public_address
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.flows import FlowSection
-from clusterviz.scene.geometry import GeometrySection, LinesSection
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import TransferTable, load_table
 from clusterviz.scene.values import Scene, Volume
@@ -33,7 +33,6 @@ class Content:
 
     Attributes
     ----------
-    name : of the array, or of the file
     colours : float64 (n, 3), straight, for the legend; (0, 3) if they are not known
     transfer : transfer function; None without scalars, and if a shader gives the colours
     surfaces : scalars and opacities of isosurfaces

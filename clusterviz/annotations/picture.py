@@ -15,10 +15,10 @@ from clusterviz.annotations.canvas import Canvas, Colour, Overlay, Rect
 from clusterviz.annotations.contents import contents_of
 from clusterviz.annotations.fixed import draw_fixed, time_text
 from clusterviz.annotations.scalar_bar import Style
+from clusterviz.content.sections import CONTENT_SECTIONS
 from clusterviz.scene.annotations import Annotations, AxesGrid, ScalarBar, section_of
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, content_corners, divided_infos
-from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.values import Scene
 
 LEAST_SIDE = 128
@@ -114,7 +114,7 @@ def _luminance(colour: Colour) -> float:
 def _fixed(scene: Scene, size: tuple[int, int], style: Style) -> tuple[Overlay, tuple[Rect, ...]]:
     """Return the overlay of what does not depend on the camera, and the rectangles in use; it is kept for later."""
     shown = Scene(annotations=scene.annotations).model_copy(
-        update={name: getattr(scene, name) for name in ("volumes", *LISTED_SECTIONS)}
+        update={name: getattr(scene, name) for name in CONTENT_SECTIONS}
     )
     return _kept_fixed(shown, size, style)
 

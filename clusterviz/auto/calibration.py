@@ -30,8 +30,8 @@ from clusterviz.plan.accuracy import (
     verified,
     why_exact,
 )
+from clusterviz.plan.content import Filter
 from clusterviz.plan.estimate import Trial, difference, largest
-from clusterviz.plan.plan import Filter
 from clusterviz.scene.values import Quality, Scene
 
 
@@ -228,7 +228,8 @@ def _verified(
     Returns the choice, the error of the first that was tried over its estimate, at least 1, and the samples taken.
     """
     level = choice.trial.level
-    least = WITNESS if aim.jumps and is_first else COARSEST + 2  # slabs are no longer than those of the coarsest
+    # Slabs are no longer than those of the coarsest.
+    least = WITNESS if aim.needs_witness and is_first else COARSEST + 2
     finest = level + max(0, math.ceil(least - level))
     trial, pictures, samples = choice.trial._replace(level=min(level, finest - 2)), list[Image](), 0
     coarser, errors = round(finest - level), list[float]()

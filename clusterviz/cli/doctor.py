@@ -18,6 +18,7 @@ from clusterviz.cli.console import print_document, show_progress
 from clusterviz.cli.termination import launched_rank
 from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open_channel
 from clusterviz.comm.library import launcher, mpi_library
+from clusterviz.comm.placement import kernel_threads
 from clusterviz.errors import ClustervizError, DeviceError, InputError, OutputError, guard
 from clusterviz.image.replace import remove_leftovers
 from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, SelfTest, memory
@@ -144,7 +145,7 @@ def _examine_rank(channel: Channel) -> RankMachine:
         local_rank=place.local_rank,
         local_size=place.local_size,
         cores=place.cores,
-        processor=cpu_name(),
+        processor=cpu_name(kernel_threads()),
         threads=threads,
         egl_devices=labels,
         egl_device=chosen,

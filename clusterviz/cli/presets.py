@@ -10,7 +10,7 @@ import typer
 
 def command(json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
     """List the presets of volumes, for `--preset NAME`, or `preset: NAME` of a volume in a scene."""
-    from clusterviz.scene.presets import PRESETS
+    from clusterviz.content.volume.presets import PRESETS
 
     if json:
         rows = [{"name": name, "description": preset.description} for name, preset in PRESETS.items()]

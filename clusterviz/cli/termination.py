@@ -5,6 +5,7 @@ An error that all ranks raise is printed by one of them. An error of a single ra
 
 Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt in the main thread between two bytecodes. A kernel or library may
 delay that for minutes, or drop the exception, so a thread woken by every signal ends the process after a grace period.
+Within that it interrupts once more where Python itself has dropped the exception, in a `__del__` for example.
 Where one rank alone is interrupted, that one says so: ranks other than 0 wait, so that rank 0 can end them.
 """
 
@@ -38,12 +39,7 @@ def fail(error: BaseException, debug: bool) -> int:
 
     Parameters
     ----------
-    error : the error raised by the command
     debug : whether to print the traceback
-
-    Returns
-    -------
-    status : the exit status of the process
     """
     if _signalled and not isinstance(error, KeyboardInterrupt):  # which Python or a library has wrapped
         error = KeyboardInterrupt()
@@ -112,9 +108,10 @@ def _abort_other_ranks(error: BaseException, debug: bool) -> None:
             raise
 
 
-GRACE_SECONDS = 0.7
+GRACE_SECONDS, RETRY_SECONDS = 0.7, 0.01
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _signalled: list[int] = []
+_dropped = threading.Event()
 
 
 def end_on_signals() -> None:
@@ -125,6 +122,7 @@ def end_on_signals() -> None:
     for number in SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _interrupt)
+    sys.unraisablehook = _note_dropped
     threading.Thread(target=_watch, args=(reader,), name="signals", daemon=True).start()
 
 
@@ -153,10 +151,23 @@ def _interrupt(number: int, _: object) -> None:
     raise KeyboardInterrupt
 
 
+def _note_dropped(unraisable: sys.UnraisableHookArgs) -> None:
+    """Have the main thread interrupted once more, where Python cannot pass the exception on."""
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(unraisable)
+        return
+    signal.signal(signal.SIGINT, _interrupt)
+    _dropped.set()
+
+
 def _watch(reader: int) -> None:
     while os.read(reader, 1)[0] not in SIGNALS:
         pass
-    time.sleep(GRACE_SECONDS if (launched_rank() or 0) == 0 else GRACE_SECONDS + REPORT_GRACE_SECONDS)
+    ends = time.monotonic() + GRACE_SECONDS + ((launched_rank() or 0) > 0) * REPORT_GRACE_SECONDS
+    while _dropped.wait(max(0.0, ends - time.monotonic())):
+        _dropped.clear()
+        time.sleep(RETRY_SECONDS)  # the main thread leaves what has dropped it
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
     with suppress(OSError):
         os.write(2, (error_message(KeyboardInterrupt(), debug=False) + "\n").encode())  # no lock of another thread's
     end_process(INTERRUPTED)

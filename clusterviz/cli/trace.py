@@ -11,6 +11,7 @@ from clusterviz.cli.arguments import Define
 from clusterviz.cli.console import print_info
 from clusterviz.cli.instrumentation import check_reports, start
 from clusterviz.comm import agree
+from clusterviz.content.flow.section import LINES, FlowSection, Seeds
 from clusterviz.data import grid_format_of
 from clusterviz.data.formats.vtp import write_vtp
 from clusterviz.data.vectors import open_vectors
@@ -19,7 +20,6 @@ from clusterviz.flow.cells import open_cells
 from clusterviz.flow.critical_points import CriticalPoints, find_critical_points
 from clusterviz.flow.tracing import trace
 from clusterviz.scene.files import load_scene, scene_of_data
-from clusterviz.scene.flows import LINES, FlowSection, Seeds
 
 SHOWN = 20
 """Critical points that are printed."""

@@ -89,10 +89,6 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
 
     The difference is caused by float32 pixels, `quality.filter` and `quality.early_termination` only. A lens is
     replaced by a pinhole, and its own error measured apart.
-
-    Parameters
-    ----------
-    scene : a scene with content
     """
     width, height = scene.image.size
     most = BENT_WIDTH if _bends(scene) else WIDTH
@@ -157,7 +153,6 @@ def _of_levels(
     """Return the field of each volume at the samples of its finest level, of the levels that a picture uses."""
     work, _ = prepare(Run(LoopbackChannel(), Options()), scene, given)
     assert work.plan is not None, "there is a volume"
-    assert work.plan.content is not None, "levels are drawn as content"
     found = []
     for layer, source, samples in zip(work.plan.content.volume_layers, sources, voxels, strict=True):
         levels = levels_of(source)
@@ -222,11 +217,9 @@ class Result:
     Attributes
     ----------
     check : "picture" or "ownership"
-    configuration : the configuration compared
     max, rms : maximum and root mean square of the difference; for ownership relative to the brightest pixel
     tolerance : the largest difference allowed
     first_wrong_pixel : (row, column), or None if no pixel exceeds the tolerance
-    samples : field samples of all ranks
     problem : the problem found, or ""
     """
 

@@ -1,11 +1,10 @@
 """Communication between ranks: channels, placement on nodes, and agreement on errors.
 
-channel.py     contract of a channel
+channel.py     contract of a channel; exchange of arrays between all ranks
 mpi.py         channel over MPI; with mpi_window.py, the only modules that import mpi4py
 loopback.py    channel between threads of one process, and for a single rank without MPI
 throttled.py   channel through a simulated slow link
 open.py        choice of the channel that a program uses
-all_to_all.py  exchange of arrays between all ranks
 window.py      contracts of shared memory: windows of a node's ranks, counters of all ranks
 mpi_window.py  both over MPI's one-sided communication
 remote_memory.py  contract of one-sided access to any rank's memory, and what all channels share of it
@@ -20,8 +19,7 @@ agree.py       errors that all ranks raise together
 from __future__ import annotations
 
 from clusterviz.comm.agree import abort_on_failure, agree
-from clusterviz.comm.all_to_all import all_to_all
-from clusterviz.comm.channel import Channel, MessageError
+from clusterviz.comm.channel import Channel, MessageError, all_to_all
 from clusterviz.comm.loopback import LoopbackChannel, run_loopback
 from clusterviz.comm.open import as_channel, open_channel, opened_channel
 from clusterviz.comm.placement import Placement, limit_threads

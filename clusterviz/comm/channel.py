@@ -46,68 +46,44 @@ class Channel(Protocol):
 
     def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
         """Start to receive at most `buffer.nbytes` bytes into a writable C-contiguous buffer."""
-        ...
 
     def isend(self, buffer: Buffer, target: int, tag: int) -> None:
         """Start to send all bytes of a C-contiguous buffer of any size, also above 2 GiB."""
-        ...
 
     def wait_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
         """Wait until at least one message has arrived.
 
-        Returns
-        -------
-        arrived : (index in `pending`, bytes received) of each message that has arrived; empty if nothing is pending.
-            The caller removes them from `pending` before the next call.
-
-        Raises
-        ------
-        MessageError
-            A message is longer than its buffer, or was lost.
+        Returns (index in `pending`, bytes received) of each message that has arrived; empty if nothing is pending. The
+        caller removes them from `pending` before the next call. Raises MessageError if a message is longer than its
+        buffer, or was lost.
         """
-        ...
 
     def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
-        """Return what `wait_some` returns, without waiting; possibly empty. Completed sends are released too.
-
-        Raises
-        ------
-        MessageError
-            As `wait_some`.
-        """
-        ...
+        """Return what `wait_some` does, possibly nothing, without waiting. Completed sends are released too."""
 
     def wait_sends(self) -> None:
         """Wait until every buffer sent so far may be changed again."""
-        ...
 
     def allgather(self, value: T) -> list[T]:
         """Return one value of each rank, on each rank."""
-        ...
 
     def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
         """Return k numbers of each rank, on each rank: int64 (k,), the same k everywhere, gives int64 (size, k)."""
-        ...
 
     def gather(self, value: T, root: int = 0) -> list[T] | None:
         """Return one value of each rank on the root, None elsewhere."""
-        ...
 
     def broadcast(self, value: T, root: int = 0) -> T:
         """Return the root's value on each rank."""
-        ...
 
     def maximum(self, value: int) -> int:
         """Return the largest of the ranks' values on each rank; the cheapest collective call."""
-        ...
 
     def barrier(self) -> None:
         """Wait for all ranks."""
-        ...
 
     def placement(self) -> Placement:
         """Return the node and the cores of this rank."""
-        ...
 
     def nodes(self) -> Nodes:
         """Return the ranks of each node, ascending, with the nodes in the order of their first ranks.
@@ -115,69 +91,46 @@ class Channel(Protocol):
         CLUSTERVIZ_RANKS_PER_NODE=m splits every node into simulated nodes of m ranks; `placement` still describes the
         real ones.
 
-        Raises
-        ------
-        InputError
-            On every rank: the variable's value is no positive integer.
+        Raises InputError on every rank if the variable's value is no positive integer.
         """
-        ...
 
     def window(self, own_bytes: int) -> SharedWindow:
         """Allocate memory that the ranks of each node share.
 
-        Parameters
-        ----------
-        own_bytes : size of this rank's part, 0 or more; it may differ between ranks
-
-        Raises
-        ------
-        InputError
-            On every rank: a negative size.
-        WindowError
-            On every rank: a node has no such memory.
+        `own_bytes`: size of this rank's part, 0 or more; it may differ between ranks. Raises InputError on every rank
+        for a negative size. Raises WindowError on every rank for a node has no such memory.
         """
-        ...
 
     def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
         """Allocate memory that every rank reads and writes.
+
+        Raises InputError on every rank for a negative size. Raises RemoteMemoryError on every rank if there is not
+        enough memory, or space in a folder.
 
         Parameters
         ----------
         own_bytes : size of this rank's part, 0 or more; it may differ between ranks
         folder : on this rank's node, for parts in files, which the operating system writes where memory is short;
             None: parts in memory. All ranks give a folder, or none does.
-
-        Raises
-        ------
-        InputError
-            On every rank: a negative size.
-        RemoteMemoryError
-            On every rank: there is not enough memory, or space in a folder.
         """
-        ...
 
     def counters(self, count: int) -> Counters:
         """Create `count` counters that every rank reads and raises; the same count on every rank."""
-        ...
 
     def for_thread(self) -> Channel | None:
         """Return another channel to the same ranks for one other thread of each rank, independent of this one.
 
         None, on every rank, if MPI was not started for several threads.
         """
-        ...
 
     def duplicate(self) -> Channel:
         """Return another channel to the same ranks for the same thread, with its own messages and `wait_sends`."""
-        ...
 
     def close(self) -> None:
         """Free a channel that `duplicate` returned, once all its messages are complete."""
-        ...
 
     def abort(self, status: int) -> None:
         """End the processes of all ranks at once; returns only if the ranks share this process."""
-        ...
 
 
 class MessageError(ClustervizError):
@@ -190,24 +143,37 @@ class MessageError(ClustervizError):
 
 
 def check_contiguous(buffer: Buffer) -> None:
-    """Check that an array is C-contiguous.
-
-    Raises
-    ------
-    ValueError
-        It is not.
-    """
+    """Raise ValueError if an array is not C-contiguous."""
     if not buffer.flags.c_contiguous:
         raise ValueError("only C-contiguous buffers can be sent or received")
 
 
 def as_bytes(buffer: Buffer) -> NDArray[np.uint8]:
-    """Return a view of the bytes of a C-contiguous array, uint8 (nbytes,).
-
-    Raises
-    ------
-    ValueError
-        The array is not C-contiguous.
-    """
+    """Return a view of the bytes of an array, uint8 (nbytes,); raise ValueError if it is not C-contiguous."""
     check_contiguous(buffer)
     return buffer.reshape(-1).view(np.uint8)
+
+
+def all_to_all(channel: Channel, sent: Sequence[Buffer], tag: int, counts: Sequence[int] | None = None) -> list[Buffer]:
+    """Send an array to each rank, and return those of all ranks, the own one uncopied; collective.
+
+    Parameters
+    ----------
+    sent : one array (k,) for each rank, C order, of the same type everywhere
+    tag : of the messages
+    counts : length of the array from each rank; None: the ranks tell each other
+    """
+    if counts is None:
+        counts = channel.allgather_numbers([len(each) for each in sent])[:, channel.rank].tolist()
+    received = [np.empty(count, sent[0].dtype) for count in counts]
+    received[channel.rank] = sent[channel.rank]
+    others = [source for source in range(channel.size) if source != channel.rank]
+    pending = [channel.post_receive(received[source], source, tag) for source in others if counts[source]]
+    for target in others:
+        if len(sent[target]):
+            channel.isend(sent[target], target, tag)
+    while pending:
+        done = {index for index, _ in channel.wait_some(pending)}
+        pending = [one for index, one in enumerate(pending) if index not in done]
+    channel.wait_sends()
+    return received

@@ -84,21 +84,8 @@ class _World:
         return other
 
 
-def empty_boards(members: int) -> Numbers:
-    """Return boards without tickets, int64 (boards, members, row)."""
-    return np.zeros((BOARDS, members, ROW_NUMBERS), np.int64)
-
-
 class LoopbackWindow:
-    """Shared memory of a simulated node, in plain arrays, as one thread sees it.
-
-    Parameters
-    ----------
-    world : of the threads
-    members, index : the channel's ranks of the node, and the index of this one
-    parts : of all members
-    boards : of the node
-    """
+    """Shared memory of a simulated node, in plain arrays, as one thread sees it."""
 
     def __init__(
         self, world: _World, members: tuple[int, ...], index: int, parts: Sequence[NDArray[np.uint8]], boards: Numbers
@@ -111,7 +98,6 @@ class LoopbackWindow:
         self._round = 0
 
     def part(self, index: int) -> NDArray[np.uint8]:
-        """Return the part of a member."""
         return self._parts[index]
 
     def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
@@ -137,19 +123,12 @@ class LoopbackWindow:
 
 
 class LoopbackParts:
-    """Parts of threads: arrays of one process.
-
-    Parameters
-    ----------
-    parts : of all ranks
-    barrier : waits for all ranks
-    """
+    """Parts of threads: arrays of one process, which all of them see."""
 
     def __init__(self, parts: Sequence[NDArray[np.uint8]], barrier: Callable[[], None]) -> None:
         self._parts, self._barrier = list(parts), barrier
 
     def view(self, rank: int) -> NDArray[np.uint8]:
-        """Return a part."""
         return self._parts[rank]
 
     def check_thread(self) -> None:
@@ -165,7 +144,6 @@ class LoopbackParts:
         """Do nothing: the locks of Python order accesses."""
 
     def sync(self) -> None:
-        """Wait for all ranks."""
         self._barrier()
 
     def free(self) -> None:
@@ -175,20 +153,12 @@ class LoopbackParts:
 
 
 class LoopbackCounters:
-    """Counters of threads: a list under the lock of their world.
-
-    Parameters
-    ----------
-    changed : guards the numbers
-    numbers : the list that all ranks share
-    barrier : waits for all ranks
-    """
+    """Counters of threads: a list that all ranks share, guarded by `changed`."""
 
     def __init__(self, changed: threading.Condition, numbers: list[int], barrier: Callable[[], None]) -> None:
         self._changed, self._numbers, self._barrier = changed, numbers, barrier
 
     def add(self, index: int, amount: int) -> int:
-        """Raise a counter and return its previous value."""
         check_index(index, len(self._numbers))
         with self._changed:
             before = self._numbers[index]
@@ -217,20 +187,16 @@ class LoopbackChannel:
 
     @property
     def rank(self) -> int:
-        """Rank of this thread."""
         return self._rank
 
     @property
     def size(self) -> int:
-        """Number of ranks."""
         return self._world.size
 
     def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
-        """Post a receive."""
         return _Receive(as_bytes(buffer), source, tag)
 
     def isend(self, buffer: Buffer, target: int, tag: int) -> None:
-        """Offer the buffer to the target."""
         world = self._world
         with world.changed:
             world.sent.setdefault((self._rank, target, tag), deque()).append(as_bytes(buffer))
@@ -239,27 +205,24 @@ class LoopbackChannel:
 
     def wait_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
         """Wait for a message, and copy every one that has arrived."""
-        world = self._world
-        receives = cast(Sequence[_Receive], pending)
-        if not receives:
-            return []
-
-        def arrived() -> list[int]:
-            return [i for i, r in enumerate(receives) if world.sent.get((r.source, self._rank, r.tag))]
-
-        with world.changed:
-            world.wait(lambda: bool(arrived()), f"rank {self._rank} waits for {[(r.source, r.tag) for r in receives]}")
-            done = [(index, self._take(receives[index])) for index in arrived()]
-            world.changed.notify_all()
-        return done
-
-    def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
-        """Copy every message that has arrived."""
         world, receives = self._world, cast(Sequence[_Receive], pending)
         with world.changed:
-            here = [i for i, r in enumerate(receives) if world.sent.get((r.source, self._rank, r.tag))]
-            done = [(index, self._take(receives[index])) for index in here]
-            world.changed.notify_all()
+            if receives:
+                tags = [(each.source, each.tag) for each in receives]
+                world.wait(lambda: bool(self._arrived(receives)), f"rank {self._rank} waits for {tags}")
+            return self._take_arrived(receives)
+
+    def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
+        with self._world.changed:
+            return self._take_arrived(cast(Sequence[_Receive], pending))
+
+    def _arrived(self, receives: Sequence[_Receive]) -> list[int]:
+        sent = self._world.sent
+        return [index for index, each in enumerate(receives) if sent.get((each.source, self._rank, each.tag))]
+
+    def _take_arrived(self, receives: Sequence[_Receive]) -> list[tuple[int, int]]:
+        done = [(index, self._take(receives[index])) for index in self._arrived(receives)]
+        self._world.changed.notify_all()
         return done
 
     def _take(self, receive: _Receive) -> int:
@@ -271,7 +234,6 @@ class LoopbackChannel:
         return data.size
 
     def wait_sends(self) -> None:
-        """Wait until everything that this rank sent has been received."""
         world = self._world
         with world.changed:
             world.wait(lambda: world.unread[self._rank] == 0, f"rank {self._rank} waits for its sends")
@@ -291,24 +253,19 @@ class LoopbackChannel:
         return [offered[rank] for rank in range(world.size)]
 
     def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
-        """Return k numbers of each rank."""
         return np.stack(self.allgather(np.array(values, np.int64)))
 
     def gather(self, value: T, root: int = 0) -> list[T] | None:
-        """Return one value of each rank on the root."""
         values = self.allgather(value)
         return values if self._rank == root else None
 
     def broadcast(self, value: T, root: int = 0) -> T:
-        """Return the root's value."""
         return self.allgather(value)[root]
 
     def maximum(self, value: int) -> int:
-        """Return the largest value."""
         return max(self.allgather(value))
 
     def barrier(self) -> None:
-        """Wait for all ranks."""
         self.allgather(None)
 
     def placement(self) -> Placement:
@@ -323,12 +280,12 @@ class LoopbackChannel:
         """Allocate a part on each rank, and the boards on each node's first member."""
         check_sizes(self.allgather(own_bytes))
         members = next(node for node in self.nodes() if self._rank in node)
-        brought = self.allgather((np.zeros(own_bytes, np.uint8), empty_boards(len(members))))
+        boards = np.zeros((BOARDS, len(members), ROW_NUMBERS), np.int64)
+        brought = self.allgather((np.zeros(own_bytes, np.uint8), boards))
         parts = [brought[member][0] for member in members]
         return LoopbackWindow(self._world, members, members.index(self._rank), parts, brought[members[0]][1])
 
     def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
-        """Allocate a part on each rank, which all map."""
         check_sizes(self.allgather(own_bytes))
         part, fault = np.empty(0, np.uint8), ""
         try:
@@ -349,11 +306,9 @@ class LoopbackChannel:
         return LoopbackCounters(self._world.changed, self.broadcast([0] * count), self.barrier)
 
     def for_thread(self) -> LoopbackChannel:
-        """Return a channel of another world."""
         return LoopbackChannel(self.broadcast(self._world.duplicate() if self._rank == 0 else None), self._rank)
 
     def duplicate(self) -> LoopbackChannel:
-        """Return a channel of another world."""
         return self.for_thread()
 
     def close(self) -> None:
@@ -372,14 +327,8 @@ def run_loopback(
 ) -> list[T]:
     """Run a function on `ranks` ranks, one thread each, on simulated nodes of `ranks_per_node` ranks.
 
-    Returns
-    -------
-    results : values that the function returned, by rank
-
-    Raises
-    ------
-    Exception
-        The error of the lowest rank that failed; TimeoutError if ranks wait for each other without end.
+    Returns the function's values by rank, or raises the error of the lowest rank that failed; TimeoutError if ranks
+    wait for each other without end.
     """
     world = _World(ranks, timeout_seconds, ranks_per_node, unread=[0] * ranks)
     results: list[Any] = [None] * ranks

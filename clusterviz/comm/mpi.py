@@ -70,10 +70,7 @@ class _Receive:
 def _load_mpi(several_threads: bool = False) -> Any:
     """Return the MPI module, started with the thread level needed unless MPI runs already.
 
-    Raises
-    ------
-    InputError
-        A launcher of another MPI started this process, and MPI_Init would not return.
+    Raises InputError if a launcher of another MPI started this process, and MPI_Init would not return.
     """
     if "mpi4py.MPI" not in sys.modules:
         import mpi4py
@@ -100,13 +97,7 @@ def _load_mpi(several_threads: bool = False) -> Any:
 
 
 def _check_files() -> None:
-    """Raise the limit of open files as far as may be; refuse one with which MPI_Init would end the process.
-
-    Raises
-    ------
-    InputError
-        The limit is lower than `LEAST_FILES`.
-    """
+    """Raise the limit of open files to `LEAST_FILES`; InputError if it cannot be: MPI_Init would end the process."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if not 0 <= soft < LEAST_FILES:  # below 0: no limit
         return
@@ -191,12 +182,10 @@ class MpiChannel:
 
     @property
     def rank(self) -> int:
-        """Rank in the communicator."""
         return int(self._comm.rank)
 
     @property
     def size(self) -> int:
-        """Number of ranks."""
         return int(self._comm.size)
 
     def close(self) -> None:
@@ -206,7 +195,6 @@ class MpiChannel:
         self._comm.Free()
 
     def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
-        """Start to receive the first chunk."""
         if buffer.nbytes > self._chunk_bytes:
             receive = _Receive(as_bytes(buffer), source, tag, None)
             self._receive_chunk(receive)
@@ -219,7 +207,6 @@ class MpiChannel:
         receive.request = self._comm.Irecv((room, self._byte), receive.source, receive.tag)
 
     def isend(self, buffer: Buffer, target: int, tag: int) -> None:
-        """Start to send all chunks."""
         if buffer.nbytes < self._chunk_bytes:
             check_contiguous(buffer)
             self._sends.append(self._comm.Isend((buffer, self._byte), target, tag))
@@ -260,7 +247,6 @@ class MpiChannel:
         return self._tested(receives) or poll_until(lambda: self._tested(receives))
 
     def _tested(self, receives: Sequence[_Receive]) -> list[int]:
-        """Return the indices of the chunks that have arrived."""
         requests, statuses = [receive.request for receive in receives], self._statuses
         while len(statuses) < len(requests):
             statuses.append(self._mpi.Status())
@@ -280,7 +266,6 @@ class MpiChannel:
         return MessageError.too_long(bad.source, bad.tag, rooms[0])
 
     def wait_sends(self) -> None:
-        """Wait for all chunks sent so far."""
         if self._sends:
             self._finish(self._sends)
             self._sends.clear()
@@ -291,7 +276,6 @@ class MpiChannel:
             poll_until(lambda: testall(requests))
 
     def allgather(self, value: T) -> list[T]:
-        """Return one value of each rank."""
         mine = np.frombuffer(pickle.dumps(value), np.uint8)
         sizes = np.zeros(self.size, np.int64)
         self._finish([self._comm.Iallgather(np.array([mine.size], np.int64), sizes)])
@@ -308,12 +292,10 @@ class MpiChannel:
         return everything
 
     def gather(self, value: T, root: int = 0) -> list[T] | None:
-        """Return one value of each rank on the root."""
         values = self.allgather(value)
         return values if self.rank == root else None
 
     def broadcast(self, value: T, root: int = 0) -> T:
-        """Return the root's value."""
         data = np.frombuffer(pickle.dumps(value if self.rank == root else None), np.uint8)
         size = np.array([data.size], np.int64)
         self._finish([self._comm.Ibcast(size, root)])
@@ -330,7 +312,6 @@ class MpiChannel:
         return int(largest[0])
 
     def barrier(self) -> None:
-        """Wait for all ranks."""
         self._finish([self._comm.Ibarrier()])
 
     def placement(self) -> Placement:
@@ -356,11 +337,9 @@ class MpiChannel:
         return self._nodes
 
     def window(self, own_bytes: int) -> MpiWindow:
-        """Allocate an MPI-3 shared-memory window on each node."""
         return open_window(self._mpi, self._comm, self, own_bytes)
 
     def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
-        """Make remote memory in an MPI window of all ranks."""
         return open_remote_memory(self._mpi, self._comm, self, own_bytes, folder)
 
     def counters(self, count: int) -> MpiCounters:
@@ -374,7 +353,6 @@ class MpiChannel:
         return self._thread_channel
 
     def duplicate(self) -> MpiChannel:
-        """Return a duplicate of the communicator as a channel."""
         return MpiChannel(self._comm, chunk_bytes=self._chunk_bytes)
 
     def abort(self, status: int) -> None:

@@ -37,13 +37,7 @@ from clusterviz.comm.window import check_sizes
 
 
 def open_remote_memory(mpi: Any, comm: Any, channel: Channel, own_bytes: int, folder: Path | None) -> RemoteMemory:
-    """Make remote memory of the channel's ranks, with `own_bytes` bytes of this rank; collective.
-
-    Raises
-    ------
-    InputError, RemoteMemoryError
-        On every rank.
-    """
+    """Make remote memory of the channel's ranks, with `own_bytes` bytes of this rank; collective, as its errors."""
     place = channel.placement()
     told = channel.allgather_numbers([own_bytes, place.node])
     check_sizes(told[:, 0].tolist())
@@ -75,7 +69,6 @@ def open_remote_memory(mpi: Any, comm: Any, channel: Channel, own_bytes: int, fo
 def _shared_views(
     mpi: Any, window: Any, rank: int, members: Sequence[int], sizes: Sequence[int]
 ) -> dict[int, NDArray[np.uint8]]:
-    """Return the own part, and those of other members that MPI maps."""
     views = {rank: np.frombuffer(window.tomemory(), np.uint8)[: sizes[rank]]}
     for member in members:
         if member != rank:
@@ -91,13 +84,7 @@ def _shared_views(
 def _file_views(
     channel: Channel, folder: Path, members: Sequence[int], sizes: Sequence[int]
 ) -> dict[int, NDArray[np.uint8]]:
-    """Make a file for the own part and map those of all members; collective. The files have no names on return.
-
-    Raises
-    ------
-    RemoteMemoryError
-        On every rank: the folder cannot be written, or has not enough space.
-    """
+    """Make a file for the own part and map those of all members; collective. The files have no names on return."""
     path, fault = None, ""
     try:
         path = make_part_file(folder, sizes[channel.rank])
@@ -115,15 +102,7 @@ def _file_views(
 
 
 class MpiParts:
-    """Parts of all ranks in an MPI window.
-
-    Parameters
-    ----------
-    mpi : the MPI module
-    window : of all ranks, with displacements in bytes
-    views : rank -> its part, as far as it is mapped
-    barrier : waits for all ranks
-    """
+    """Parts of all ranks in an MPI window with displacements in bytes; `views` are those that are mapped, by rank."""
 
     def __init__(self, mpi: Any, window: Any, views: dict[int, NDArray[np.uint8]], barrier: Callable[[], None]) -> None:
         self._mpi, self._window, self._views, self._barrier = mpi, window, views, barrier
@@ -133,7 +112,6 @@ class MpiParts:
         self.sync()
 
     def view(self, rank: int) -> NDArray[np.uint8] | None:
-        """Return a part that is mapped."""
         return self._views.get(rank)
 
     def check_thread(self) -> None:
@@ -181,7 +159,6 @@ class MpiParts:
         self._window.Sync()
 
     def free(self) -> None:
-        """Free the window."""
         self._views.clear()
         self._window.Unlock_all()
         self._window.Free()

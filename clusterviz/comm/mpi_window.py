@@ -41,13 +41,7 @@ _SHM_FOLDER = Path("/dev/shm")
 
 
 def open_window(mpi: Any, comm: Any, channel: Channel, own_bytes: int) -> MpiWindow:
-    """Make a window on each of the channel's nodes, with `own_bytes` bytes for this rank; collective.
-
-    Raises
-    ------
-    InputError, WindowError
-        On every rank.
-    """
+    """Make a window on each of the channel's nodes, with `own_bytes` bytes for this rank; collective, as its errors."""
     sizes = channel.allgather_numbers([own_bytes])[:, 0].tolist()
     check_sizes(sizes)
     number, members = next((i, node) for i, node in enumerate(channel.nodes()) if channel.rank in node)
@@ -89,15 +83,9 @@ class MpiWindow:
 
     Parameters
     ----------
-    mpi : the MPI module
     comm : the ranks of the node
     members : their ranks in the channel
     part_bytes : size of each member's part
-
-    Raises
-    ------
-    MPI.Exception
-        No memory, or none that can be shared.
     """
 
     def __init__(self, mpi: Any, comm: Any, members: tuple[int, ...], part_bytes: Sequence[int]) -> None:
@@ -125,13 +113,7 @@ class MpiWindow:
         self._mine = segments[self.index]
 
     def touch(self) -> None:
-        """Fill the own segment with zeros, before any member's first `exchange`.
-
-        Raises
-        ------
-        OSError
-            There is not enough memory.
-        """
+        """Fill the own segment with zeros, before any member's first `exchange`; OSError if memory is missing."""
         fill_with_zeros(self._mine)
 
     def _segment(self, index: int) -> NDArray[np.uint8]:
@@ -141,7 +123,6 @@ class MpiWindow:
         return data[-data.ctypes.data % mmap.PAGESIZE :]
 
     def part(self, index: int) -> NDArray[np.uint8]:
-        """Return the part of a member."""
         return self._parts[index]
 
     def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
@@ -198,15 +179,7 @@ def fill_with_zeros(memory: NDArray[np.uint8]) -> None:
 
 
 class MpiCounters:
-    """Counters on rank 0 of a communicator; construction is collective.
-
-    Parameters
-    ----------
-    mpi : the MPI module
-    comm : of all ranks
-    count : number of counters
-    barrier : waits for all ranks
-    """
+    """Counters on rank 0 of a communicator; construction is collective."""
 
     def __init__(self, mpi: Any, comm: Any, count: int, barrier: Callable[[], None]) -> None:
         self._comm, self._count, self._barrier, self._first = comm, count, barrier, comm.rank == 0

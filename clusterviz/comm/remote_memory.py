@@ -45,19 +45,12 @@ _SPIN_CALLS = 20
 
 @dataclass(frozen=True, slots=True)
 class RemoteBox:
-    """Box of an array that lies in C order in a rank's part.
+    """Box of an array that lies in C order in a rank's part."""
 
-    Attributes
-    ----------
-    rank : owner of the part
-    offset : bytes before the array in the part, a multiple of the size of its elements
-    shape : of the array
-    begin, end : the box, half-open, along each axis of the array
-    """
-
-    rank: int
-    offset: int
-    shape: tuple[int, ...]
+    rank: int  # owner of the part
+    offset: int  # bytes before the array in the part, a multiple of the size of its elements
+    shape: tuple[int, ...]  # of the array
+    # the box, half-open, along each axis of the array
     begin: tuple[int, ...]
     end: tuple[int, ...]
 
@@ -90,37 +83,24 @@ class Parts(Protocol):
 
     def view(self, rank: int) -> NDArray[np.uint8] | None:
         """Return a rank's part, uint8 (its bytes,), if this process has it in its address space; else None."""
-        ...
 
     def fetch(self, transfers: Sequence[Transfer]) -> None:
         """Read boxes of parts without a view into the local values; complete on return."""
-        ...
 
     def store(self, transfers: Sequence[Transfer]) -> None:
         """Write the local values into boxes of parts without a view; complete at their owners on return."""
-        ...
 
     def check_thread(self) -> None:
-        """Check that this thread may communicate.
-
-        Raises
-        ------
-        ThreadError
-            The library was not started for several threads, and this is not the thread that made the memory.
-        """
-        ...
+        """Raise ThreadError if MPI was not started for several threads, and another one made the memory."""
 
     def fence(self) -> None:
         """Order accesses of this thread to memory before it and after it."""
-        ...
 
     def sync(self) -> None:
         """Make all that was written before visible to all ranks; collective."""
-        ...
 
     def free(self) -> None:
         """Release the memory; collective."""
-        ...
 
 
 class RemoteMemory:
@@ -145,35 +125,20 @@ class RemoteMemory:
 
     def get(self, transfers: Sequence[Transfer]) -> None:
         """Read boxes into local values."""
-        far = []
-        for box, values in transfers:
-            if (array := self._array(box, values.dtype)) is not None:
-                np.copyto(values, array[box.slices])
-            else:
-                far.append((box, values))
-        if far:
+        if far := self._copy_near(transfers, lambda array, values: np.copyto(values, array)):
             self._parts.check_thread()
             self._parts.fetch(far)
 
     def put(self, transfers: Sequence[Transfer]) -> None:
         """Write local values into boxes, not atomically; of writes to one element at once, one wins."""
-        far = []
-        for box, values in transfers:
-            if (array := self._array(box, values.dtype)) is not None:
-                np.copyto(array[box.slices], values)
-            else:
-                far.append((box, values))
-        if far:
+        if far := self._copy_near(transfers, np.copyto):
             self._parts.check_thread()
             self._parts.store(far)
 
     def accumulate(self, transfers: Sequence[Transfer], operation: str) -> None:
         """Combine boxes with local values; atomic for each box among all accumulate and compare_and_swap.
 
-        Raises
-        ------
-        InputError
-            No such operation.
+        Raises InputError if there is no such operation.
         """
         combine = operation_of(operation)
         for box, values in transfers:
@@ -189,9 +154,7 @@ class RemoteMemory:
     def compare_and_swap(self, box: RemoteBox, expected: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
         """Write `new` into a box if its bytes equal those of `expected`; atomic.
 
-        Returns
-        -------
-        previous : the values before, of the shape and type of `new`
+        Returns the values before, of the shape and type of `new`.
         """
         previous = np.empty(new.shape, new.dtype)
         with self._locked(box):
@@ -209,6 +172,16 @@ class RemoteMemory:
         self._counters.free()
         self._parts.free()
 
+    def _copy_near(self, transfers: Sequence[Transfer], copy: Callable[..., None]) -> list[Transfer]:
+        """Copy between boxes and local values where the parts have views, and return the other transfers."""
+        far = []
+        for box, values in transfers:
+            if (array := self._array(box, values.dtype)) is not None:
+                copy(array[box.slices], values)
+            else:
+                far.append((box, values))
+        return far
+
     def _array(self, box: RemoteBox, dtype: np.dtype[Any]) -> NDArray[Any] | None:
         """Return a view of the array in which a box lies; None if its part has no view."""
         part = self._parts.view(box.rank)
@@ -216,7 +189,6 @@ class RemoteMemory:
 
     @contextmanager
     def _locked(self, box: RemoteBox) -> Iterator[None]:
-        """Context that holds the lock of a box's array."""
         self._parts.check_thread()
         lock = 2 * ((box.offset // 64 + 17 * box.rank) % LOCKS)
         ticket = self._counters.add(lock, 1)
@@ -231,13 +203,7 @@ class RemoteMemory:
 
 
 def operation_of(name: str) -> Callable[..., Any]:
-    """Return the function of an operation.
-
-    Raises
-    ------
-    InputError
-        There is none of this name.
-    """
+    """Return the function of an operation; raise InputError if there is none of this name."""
     if name not in OPERATIONS:
         raise InputError("no such operation", where="accumulate", found=name, allowed=", ".join(OPERATIONS))
     return OPERATIONS[name]
@@ -246,10 +212,7 @@ def operation_of(name: str) -> Callable[..., Any]:
 def make_part_file(folder: Path, own_bytes: int) -> Path:
     """Reserve a file of zeros for a rank's part, and return its path; the caller removes it once it is mapped.
 
-    Raises
-    ------
-    OSError
-        The folder cannot be written, or has not enough space left; no file is left there.
+    Raises OSError, and leaves no file, if the folder cannot be written, or has not enough space left.
     """
     handle, name = tempfile.mkstemp(prefix="clusterviz-", suffix=".part", dir=folder)
     try:

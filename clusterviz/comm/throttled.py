@@ -15,18 +15,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, cast
 
 import numpy as np
 
 from clusterviz.comm.channel import Buffer, Channel, Pending
-from clusterviz.comm.placement import Nodes, Placement
-from clusterviz.comm.remote_memory import RemoteMemory
-from clusterviz.comm.window import Counters, Numbers, SharedWindow
 from clusterviz.errors import InputError
-
-T = TypeVar("T")
 
 # The highest tag that every MPI allows; only this module sends messages to the own rank.
 _PROBE_TAG = 32767
@@ -44,17 +38,14 @@ class _Receive:
 class ThrottledChannel:
     """Channel whose messages reach this rank through a simulated slow link.
 
+    Raises InputError for an invalid rate or latency.
+
     Parameters
     ----------
     channel : inner channel, which carries the messages
     bytes_per_second : rate of each rank's incoming link, above 0
     latency_seconds : time from the inner channel to the link
     clock, sleep : functions that return the time in seconds and wait
-
-    Raises
-    ------
-    InputError
-        An invalid rate or latency.
     """
 
     def __init__(
@@ -76,23 +67,12 @@ class ThrottledChannel:
         self._sleep = sleep
         self._free = float("-inf")
 
-    @property
-    def rank(self) -> int:
-        """Rank of the inner channel."""
-        return self._channel.rank
-
-    @property
-    def size(self) -> int:
-        """Number of ranks."""
-        return self._channel.size
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the inner channel: all that is not said here happens at full speed."""
+        return getattr(self._channel, name)
 
     def post_receive(self, buffer: Buffer, source: int, tag: int) -> Pending:
-        """Post a receive of the inner channel."""
         return _Receive(self._channel.post_receive(buffer, source, tag))
-
-    def isend(self, buffer: Buffer, target: int, tag: int) -> None:
-        """Start to send, at full speed."""
-        self._channel.isend(buffer, target, tag)
 
     def wait_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
         """Wait until a message has passed the link."""
@@ -105,15 +85,14 @@ class ThrottledChannel:
             self._sleep(first - now)
         # Messages that arrived meanwhile start to pass now, not when the caller polls again.
         self._enqueue(receives, wait=False)
-        return [(i, r.size) for i, r in enumerate(receives) if r.arrival is not None and r.arrival <= now]
+        return _passed(receives, now)
 
     def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
         """Return the messages that have passed the link."""
         receives = cast(Sequence[_Receive], pending)
         if receives:
             self._enqueue(receives, wait=False)
-        now = self._clock()
-        return [(i, r.size) for i, r in enumerate(receives) if r.arrival is not None and r.arrival <= now]
+        return _passed(receives, self._clock())
 
     def _enqueue(self, receives: Sequence[_Receive], *, wait: bool) -> None:
         """Put messages that the inner channel has received in line for the link."""
@@ -136,71 +115,18 @@ class ThrottledChannel:
             in_transit = [receive for receive in in_transit if receive.arrival is None]
             inner_pending = [*(receive.inner for receive in in_transit), inner_pending[-1]]
 
-    def wait_sends(self) -> None:
-        """Wait for the inner channel's sends."""
-        self._channel.wait_sends()
-
-    def allgather(self, value: T) -> list[T]:
-        """Call the inner channel."""
-        return self._channel.allgather(value)
-
-    def allgather_numbers(self, values: Sequence[int] | Numbers) -> Numbers:
-        """Call the inner channel."""
-        return self._channel.allgather_numbers(values)
-
-    def gather(self, value: T, root: int = 0) -> list[T] | None:
-        """Call the inner channel."""
-        return self._channel.gather(value, root)
-
-    def broadcast(self, value: T, root: int = 0) -> T:
-        """Call the inner channel."""
-        return self._channel.broadcast(value, root)
-
-    def maximum(self, value: int) -> int:
-        """Call the inner channel."""
-        return self._channel.maximum(value)
-
-    def barrier(self) -> None:
-        """Call the inner channel."""
-        self._channel.barrier()
-
-    def placement(self) -> Placement:
-        """Call the inner channel."""
-        return self._channel.placement()
-
-    def nodes(self) -> Nodes:
-        """Call the inner channel."""
-        return self._channel.nodes()
-
-    def window(self, own_bytes: int) -> SharedWindow:
-        """Call the inner channel."""
-        return self._channel.window(own_bytes)
-
-    def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
-        """Call the inner channel."""
-        return self._channel.remote_memory(own_bytes, folder)
-
-    def counters(self, count: int) -> Counters:
-        """Call the inner channel."""
-        return self._channel.counters(count)
-
     def for_thread(self) -> ThrottledChannel | None:
         """Return the inner channel's channel for a thread, through a link of its own with the same rate."""
         inner = self._channel.for_thread()
-        if inner is None:
-            return None
-        return ThrottledChannel(inner, self._rate, self._latency, clock=self._clock, sleep=self._sleep)
+        return None if inner is None else self._throttled(inner)
 
     def duplicate(self) -> ThrottledChannel:
         """Return a duplicate of the inner channel, through a link of its own with the same rate."""
-        return ThrottledChannel(
-            self._channel.duplicate(), self._rate, self._latency, clock=self._clock, sleep=self._sleep
-        )
+        return self._throttled(self._channel.duplicate())
 
-    def close(self) -> None:
-        """Call the inner channel."""
-        self._channel.close()
+    def _throttled(self, inner: Channel) -> ThrottledChannel:
+        return ThrottledChannel(inner, self._rate, self._latency, clock=self._clock, sleep=self._sleep)
 
-    def abort(self, status: int) -> None:
-        """Call the inner channel."""
-        self._channel.abort(status)
+
+def _passed(receives: Sequence[_Receive], now: float) -> list[tuple[int, int]]:
+    return [(i, r.size) for i, r in enumerate(receives) if r.arrival is not None and r.arrival <= now]

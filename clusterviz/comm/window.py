@@ -49,60 +49,33 @@ class SharedWindow(Protocol):
     @property
     def members(self) -> tuple[int, ...]:
         """The channel's ranks on this node, ascending."""
-        ...
 
     @property
     def index(self) -> int:
         """The index of this rank among the members."""
-        ...
 
     def part(self, index: int) -> NDArray[np.uint8]:
         """Return a member's part, uint8 (its own_bytes,), page-aligned, initially zero, writable until `free`."""
-        ...
 
     def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
         """Exchange small numbers between all members, and synchronise them.
 
-        Parameters
-        ----------
-        numbers : int64 (k,), k at most 16 and the same for all members
-
-        Returns
-        -------
-        rows : int64 (members, k), a copy
-
-        Raises
-        ------
-        ValueError
-            More than 16 numbers.
+        `numbers`: int64 (k,), k at most 16 and the same for all members. Returns int64 (members, k), a copy. Raises
+        ValueError: more than 16 numbers.
         """
-        ...
 
     def free(self) -> None:
         """Release the memory; all members call it."""
-        ...
 
 
 def check_numbers(count: int) -> None:
-    """Check that numbers fit into a row of the board.
-
-    Raises
-    ------
-    ValueError
-        More than 16 numbers.
-    """
+    """Raise ValueError if numbers do not fit into a row of the board."""
     if count > MAX_NUMBERS:
         raise ValueError(f"{count} numbers do not fit into a row of {MAX_NUMBERS}")
 
 
 def check_sizes(sizes: Sequence[int]) -> None:
-    """Check the sizes that all ranks requested, with the same result on every rank.
-
-    Raises
-    ------
-    InputError
-        A negative size.
-    """
+    """Raise InputError, agreed on, if one of the sizes that all ranks requested is negative."""
     if min(sizes) < 0:
         raise mark_agreed(InputError("wrong bytes of a shared window", found=list(sizes), allowed="0 and more"))
 
@@ -115,29 +88,17 @@ class Counters(Protocol):
 
         An amount of 0 reads it. What one rank adds to different counters is seen in the order in which it was added.
 
-        Raises
-        ------
-        IndexError
-            There is no such counter.
+        Raises IndexError if there is no such counter.
         """
-        ...
 
     def reset(self) -> None:
         """Set all counters to 0; collective, and complete on return."""
-        ...
 
     def free(self) -> None:
         """Release the counters; collective."""
-        ...
 
 
 def check_index(index: int, count: int) -> None:
-    """Check the index of a counter; one-sided access to a wrong one would change other memory.
-
-    Raises
-    ------
-    IndexError
-        There is no such counter.
-    """
+    """Raise IndexError if there is no such counter; one-sided access to it would change other memory."""
     if not 0 <= index < count:
         raise IndexError(f"no counter {index} of {count}")

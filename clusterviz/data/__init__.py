@@ -4,6 +4,9 @@ Every volume is a `Source`: it knows its `Grid` and reads any box of samples. Br
 extremes, histogram and exact percentiles. Meshes, lines and points are read whole, as a `Geometry`; `MESH_FORMATS` has
 their formats. Unstructured grids are read by pieces, each as an `UnstructuredGrid`, by `GRID_FORMATS`.
 
+All functions of this package raise `DataError` for what is missing, damaged, impossible, not supported or not unique in
+data. Their docstrings do not repeat it.
+
 To add a format: a file in formats/ with `open_<format>`, which raises `DataError` for every fault and compares sizes
 with the file (`check_size`, `check_packed`) before it allocates memory; one entry in `FORMATS`; one test with the
 shared checks of `tests/data/checks.py`; one line in `tests/fuzz/readers.py`. `open_source` turns any other exception
@@ -25,7 +28,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Choice, Hyperslab, Subset, first_parts
+from clusterviz.data.axes import Choice, DerivedSource, Subset, first_parts
 from clusterviz.data.bricks import Box, read_boxes
 from clusterviz.data.field import open_field
 from clusterviz.data.files import PICTURES, check_free_memory, require_file, start_of
@@ -45,7 +48,12 @@ if TYPE_CHECKING:
     from clusterviz.data.geometry import Geometry
     from clusterviz.data.unstructured import UnstructuredGrid
 
-GZIP = (b"\x1f\x8b",)
+GZIP, HDF5 = (b"\x1f\x8b",), (b"\x89HDF\r\n\x1a\n",)
+
+
+SURFACES, TRIANGLES = (".pial", ".white", ".inflated", ".sphere", ".orig"), b"\xff\xff\xfe"
+"""Extensions of FreeSurfer's surfaces, which may have none, and their first bytes."""
+ELEMENTS = (".bdf", ".fem", ".nas", ".inp", ".med", ".mesh", ".meshb", ".ele", ".su2", ".ugrid")
 
 
 @dataclass(frozen=True)
@@ -54,7 +62,6 @@ class Format:
 
     Attributes
     ----------
-    name : for messages
     extensions : of its files
     magic : possible first bytes; empty if they vary
     opener : module in clusterviz.data.formats and its function, imported on first use
@@ -72,13 +79,11 @@ class Format:
     has_steps: bool = False
 
     def open(self, path: Path, subset: Subset) -> Source:
-        """Open a volume."""
         source: Source = _function(self.opener)(path, subset)
         return source
 
 
 def _function(name: str) -> Any:
-    """Return a function of a module in clusterviz.data.formats."""
     module, function = name.split(".")
     return getattr(import_module(f"clusterviz.data.formats.{module}"), function)
 
@@ -95,7 +100,7 @@ FORMATS = (
     Format("vtr", (".vtr",), (), "vti.open_vti"),
     Format("pvti", (".pvti", ".pvtr"), (), "vti.open_pvti"),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.open_vtk"),
-    Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf_image.open_vtkhdf"),
+    Format("vtkhdf", (".vtkhdf",), HDF5, "vtkhdf.open_vtkhdf"),
     Format("tiff", (".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"), "tiff.open_tiff"),
     Format("mrc", (".mrc", ".map", ".ccp4"), (), "mrc.open_mrc"),
     Format("mrc", (".mrc.gz", ".map.gz"), GZIP, "mrc.open_mrc"),
@@ -113,15 +118,9 @@ MESH_FORMATS = (
     Format("gltf", (".gltf", ".glb"), (), "gltf.read_gltf"),
     Format("vtp", (".vtp",), (), "vtp.read_vtp"),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_polydata", "vtk.is_polydata"),
-    Format("gifti", (".gii",), (), "gifti.read_gifti", section="meshes"),
-    Format("gifti", (".gii.gz",), GZIP, "gifti.read_gifti", section="meshes"),
-    Format(
-        "freesurfer",
-        (".pial", ".white", ".inflated", ".sphere", ".orig"),
-        (),
-        "freesurfer.read_freesurfer",
-        section="meshes",
-    ),
+    Format("gifti", (".gii",), (), "surfaces.read_gifti", section="meshes"),
+    Format("gifti", (".gii.gz",), GZIP, "surfaces.read_gifti", section="meshes"),
+    Format("freesurfer", SURFACES, (TRIANGLES,), "surfaces.read_freesurfer", section="meshes"),
     Format("trk", (".trk",), (b"TRACK",), "streamlines.read_trk", section="lines"),
     Format("tck", (".tck",), (b"mrtrix tracks",), "streamlines.read_tck", section="lines"),
     Format("table", (".csv", ".tsv", ".txt", ".xyz"), (), "table.read_table"),
@@ -131,24 +130,19 @@ MESH_FORMATS = (
     Format("mmcif", (".cif", ".mmcif"), (), "molecule.read_molecule", section="points"),
     Format("pdb", (".pdb.gz", ".ent.gz", ".cif.gz"), GZIP, "molecule.read_molecule", section="points"),
 )
-"""Formats of meshes, lines and points; FreeSurfer's surfaces have any extension or none."""
+"""Formats of meshes, lines and points."""
 GRID_FORMATS = (
     Format("vtu", (".vtu",), (), "vtu.read_vtu"),
     Format("list", (".pvtu", *SERIES), (), ""),
     Format("vtk", (".vtk",), (b"# vtk DataFile",), "vtk.read_unstructured", "vtk.is_unstructured"),
-    Format("vtkhdf", (".vtkhdf",), (b"\x89HDF",), "vtkhdf.read_vtkhdf", "vtkhdf_image.is_grid"),
-    Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", b"\x89HDF"), "exodus.read_exodus", has_steps=True),
-    Format("cgns", (".cgns",), (b"\x89HDF",), "cgns.read_cgns"),
+    Format("vtkhdf", (".vtkhdf",), HDF5, "vtkhdf.read_vtkhdf", "vtkhdf.is_grid"),
+    Format("exodus", (".exo", ".ex2", ".e", ".g"), (b"CDF", *HDF5), "exodus.read_exodus", has_steps=True),
+    Format("cgns", (".cgns",), HDF5, "cgns.read_cgns"),
     Format("openfoam", (".foam",), (), "openfoam.read_openfoam", has_steps=True),
     Format("xdmf", (".xdmf", ".xmf"), (), "xdmf.read_xdmf", has_steps=True),
     Format("gmsh", (".msh",), (), "gmsh.read_gmsh", has_steps=True),
     Format("avs", (".avs",), (), "avs.read_avs"),
-    Format(
-        "meshlane",
-        (".bdf", ".fem", ".nas", ".inp", ".med", ".mesh", ".meshb", ".ele", ".su2", ".ugrid"),
-        (),
-        "meshlane.read_meshlane",
-    ),
+    Format("meshlane", ELEMENTS, (), "meshlane.read_meshlane"),
 )
 """Formats of unstructured grids."""
 GRID_EXTENSIONS: dict[str, Format] = {extension: each for each in GRID_FORMATS for extension in each.extensions}
@@ -170,11 +164,6 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
     path : a file of a format in `FORMATS`, a folder of slices, `file.h5:/path/to/dataset`, `field:NAME[:SIZE]`, or a
         URL of OME-Zarr, or a pattern of names of files, which are time steps
     array : name of the array, for files with several; short for `Subset(array=array)`
-    subset : array, time step and channel
-
-    Returns
-    -------
-    source : the volume
 
     Raises
     ------
@@ -186,23 +175,10 @@ def open_source(path: str | Path, array: str | None = None, subset: Subset | Non
 
 
 @dataclass(frozen=True)
-class _OfSource:
+class _OfSource(DerivedSource):
     """Base of sources with the samples of another one, and its levels if it is a `MultilevelSource`."""
 
     source: Source
-
-    @property
-    def name(self) -> str:
-        return self.source.name
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return self.source.dtype
-
-    @property
-    def slab(self) -> Hyperslab | None:
-        """The volume's part of the stored array, if the format has one."""
-        return getattr(self.source, "slab", None)
 
     @property
     def version(self) -> str:
@@ -216,22 +192,18 @@ class _OfSource:
 
     @property
     def brick(self) -> int:
-        """Samples along the side of a stored brick."""
         return self._multilevel.brick
 
     def bounds(self, number: int) -> NDArray[np.float64]:
-        """Return minimum, maximum and error of the bricks of a level; see `MultilevelSource`."""
         with guard(DataError, self.name):
             return self._multilevel.bounds(number)
 
     def at_time(self, time: int) -> Source | None:
-        """Return the volume at another time step; None if the source is no `SeriesSource`."""
         with guard(DataError, self.name):
             found = getattr(self.source, "at_time", lambda step: None)(time)
             return cast("Source", replace(self, source=found)) if found is not None else None
 
     def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
-        """Return whether a box of samples is known to be the same at another time step; see `SeriesSource`."""
         known, there = getattr(self.source, "is_same", None), getattr(other, "source", None)
         with guard(DataError, self.name):
             return bool(known and there and known(there, begin_zyx, end_zyx))
@@ -252,18 +224,15 @@ class GuardedSource(_OfSource):
         return self.source.grid
 
     def level(self, number: int) -> Source:
-        """Return a level; see `MultilevelSource`."""
         with guard(DataError, self.name):
             return GuardedSource(self._multilevel.level(number)) if number else self
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         with guard(DataError, self.name):
             return self.source.read(begin_zyx, end_zyx)
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
-        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
         with guard(DataError, self.name):
             return read_boxes(self.source, boxes)
 
@@ -275,15 +244,12 @@ class GridOverride(_OfSource):
     grid: Grid
 
     def level(self, number: int) -> Source:
-        """Return a level; see `MultilevelSource`."""
         return GridOverride(self._multilevel.level(number), self.grid.coarser(number)) if number else self
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self.source.read(begin_zyx, end_zyx)
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
-        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
         return read_boxes(self.source, boxes)
 
 
@@ -297,19 +263,15 @@ class ThickSource(GridOverride):
 
     @property
     def levels(self) -> int:
-        """Number of levels: 0."""
         return 0
 
     def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
-        """Return whether a box of samples is known to be the same at another time step; see `SeriesSource`."""
         return super().is_same(other, *self._stored((begin_zyx, end_zyx)))
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self._repeated(super().read(*self._stored((begin_zyx, end_zyx))), (begin_zyx, end_zyx))
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
-        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
         found = super().read_boxes([self._stored(box) for box in boxes])
         return found and [self._repeated(*each) for each in zip(found, boxes, strict=True)]
 
@@ -361,9 +323,11 @@ def _open(text: str, part: Subset) -> Source:
         return open_ome_zarr(file, part) if is_zarr else open_folder(file, part)
     files = files_of_pattern(text)
     if files != [text]:
-        return open_step(files, part, lambda name, of_file: _open(name, of_file), text)
+        return open_step(files, part, _open, text)
     if part.scattered is not None:
-        return cast("Source", _function("scattered.open_scattered")(file, part))
+        from clusterviz.data.scattered import open_scattered
+
+        return open_scattered(file, part)
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)
@@ -390,7 +354,7 @@ def mesh_format_of(path: Path) -> Format | None:
     found = _by_extension(path, MESH_EXTENSIONS)
     try:
         if found is None:
-            is_surface = path.is_file() and format_of(path) is None and start_of(path).startswith(b"\xff\xff\xfe")
+            is_surface = path.is_file() and format_of(path) is None and start_of(path).startswith(TRIANGLES)
             return MESH_EXTENSIONS[".pial"] if is_surface else None
         return found if not found.recognises or (path.is_file() and _function(found.recognises)(path)) else None
     except Exception:  # libraries raise many kinds
@@ -458,7 +422,6 @@ def read_grid(path: str | Path, time: float | None = None) -> UnstructuredGrid:
 
 
 def _whole_grid(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Return the joined pieces of an unstructured grid."""
     from clusterviz.data.unstructured import joined_grids
 
     grids = [read_piece(file) for file in grid_files(path, time)]
@@ -519,10 +482,6 @@ def open_scene(path: str | PathLike[str], overrides: Sequence[str] = (), preset:
     """Return the scene of a scene file, or a scene for a data file, depending on the suffix.
 
     Channels of OME-Zarr with known colours and windows are a volume each; then the override `time=N` is for all.
-
-    Parameters
-    ----------
-    overrides, preset : see `load_scene`
 
     Raises
     ------
@@ -607,13 +566,7 @@ def open_first_parts(volume: Volume) -> tuple[Source, list[Choice]]:
 
     Returns
     -------
-    source : the volume
     choices : that were made
-
-    Raises
-    ------
-    DataError
-        As `open_source`, or all time steps are to be shown.
     """
     if volume.time == "all":
         raise DataError(ONE_STEP, where=volume.path, found="time: all", allowed=ALL_STEPS)
@@ -624,13 +577,7 @@ def open_first_parts(volume: Volume) -> tuple[Source, list[Choice]]:
 
 
 def open_time_step(source: Source, volume: Volume) -> Source:
-    """Open a scene's volume, of which another time step is open.
-
-    Raises
-    ------
-    DataError
-        As `open_source`, or the shape, type or grid is another one.
-    """
+    """Open a scene's volume, of which another time step is open."""
     known = getattr(source, "at_time", lambda time: None)(volume.time) if isinstance(volume.time, int) else None
     found: Source = known if known is not None else open_volume(volume)
     check_same(source, found)

@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 from math import prod
 from typing import Any, Literal, TypeVar
 
+import numpy as np
+
+from clusterviz.content.volume.section import Scattered
 from clusterviz.data.header import check_shape
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
-from clusterviz.scene.values import Scattered
 
 MAX_LISTED = 12  # names in a message
 Part = Literal["array", "time", "channel"]
@@ -29,7 +31,6 @@ class Choice:
     ----------
     key : that names a part
     parts : names or numbers, at least two; the first is chosen
-    noun : what messages call a part
     """
 
     key: Part
@@ -63,20 +64,10 @@ def first_parts(
 ) -> tuple[Opened, Subset, list[Choice]]:
     """Open the part of a file that a subset names, and the first of those that it leaves open.
 
-    Parameters
-    ----------
-    keys : that may be left open
-
     Returns
     -------
-    opened : by the opener
     subset : with all names that it needs
     choices : that were made
-
-    Raises
-    ------
-    DataError
-        As the opener.
     """
     choices = list[Choice]()
     while True:
@@ -96,7 +87,6 @@ def warn_of_choices(path: str, choices: Sequence[Choice], key: str = "", option:
     Parameters
     ----------
     key : of the file's entry in the scene and a point; empty if the last name of a key is enough
-    option : that sets a key
     """
     if choices:
         drawn = ", ".join(map(str, choices))
@@ -139,7 +129,6 @@ class Hyperslab:
     ----------
     shape : of the whole array, slowest axis first
     index : for each axis the index taken along it; None along z, y and x
-    shape_zyx : of the volume
     time, channel : the index taken along these axes
     time_steps, channels : their number; 1 without such an axis
     channel_names : one a channel, or empty
@@ -167,6 +156,12 @@ class Hyperslab:
             parts.append(f":channel={self.channel_names[self.channel] if self.channel_names else self.channel}")
         return "".join(parts)
 
+    def box(self, begin_zyx: Index, end_zyx: Index) -> tuple[slice, ...]:
+        """Return the part of the array that holds a box of the volume."""
+        spans = [slice(begin, end) for begin, end in zip(begin_zyx, end_zyx, strict=True)]
+        kept = iter(spans[3 - self.index.count(None) :])
+        return tuple(next(kept) if i is None else slice(i, i + 1) for i in self.index)
+
     def strides(self, itemsize: int, fortran: bool = False) -> tuple[int, Index]:
         """Return the bytes before the volume's first sample, and the strides in bytes along z, y and x."""
         axes = range(len(self.shape))
@@ -177,6 +172,26 @@ class Hyperslab:
         return offset, (z, y, x)
 
 
+@dataclass(frozen=True)
+class DerivedSource:
+    """Base of volumes that are made of another one: their name, type and part of a file are that one's."""
+
+    source: Any
+
+    @property
+    def name(self) -> str:
+        return str(self.source.name)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        found: np.dtype[Any] = self.source.dtype
+        return found
+
+    @property
+    def slab(self) -> Hyperslab | None:
+        return getattr(self.source, "slab", None)
+
+
 def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_names: Sequence[str] = ()) -> Hyperslab:
     """Return the volume that `subset` names in an array.
 
@@ -185,14 +200,6 @@ def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_
     shape : slowest axis first
     axes : a letter an axis: T time, C channel, any other space. The last three axes of space are z, y and x; if there
         are more, axes with one sample are dropped.
-    subset : of the file
-    where : the file, for messages
-    channel_names : of the file, if it has any
-
-    Raises
-    ------
-    DataError
-        No samples, more than three axes of space, several time steps or channels and none named, or no such one.
     """
     sizes = [int(n) for n in shape]
     check_shape([min(sizes), 1, 1] if sizes else [], where)
@@ -228,7 +235,6 @@ def unnamed_axes(shape: Sequence[int], subset: Subset) -> str:
 
 
 def _pick(key: Part, count: int, wanted: int | str | None, names: tuple[str, ...], where: str) -> int:
-    """Return the requested index along one axis."""
     noun = NOUNS[key]
     allowed = f"{key}: 0" if count == 1 else f"{key}: 0 to {count - 1}"
     if names:

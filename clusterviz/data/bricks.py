@@ -29,7 +29,6 @@ class BrickLayout:
 
     Attributes
     ----------
-    shape_zyx : samples of the volume
     brick : cells a side, at least 1; the last brick along an axis may have fewer
     margin : samples beyond the corners of its cells that a brick is read with, on every side
     edges_zyx : where bricks are larger, multiples of `brick`: for each axis the borders between them, rising, in units
@@ -116,12 +115,7 @@ class BrickLayout:
 
 
 class Boxes(Protocol):
-    """Boxes of samples to read for each brick: a `BrickLayout`, or another division of the volume.
-
-    Attributes
-    ----------
-    margin : as of a `BrickLayout`
-    """
+    """Boxes of samples to read for each brick: a `BrickLayout`, or another division of the volume."""
 
     @property
     def margin(self) -> int: ...
@@ -141,21 +135,10 @@ def read_bricks(source: Source, layout: Boxes, wanted: Iterable[Index]) -> Itera
     A layer of bricks is filled from slabs that span them all, which makes few large reads. In addition to the layer's
     bricks, at most `SLAB_BYTES` or one plane of samples is in memory.
 
-    Parameters
-    ----------
-    source : the volume
-    layout : boxes of the bricks
-    wanted : indices of the bricks to read
-
     Yields
     ------
     index_zyx, samples : `source.dtype`, C order, owned by the caller: the samples of `layout.sample_box(index_zyx)`. A
         margin before the volume repeats the first samples, so that it has the same width in every brick.
-
-    Raises
-    ------
-    DataError
-        The file ends early or cannot be decoded.
     """
     for _, layer in groupby(sorted(set(wanted)), key=lambda index: index[0]):
         filled = _read_layer(source, {index: layout.sample_box(index) for index in layer})
@@ -177,7 +160,6 @@ def with_margin(layout: Boxes, index: Index, samples: NDArray[Any]) -> NDArray[A
 
 
 def _read_layer(source: Source, boxes: dict[Index, Box]) -> dict[Index, NDArray[Any]]:
-    """Read the bricks of one z index."""
     if (read := read_boxes(source, list(boxes.values()))) is not None:
         return dict(zip(boxes, read, strict=True))
     begins, ends = (np.array([box[side] for box in boxes.values()]) for side in (0, 1))

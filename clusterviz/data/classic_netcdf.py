@@ -72,13 +72,7 @@ class ClassicVariable:
 
 
 def read_classic(path: Path) -> dict[str, ClassicVariable]:
-    """Return the variables of a file by name; numbers are not read.
-
-    Raises
-    ------
-    DataError
-        Damaged, or shorter than its header says.
-    """
+    """Return the variables of a file by name; numbers are not read."""
     size, where = require_file(path, (b"CDF",)), str(path)
     with readable(path), path.open("rb") as file:
         version = file.read(4)[3:]

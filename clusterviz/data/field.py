@@ -135,13 +135,7 @@ class FieldSource:
 
 
 def open_field(spec: str) -> FieldSource:
-    """Open the field that `field:NAME[:SIZE]` names.
-
-    Raises
-    ------
-    DataError
-        Unknown name or impossible size.
-    """
+    """Open the field that `field:NAME[:SIZE]` names."""
     name, side = parse_field(spec, FIELDS)
     return FieldSource(spec, cube(side), FIELDS[name])
 

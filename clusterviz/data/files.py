@@ -6,10 +6,12 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
+from xml.etree import ElementTree
 
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, installation
 from clusterviz.input_files import require_regular_file
 from clusterviz.report.machine import memory
 
@@ -81,13 +83,7 @@ MAPPED = (".ply", ".trk", ".tck")
 
 
 def check_free_memory(path: Path, size: int) -> None:
-    """Refuse a file of so many bytes, which is read as a whole, if less memory is free.
-
-    Raises
-    ------
-    DataError
-        Names both.
-    """
+    """Refuse a file of so many bytes, which is read as a whole, if less memory is free."""
     free = memory().available_bytes
     if 0 < free < size and path.suffix.lower() not in MAPPED:
         raise DataError(
@@ -96,17 +92,7 @@ def check_free_memory(path: Path, size: int) -> None:
 
 
 def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
-    """Check that `path` is a readable, non-empty regular file that begins with one of `magic`.
-
-    Returns
-    -------
-    size : bytes in the file
-
-    Raises
-    ------
-    DataError
-        Missing, a directory, unreadable, empty, or a wrong magic.
-    """
+    """Check that `path` is a readable, non-empty regular file that begins with one of `magic`; return its bytes."""
     with readable(path):
         descriptor = os.open(path, os.O_RDONLY)
         try:
@@ -122,6 +108,31 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
         allowed = ", ".join(dict.fromkeys(kind_of(each) for each in magic))
         raise DataError("wrong magic: not what its name says", where=str(path), found=kind_of(start), allowed=allowed)
     return status.st_size
+
+
+def read_file(path: Path) -> bytes:
+    """Return the content of a file; checks as of `require_file`."""
+    require_file(path)
+    with readable(path):
+        return path.read_bytes()
+
+
+def read_xml(path: Path, allowed: str) -> ElementTree.Element:
+    """Return the root of a file of XML."""
+    content = read_file(path)
+    try:
+        return ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        found = kind_of(content[:START_BYTES])
+        raise DataError(f"truncated or damaged XML: {error}", where=str(path), found=found, allowed=allowed) from error
+
+
+def library(name: str, extra: str, where: str) -> Any:
+    """Return an optional package, which `extra` of clusterviz brings."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise DataError(f"needs the {name} package", where=where, allowed=installation(extra)) from error
 
 
 @contextmanager
@@ -146,12 +157,6 @@ def _remedy(path: _Named) -> str | None:
 
 
 def refuse_array(array: str | None, path: Path) -> None:
-    """Check that no array is named, for formats whose files hold one unnamed array.
-
-    Raises
-    ------
-    DataError
-        One is.
-    """
+    """Check that no array is named, for formats whose files hold one unnamed array."""
     if array is not None:
         raise DataError("no such array", where=str(path), found=array, allowed="none: the file holds one unnamed array")

@@ -9,7 +9,7 @@ attributes keep their meaning, and is counted in the summaries. Indices out of r
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -31,7 +31,6 @@ class Mesh:
 
     Attributes
     ----------
-    name : the file, for messages
     vertices : float32 or float64 (n, 3)
     triangles : int (m, 3), indices of vertices, counter-clockwise seen from outside
     vertex_attributes : arrays (n,) or (n, components) by name
@@ -111,7 +110,6 @@ class Lines:
 
     Attributes
     ----------
-    name : the file, for messages
     points : float32 or float64 (n, 3), line by line
     offsets : int (k + 1,); line i has the points [offsets[i], offsets[i + 1])
     point_attributes, line_attributes : arrays by name, of n and of k
@@ -155,7 +153,6 @@ class Points:
 
     Attributes
     ----------
-    name : the file, for messages
     positions : float32 or float64 (n, 3)
     attributes : arrays (n,) or (n, components) by name; `radius` in world units where the file has radii
 
@@ -193,6 +190,12 @@ class Geometry:
     lines: Lines | None = None
     points: Points | None = None
     axes: str = ""
+
+
+def joined_arrays(parts: Sequence[Attributes]) -> dict[str, NDArray[Any]]:
+    """Return the arrays that all parts have, of one shape but for their length, one part after another."""
+    alike = (name for name in parts[0] if len({part[name].shape[1:] if name in part else None for part in parts}) == 1)
+    return {name: np.concatenate([part[name] for part in parts]) for name in alike}
 
 
 def bounds_of(positions: NDArray[Any]) -> Bounds | None:
@@ -292,13 +295,7 @@ def scaled_colours(colours: NDArray[Any]) -> NDArray[Any]:
 
 
 def check_indices(indices: NDArray[np.integer[Any]], count: int, where: str) -> None:
-    """Check that indices of vertices lie in [0, count).
-
-    Raises
-    ------
-    DataError
-        One does not.
-    """
+    """Check that indices of vertices lie in [0, count)."""
     if indices.size and (indices.min() < 0 or indices.max() >= count):
         wrong = indices[(indices < 0) | (indices >= count)].ravel()[0]
         allowed = f"0 to {count - 1}" if count else "none: there are no vertices"
@@ -318,13 +315,6 @@ def as_geometry(given: Any, section: str, where: str) -> Geometry:
     Parameters
     ----------
     given : see `ALLOWED_OBJECTS`; arrays of points and cells by name are kept
-    section : meshes, lines or points
-    where : for errors
-
-    Raises
-    ------
-    DataError
-        It is none of these, or indices are out of range.
     """
     if isinstance(given, Geometry):
         return given

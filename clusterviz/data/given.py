@@ -9,6 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from clusterviz.content.flow.section import FlowSection
+from clusterviz.content.geometry.section import GEOMETRY_SECTIONS, as_sections
+from clusterviz.content.grid.section import GridSection
+from clusterviz.content.sections import CONTENT_SECTIONS, LISTED_SECTIONS
 from clusterviz.data import open_scene
 from clusterviz.data.axes import Choice, Subset, first_parts, warn_of_choices
 from clusterviz.data.geometry import Geometry, Lines, Points, as_geometry
@@ -19,13 +23,10 @@ from clusterviz.data.vectors import VectorArray, VectorSource
 from clusterviz.data.vtk_cells import as_grid, is_grid
 from clusterviz.errors import DataError, InputError
 from clusterviz.scene.field_types import Section
-from clusterviz.scene.flows import FlowSection
-from clusterviz.scene.geometry import GEOMETRY_SECTIONS, as_sections
-from clusterviz.scene.grids import LISTED_SECTIONS, GridSection
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Scene, Volume
 
-CONTENT = {"volumes", *LISTED_SECTIONS}
+CONTENT = CONTENT_SECTIONS.keys()
 """Sections of a scene that hold content."""
 
 
@@ -187,13 +188,7 @@ def _is_vectors(given: Any) -> bool:
 
 
 def as_vectors(given: Any, where: str) -> VectorSource:
-    """Return vectors in memory: a `VectorSource` as it is, or an array (z, y, x, 3).
-
-    Raises
-    ------
-    DataError
-        It is neither.
-    """
+    """Return vectors in memory: a `VectorSource` as it is, or an array (z, y, x, 3)."""
     if _is_vectors(given):
         vectors: VectorSource = given
         return vectors

@@ -40,7 +40,6 @@ def arrows(
     length : of all arrows, or the array of their lengths; None: the magnitude
     scale : factor of the lengths; None: 1 for one length, else such that the longest is `LONGEST`
     radius : of all shafts, or the array of their radii; None: `SHAFT_RADIUS` of the length
-    key : of the entry in the scene, for errors
 
     Raises
     ------

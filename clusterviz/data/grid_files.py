@@ -13,12 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import read_file, read_xml
 from clusterviz.errors import DataError, warn_of_data
 
 SERIES = (".pvd", ".series")
@@ -49,13 +48,7 @@ def grid_files(path: Path, time: float | None = None) -> list[GridFile]:
 
     Parameters
     ----------
-    path : a file, or a pattern with *, ? or []
     time : number of a time step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        No file matches the pattern, no such time step, or a list that is damaged or empty.
     """
     if re.search(r"[*?[]", path.name) and not path.exists():
         found = sorted(path.parent.glob(path.name), key=by_numbers)
@@ -75,13 +68,7 @@ def grid_files(path: Path, time: float | None = None) -> list[GridFile]:
 
 
 def choose_step(times: NDArray[Any], time: float | None, where: str) -> int:
-    """Return the number of the step that a number (int) or a time (float) names; None: the last one, with a warning.
-
-    Raises
-    ------
-    DataError
-        There is no such step.
-    """
+    """Return the number of the step that a number (int) or a time (float) names; None: the last one, with a warning."""
     if time is None:
         if len(times) > 1:
             found = f"{len(times)} from {times[0]:g} to {times[-1]:g}"
@@ -113,9 +100,9 @@ def _pvd_steps(path: Path) -> dict[float, list[str]]:
 
 def _series_steps(path: Path) -> dict[float, list[str]]:
     """Return the file of each time of ParaView's list of a file series."""
-    require_file(path)
+    content = read_file(path)
     try:
-        files = json.loads(path.read_bytes())["files"]
+        files = json.loads(content)["files"]
         listed = [(each["time"], each["name"]) for each in files]
     except (ValueError, TypeError, KeyError) as error:
         allowed = '{"files": [{"name": …, "time": …}, …]}'
@@ -140,25 +127,10 @@ def _steps(listed: Sequence[tuple[Any, Any]], path: Path) -> dict[float, list[st
 
 def _tags(path: Path, kind: str, tag: str) -> list[dict[str, str]]:
     """Return the attributes of all tags of a name in a small file of VTK's XML."""
-    require_file(path)
-    kinds, found, parser = list[str](), list[dict[str, str]](), expat.ParserCreate()
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        if name == "VTKFile":
-            kinds.append(attributes.get("type", ""))
-        elif name == tag:
-            found.append(attributes)
-
-    parser.StartElementHandler = start
-    with readable(path):
-        content = path.read_bytes()
-    try:
-        parser.Parse(content, True)
-    except expat.ExpatError as error:
-        raise DataError(f"truncated or damaged XML: {error}", where=str(path)) from error
-    if kinds != [kind]:
-        raise DataError("not a VTK file of this type", where=str(path), found=kinds, allowed=kind)
-    return found
+    root = read_xml(path, "VTK's XML")
+    if root.tag != "VTKFile" or root.get("type") != kind:
+        raise DataError("not a VTK file of this type", where=str(path), found=root.get("type", root.tag), allowed=kind)
+    return [each.attrib for each in root.iter(tag)]
 
 
 def by_numbers(path: Path) -> list[tuple[int, str]]:

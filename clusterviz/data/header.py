@@ -17,13 +17,7 @@ MAX_COMPRESSION_RATIO = {"text": 1, "lz4": 256, "gzip": 1040, "lzma": 1 << 14, "
 
 
 def check_dtype(dtype: np.dtype[Any], where: str) -> np.dtype[Any]:
-    """Return the native dtype of samples stored as `dtype`; uint8 for booleans.
-
-    Raises
-    ------
-    DataError
-        Neither an integer nor a float of at most 64 bits: complex, RGB, structured, text, …
-    """
+    """Return the native dtype of samples, numbers of up to 64 bits, stored as `dtype`; uint8 for booleans."""
     if dtype.kind == "b":
         return np.dtype(np.uint8)
     if dtype.kind not in "iuf" or dtype.itemsize > 8:
@@ -33,13 +27,7 @@ def check_dtype(dtype: np.dtype[Any], where: str) -> np.dtype[Any]:
 
 
 def check_shape(shape: Sequence[int], where: str) -> Index:
-    """Return the shape as (z, y, x); a picture (y, x) becomes one layer.
-
-    Raises
-    ------
-    DataError
-        Not two or three axes, or an axis without samples.
-    """
+    """Return the shape as (z, y, x); a picture (y, x) becomes one layer."""
     sizes = [int(n) for n in shape]
     if any(n < 1 for n in sizes):
         raise DataError("an axis has no samples", where=where, found=tuple(sizes), allowed="at least 1 on each axis")
@@ -51,13 +39,7 @@ def check_shape(shape: Sequence[int], where: str) -> Index:
 
 
 def check_size(found: int, needed: int, where: str, exact: bool = False) -> None:
-    """Check that the file has the bytes that its header requires.
-
-    Raises
-    ------
-    DataError
-        Too few bytes; with `exact`, also too many.
-    """
+    """Check that the file has the bytes that its header requires, and with `exact` no more."""
     if found < needed:
         raise DataError(
             "truncated, or the header lies about its size", where=where, found=f"{found} bytes", allowed=f"{needed}"
@@ -71,13 +53,7 @@ def check_packed(packed: int, needed: int, packing: str, where: str) -> None:
 
     Parameters
     ----------
-    packed, needed : bytes
     packing : a key of `MAX_COMPRESSION_RATIO`
-
-    Raises
-    ------
-    DataError
-        They cannot.
     """
     if packed * MAX_COMPRESSION_RATIO[packing] < needed:
         raise DataError(
@@ -89,13 +65,7 @@ def check_packed(packed: int, needed: int, packing: str, where: str) -> None:
 
 
 def triple(numbers: Sequence[float] | NDArray[Any], where: str) -> Triple:
-    """Return three finite numbers (x, y, z).
-
-    Raises
-    ------
-    DataError
-        They are not.
-    """
+    """Return three finite numbers (x, y, z)."""
     try:
         values = np.asarray(numbers, float)
     except (TypeError, ValueError):
@@ -103,6 +73,18 @@ def triple(numbers: Sequence[float] | NDArray[Any], where: str) -> Triple:
     if values.shape != (3,) or not np.isfinite(values).all():
         raise DataError("not a position or spacing", where=where, found=numbers, allowed="three finite numbers, x y z")
     return float(values[0]), float(values[1]), float(values[2])
+
+
+def stated_numbers(stated: Any, key: str, count: int, where: str) -> NDArray[np.float64]:
+    """Return the numbers, float64 (count,), that a header states under a key, as text or as an array."""
+    try:
+        numbers = np.array(stated.split() if isinstance(stated, str) else stated, float).ravel()
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        found = "nothing" if stated is None else repr(stated)
+        raise DataError(f"impossible {key}", where=where, found=found, allowed=f"{count} numbers")
+    return numbers
 
 
 def make_grid(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[float] | NDArray[Any], where: str) -> Grid:
@@ -116,11 +98,6 @@ def make_grid(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[flo
     shape_zyx : samples along z, y, x
     steps : float64 (3, 3); column a is the world vector from a sample to the next along index axis a (x, y, z)
     origin : world position (x, y, z) of the first sample
-
-    Raises
-    ------
-    DataError
-        Steps or origin are not finite, or the steps do not span space.
     """
     spacing = np.array([np.hypot.reduce(column) for column in np.asarray(steps, float).T])
     if not (np.isfinite(spacing).all() and (spacing > 0).all()):
@@ -149,13 +126,7 @@ def check_box(begin_zyx: Index, end_zyx: Index, shape_zyx: Index) -> Index:
 
 
 def check_step(step: int, times: Sequence[float], where: str) -> int:
-    """Return the number of a time step.
-
-    Raises
-    ------
-    DataError
-        There is no such step.
-    """
+    """Return the number of a time step."""
     if not 0 <= step < max(1, len(times)):
         allowed = f"0 to {len(times) - 1}" if times else "0: the vectors have no time steps"
         raise DataError("no such time step", where=where, found=step, allowed=allowed)

@@ -12,10 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.presets import MAX_LABELS
 from clusterviz.data.axes import Hyperslab
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
-from clusterviz.scene.presets import MAX_LABELS
 
 Labels = tuple[int, ...] | Literal["hashed"]
 """Labels that are drawn as 0, 1, 2, …, while others are drawn as their count; or all as numbers by a hash."""
@@ -23,13 +23,7 @@ Labels = tuple[int, ...] | Literal["hashed"]
 
 @dataclass(frozen=True)
 class LabelSource:
-    """Volume of small numbers, one for each label of another volume.
-
-    Attributes
-    ----------
-    stored : the labels
-    labels : see `Labels`
-    """
+    """Volume of small numbers, one for each label of another volume."""
 
     stored: Source
     labels: Labels
@@ -48,7 +42,6 @@ class LabelSource:
 
     @property
     def slab(self) -> Hyperslab | None:
-        """The volume's part of the stored array, if the format has one."""
         return getattr(self.stored, "slab", None)
 
     @property
@@ -62,19 +55,12 @@ class LabelSource:
         return replace(self, stored=found) if found is not None else None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         samples = self.stored.read(begin_zyx, end_zyx)
         return hashed(samples) if self.labels == "hashed" else places(samples, self.labels)
 
 
 def as_labels(source: Source, labels: Labels | None) -> Source:
-    """Return a source whose labels are small numbers; the source itself without `labels`, or if it is one already.
-
-    Raises
-    ------
-    DataError
-        The samples are no integers.
-    """
+    """Return a source whose labels are small numbers; the source itself without `labels`, or if it is one already."""
     inner: Any = source
     while hasattr(inner, "source"):  # wrapped by a guard or another grid
         inner = inner.source

@@ -22,7 +22,7 @@ from clusterviz.data.formats.hdf5 import choose_dataset, open_dataset
 from clusterviz.data.formats.nifti import placed_volume
 from clusterviz.data.header import check_box, check_dtype, make_grid
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear
+from clusterviz.data.vtk_image import ImageArray, choose_array, image_grid, rectilinear
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,6 @@ class ObjectSource:
     Attributes
     ----------
     array : numbers (z, y, x)
-    slab : the volume's part of the object
     owner : what must live as long as the array, whose memory it may be
     """
 
@@ -44,26 +43,13 @@ class ObjectSource:
     owner: Any = None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self.slab.shape_zyx)
         box = tuple(slice(begin, end) for begin, end in zip(begin_zyx, end_zyx, strict=True))
         return np.array(self.array[box], self.dtype, order="C", copy=True)
 
 
 def open_object(given: Any, subset: Subset, where: str) -> Source | None:
-    """Return a volume of another library as a source; None if the object is none.
-
-    Parameters
-    ----------
-    given : see the module
-    subset : array, time step and channel
-    where : for errors
-
-    Raises
-    ------
-    DataError
-        No volume, no such array, time step or channel, or several of which none is named.
-    """
+    """Return a volume of another library as a source; None if the object is none."""
     for attributes, opener in LIBRARIES:
         if all(hasattr(given, name) for name in attributes):
             return opener(given, subset, where)
@@ -98,29 +84,18 @@ def _itk(given: Any, subset: Subset, where: str) -> Source:
     return replace(source, grid=replace(grid, orientation="LPS"), owner=given)
 
 
-@dataclass(frozen=True)
-class _Array:
-    """Array of an image of pyvista; see `VtkImageArray`."""
-
-    name: str
-    on_cells: bool
-    active: bool
-    components: int
-    values: NDArray[Any]
-
-
-def _pyvista_arrays(given: Any) -> Iterator[_Array]:
+def _pyvista_arrays(given: Any) -> Iterator[ImageArray]:
     for on_cells, arrays in ((False, given.point_data), (True, given.cell_data)):
         for name in arrays.keys():  # noqa: SIM118 (not all are mappings)
             values = np.asarray(arrays[name])
-            yield _Array(name, on_cells, name == given.active_scalars_name, values.size // len(values), values)
+            yield ImageArray(name, on_cells, name == given.active_scalars_name, values.size // len(values), values)
 
 
 def _pyvista(given: Any, subset: Subset, where: str) -> Source:
     points = np.asarray(given.dimensions)
     chosen = choose_array(list(_pyvista_arrays(given)), subset.array, "array", Path(where))
     samples = np.maximum(points - 1, 1) if chosen.on_cells else points
-    source = _source(chosen.values.reshape(*samples[::-1], chosen.components), "ZYXC", subset, f"{where}:{chosen.name}")
+    source = _source(chosen.held.reshape(*samples[::-1], chosen.components), "ZYXC", subset, f"{where}:{chosen.name}")
     if not hasattr(given, "spacing"):
         lines = [np.asarray(each) for each in (given.x, given.y, given.z)]
         return rectilinear(source, lines, chosen.on_cells, subset.spaced, where)

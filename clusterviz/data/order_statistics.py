@@ -33,12 +33,7 @@ def shifts_of(dtype: np.dtype[Any]) -> tuple[int, ...]:
 
 
 def keys_of(samples: NDArray[Any]) -> Keys:
-    """Return unsigned keys, as wide as the samples and in the same order (−0 before +0).
-
-    Parameters
-    ----------
-    samples : (n,), without NaN
-    """
+    """Return unsigned keys, as wide as the samples and in the same order (−0 before +0)."""
     unsigned = np.dtype(f"u{samples.dtype.itemsize}")
     bits = samples.view(unsigned)
     sign = unsigned.type(1 << (8 * samples.dtype.itemsize - 1))

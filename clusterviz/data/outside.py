@@ -22,11 +22,6 @@ def outside_of(grid: UnstructuredGrid) -> Geometry:
     """Return the surface that a grid is, its points if it has neither faces nor volumes, or the faces around its cells.
 
     Arrays of points are kept, of a surface those of cells too.
-
-    Raises
-    ------
-    DataError
-        As of `make_tetrahedra`.
     """
     if not grid.count:
         points = None if grid.surface else Points(grid.name, grid.points, grid.point_arrays)

@@ -38,7 +38,6 @@ class DrawnPrimitives:
 
     Attributes
     ----------
-    kind : of the primitives
     positions : float32 or float64 (n, 3), vertices, points of lines, or centres
     corners : int (m, c), rows of `positions`, see `plan.geometry.Primitives`
     radii : float32 (n,), of an array of the file; (0,) without one
@@ -69,7 +68,6 @@ class DrawnPrimitives:
         Parameters
         ----------
         matrix : float64 (4, 4) or (3, 4), the world from the file; radii are those of the file
-        numbers : of the primitives
         """
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         used = np.zeros(len(self.positions), bool)
@@ -101,12 +99,6 @@ def drawn_primitives(geometry: Mesh | Lines | Points, radii: str | None = None, 
     Parameters
     ----------
     radii : array of the points' radii; None: all have one radius
-    key : of the entry in the scene, for errors
-
-    Raises
-    ------
-    InputError
-        There is no such array of radii.
     """
     if isinstance(geometry, Mesh):
         of = geometry.vertex_attributes, geometry.triangle_attributes
@@ -235,12 +227,7 @@ def members_of_keys(keys: NDArray[np.uint64], first: int, bricks: int) -> BrickM
 
 
 class DistinctRows:
-    """Distinct rows that corners refer to, found without sorting.
-
-    Parameters
-    ----------
-    count : number of rows
-    """
+    """Distinct rows that corners refer to, found without sorting."""
 
     def __init__(self, count: int) -> None:
         self._last = np.empty(count, np.int64)

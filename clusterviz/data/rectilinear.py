@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab
+from clusterviz.data.axes import DerivedSource
 from clusterviz.data.header import check_box, make_grid
-from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.source import Grid, Index
 from clusterviz.errors import DataError
 
 MAX_STEPS = 1 << 20
@@ -59,11 +59,6 @@ def line_of(coordinates: NDArray[Any], spaced: bool, name: str, where: str) -> L
     coordinates : (n,), at least one; how far the numbers of their type lie apart is no unevenness
     spaced : the spacing is given elsewhere, so impossible coordinates count as even
     name : of the axis, for messages
-
-    Raises
-    ------
-    DataError
-        Not finite, neither ascending nor descending, or the smallest distance is tiny.
     """
     numbers, rounding = np.asarray(coordinates, np.float64), _rounding(coordinates)
     first, count = float(numbers[0]), len(numbers)
@@ -120,27 +115,17 @@ def _straight(numbers: NDArray[np.float64], low: float, high: float) -> tuple[fl
 
 
 @dataclass(frozen=True)
-class RectilinearSource:
+class RectilinearSource(DerivedSource):
     """Volume on a lattice, of another one whose samples lie at some of its places.
 
     Attributes
     ----------
-    source : of the stored samples
     grid : of the lattice
     places_zyx : for each axis, the places of the stored samples
     """
 
-    source: Source
     grid: Grid
     places_zyx: tuple[NDArray[np.int64], ...]
-
-    @property
-    def name(self) -> str:
-        return self.source.name
-
-    @property
-    def slab(self) -> Hyperslab | None:
-        return getattr(self.source, "slab", None)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -148,7 +133,6 @@ class RectilinearSource:
         return np.result_type(self.source.dtype, np.float32)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
@@ -161,7 +145,9 @@ class RectilinearSource:
             begin.append(int(before[0]))
             end.append(int(before[-1]) + (2 if weights[-1][-1] else 1))
             below.append(before - begin[-1])
-        stored = self.source.read((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])).astype(self.dtype)
+        stored: NDArray[Any] = self.source.read((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])).astype(
+            self.dtype
+        )
         for axis in range(3):
             stored = interpolate(stored, below[axis], weights[axis], axis)
         return np.ascontiguousarray(stored, self.dtype)
@@ -197,12 +183,6 @@ def placed(source: Any, lines_xyz: Sequence[Line], axes: NDArray[np.float64], sp
     source : the stored samples, a source that is a dataclass with a field `grid`, which is replaced
     axes : float64 (3, 3); column a is the unit vector of the coordinates along index axis a (x, y, z) in the world
     spaced : the spacing is given elsewhere, so coordinates count as even if their lattice is too fine
-
-    Raises
-    ------
-    DataError
-        The lattice has more than `MAX_GROWTH` times the samples of the volume and `FEW_SAMPLES`, or a singular
-        placement.
     """
     stored, shape = [len(line.places) for line in lines_xyz], [int(line.places[-1]) + 1 for line in lines_xyz]
     if prod(shape) > max(MAX_GROWTH * prod(stored), FEW_SAMPLES):

@@ -17,14 +17,13 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock, Timer
 from typing import Any
 from urllib.parse import unquote, urljoin, urlsplit
 
-from clusterviz.data.files import readable
-from clusterviz.errors import DataError, installation, public_address
+from clusterviz.data.files import library, readable
+from clusterviz.errors import DataError, public_address
 
 ATTEMPTS = 5
 FIRST_WAIT_SECONDS = 0.25
@@ -92,7 +91,6 @@ class Version:
 
     Attributes
     ----------
-    size : bytes
     tag : inode and time of a file on disk, ETag or date of one on a server; empty if it sends none
     """
 
@@ -148,11 +146,6 @@ def find_range(
     Parameters
     ----------
     fresh : ask the server again
-
-    Raises
-    ------
-    DataError
-        As of `read_range`.
     """
     wanted = -begin if begin < 0 else count
     limits = [limit for limit in (wanted, most) if limit is not None] or [WHOLE_FILE_BYTES]
@@ -173,7 +166,6 @@ class _Part:
     most: int
 
     def check(self, size: int, where: str) -> None:
-        """Refuse more bytes than may be read."""
         if size > self.most:
             raise DataError("too large a file, or part of one", where=where, allowed=f"up to {self.most} bytes")
 
@@ -255,8 +247,7 @@ def _repeated(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
 
 
 def _fetch_http(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
-    """Read a range by one request."""
-    urllib3, where, headers = _require("urllib3", path), str(path), {"Accept-Encoding": "identity"}
+    urllib3, where, headers = library("urllib3", "store", str(path)), str(path), {"Accept-Encoding": "identity"}
     parts = urlsplit(path.url)
     if parts.username:
         names = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
@@ -381,7 +372,6 @@ def _proxy(address: str) -> str | None:
 
 @cache
 def _pool(proxy: str | None) -> Any:
-    """Return connections that are kept open."""
     import urllib3
 
     options: dict[str, Any] = {"retries": False, "maxsize": CONNECTIONS}
@@ -425,7 +415,7 @@ def _with_deadline(kind: Any) -> Any:
 
 def _fetch_by_fsspec(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
     begin, count = part.begin, part.count
-    fsspec, scheme = _require("fsspec", path), urlsplit(path.url).scheme.lower()
+    fsspec, scheme = library("fsspec", "store", str(path)), urlsplit(path.url).scheme.lower()
     try:
         files = fsspec.filesystem(scheme)
     except (ImportError, ValueError) as error:
@@ -451,9 +441,3 @@ def _fetch_by_fsspec(path: RemotePath, part: _Part) -> tuple[bytes, Version] | N
         raise DataError(f"not allowed: {error}", where=str(path)) from error
     except (OSError, TimeoutError) as error:
         raise _UnavailableError(str(error) or type(error).__name__) from error
-
-
-def _require(package: str, path: RemotePath) -> Any:
-    if find_spec(package) is None:
-        raise DataError(f"needs the {package} package", where=str(path), allowed=installation("store"))
-    return __import__(package)

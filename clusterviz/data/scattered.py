@@ -9,6 +9,9 @@ volume fills the box from its first to its last sample, so that it has a depth a
 
 Left out are points outside of the bounds, and those whose position or value is NaN, infinite or beyond 4e37.
 
+The key `scattered` of a volume asks for it, of any file of meshes, lines, points or an unstructured grid. `array` names
+the values; a file with a single array of one number for each point needs no name.
+
 Limits: in memory, twelve bytes a sample while it is computed, on each rank that reads a box. Values are float32.
 """
 
@@ -18,11 +21,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.axes import Subset
 from clusterviz.data.header import check_box
 from clusterviz.data.source import Grid, Index
 from clusterviz.errors import DataError
@@ -39,8 +44,6 @@ class ScatteredSource:
 
     Attributes
     ----------
-    name : for messages
-    grid : of the volume
     sides : samples along z, y, x that differ; 1 along the axis of a layer
     index : int64 (n,), number in C order of the sample of each point, of these
     values : float64 (n,)
@@ -69,7 +72,6 @@ class ScatteredSource:
         return np.broadcast_to(found, self.grid.shape_zyx)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         return self.voxels[tuple(map(slice, begin_zyx, end_zyx))].copy()
 
@@ -86,11 +88,9 @@ def scattered(
     Parameters
     ----------
     positions : (n, 3), or (n, 2) for a layer at z = 0; world
-    values : (n,)
     size : samples along x, y, z, of which 1 projects the points on a layer; along x, y of a layer; or one number, along
         the longest side, and the others at about the same distance
     bounds : xmin, xmax, ymin, ymax(, zmin, zmax) of the first and last samples; default: those of the points.
-    name : for messages
 
     Raises
     ------
@@ -143,3 +143,33 @@ def _lattice(lengths: NDArray[np.float64], size: int | Sequence[int], name: str)
         )
     steps = lengths / np.maximum(np.array(sides) - 1, 1)
     return sides, np.where(steps > 0, steps, steps.min(where=steps > 0, initial=np.inf) if lengths.any() else 1.0)
+
+
+def open_scattered(path: Path, subset: Subset) -> ScatteredSource:
+    """Open a file of points; it is read whole."""
+    assert subset.scattered is not None
+    positions, arrays = _points(path)
+    numbers = {name: array.reshape(-1) for name, array in arrays.items() if array.size == len(array)}
+    numbers = {name: array for name, array in numbers.items() if array.dtype.kind in "iufb"}
+    listed = ", ".join(numbers) or "none: the file has no array with one number a point"
+    name = subset.array or (next(iter(numbers)) if len(numbers) == 1 else "")
+    if name not in numbers:
+        what = "no such array" if subset.array or not numbers else "several arrays: name one"
+        raise DataError(what, where=str(path), found=subset.array, allowed=listed)
+    where = f"{path}:{name}" if len(numbers) > 1 else str(path)
+    return scattered(positions, numbers[name], subset.scattered.size, subset.scattered.bounds, where)
+
+
+def _points(path: Path) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
+    """Return positions, (n, 3), and the arrays that belong to them."""
+    from clusterviz.data import grid_format_of, read_geometry, read_grid  # which open this kind, too
+
+    if grid_format_of(path):
+        grid = read_grid(path)
+        return grid.points, dict(grid.point_arrays)
+    geometry = read_geometry(path)
+    parts = [(part.positions, part.attributes) for part in (geometry.points,) if part]
+    parts += [(part.points, part.point_attributes) for part in (geometry.lines,) if part]
+    parts += [(part.vertices, part.vertex_attributes) for part in (geometry.mesh,) if part]
+    positions, arrays = max(parts, key=lambda part: len(part[0]), default=(np.empty((0, 3)), {}))
+    return positions, dict(arrays)

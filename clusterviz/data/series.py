@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, first_parts
+from clusterviz.data.axes import DerivedSource, Hyperslab, Subset, UnnamedPartError, first_parts
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
@@ -59,24 +59,16 @@ class Series:
 
 
 @dataclass(frozen=True)
-class FileOfSeries:
+class FileOfSeries(DerivedSource):
     """Volume of a file that is one of several time steps."""
 
-    source: Source
     time: int
     time_steps: int
 
     @property
-    def name(self) -> str:
-        return self.source.name
-
-    @property
     def grid(self) -> Grid:
-        return self.source.grid
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return self.source.dtype
+        found: Grid = self.source.grid
+        return found
 
     @property
     def slab(self) -> Hyperslab:
@@ -86,18 +78,12 @@ class FileOfSeries:
         return replace(found, time=self.time, time_steps=self.time_steps)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
-        return self.source.read(begin_zyx, end_zyx)
+        found: NDArray[Any] = self.source.read(begin_zyx, end_zyx)
+        return found
 
 
 def files_of_pattern(text: str) -> list[str]:
-    """Return the files that a pattern with *, ? or [] stands for, 2 before 10; the text itself if it is a name.
-
-    Raises
-    ------
-    DataError
-        No file matches.
-    """
+    """Return the files that a pattern with *, ? or [] stands for, 2 before 10; the text itself if it is a name."""
     path = Path(text)
     if ":" in text or not re.search(r"[*?[]", path.name) or path.exists():
         return [text]
@@ -108,13 +94,7 @@ def files_of_pattern(text: str) -> list[str]:
 
 
 def open_step(files: Sequence[str], subset: Subset, opener: Open, where: str) -> Source:
-    """Open the file of a time step.
-
-    Raises
-    ------
-    DataError
-        No time step is named, or there is no such step; as the opener.
-    """
+    """Open the file of a time step."""
     steps, time = range(len(files)), 0 if len(files) == 1 else subset.time
     found, allowed = f"{len(files)} time steps", f"time: 0 to {steps[-1]}"
     if time is None:
@@ -131,11 +111,6 @@ def open_series(names: Sequence[str], along: str, subset: Subset, opener: Open) 
     ----------
     names : files and patterns; if they are in alphabetical order, 2 comes before 10
     along : what several files are: time or channels
-
-    Raises
-    ------
-    DataError
-        As the opener, or the volumes differ in shape, type or grid.
     """
     if list(names) == sorted(names):  # as a shell lists them
         names = sorted(names, key=lambda name: by_numbers(Path(name)))
@@ -169,13 +144,7 @@ def open_series(names: Sequence[str], along: str, subset: Subset, opener: Open) 
 
 
 def check_same(first: Source, other: Source) -> None:
-    """Refuse a volume of another shape, type or grid.
-
-    Raises
-    ------
-    DataError
-        It names both volumes.
-    """
+    """Refuse a volume of another shape, type or grid."""
     if first.grid.shape_zyx != other.grid.shape_zyx or first.dtype != other.dtype:
         each = [f"{' × '.join(map(str, s.grid.shape_zyx[::-1]))} {s.dtype}" for s in (other, first)]
         what = "volumes of different shape or type"

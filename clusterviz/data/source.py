@@ -74,7 +74,6 @@ class Source(Protocol):
     Attributes
     ----------
     name : for messages: the path as given, with the array's name if there are several
-    grid : positions of the samples
     dtype : of the samples, native byte order: any NumPy integer or float type
     """
 
@@ -110,7 +109,6 @@ class MultilevelSource(Source, Protocol):
 
     Attributes
     ----------
-    levels : number of levels, at least 1
     brick : samples along the side of a stored brick, the same for all levels; the last one may have fewer
     """
 
@@ -143,23 +141,11 @@ class SeriesSource(Source, Protocol):
     """Volume at one of several time steps, which knows the others."""
 
     def at_time(self, time: int) -> Source:
-        """Return the volume at another time step.
-
-        Raises
-        ------
-        DataError
-            There is no such step, or it cannot be read.
-        """
+        """Return the volume at another time step."""
         ...
 
     def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
-        """Return whether a box of samples is known to be the same at another time step.
-
-        Raises
-        ------
-        DataError
-            What tells this cannot be read.
-        """
+        """Return whether a box of samples is known to be the same at another time step."""
         ...
 
 

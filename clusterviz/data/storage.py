@@ -93,9 +93,7 @@ class StreamBytes:
 
     Parameters
     ----------
-    path : Path
     decoder : wraps the file, positioned at `start`, in a stream of decoded bytes: `gzip.open`, `bz2.open`
-    start : offset of the compressed bytes in the file
     keep : number of decoded bytes to keep
     """
 
@@ -147,7 +145,6 @@ class Inflated:
 
     Parameters
     ----------
-    file : positioned at the first byte
     window : `wbits` of `zlib.decompressobj`: −15 for deflate without a header, 47 for zlib or gzip
     checksum : number of decoded bytes and their CRC-32, for streams without one
     """
@@ -204,13 +201,7 @@ def numbers_of_words(words: Sequence[bytes], dtype: type[np.float64] | type[np.i
 
 
 def numbers_from_text(text: bytes, dtype: np.dtype[Any], count: int, where: str) -> bytes:
-    """Return the bytes of `count` numbers of type `dtype`, separated by blanks or commas in `text`.
-
-    Raises
-    ------
-    DataError
-        Another count, a word that is no number, or a number that the type cannot hold.
-    """
+    """Return the bytes of `count` numbers of type `dtype`, separated by blanks or commas in `text`."""
     words = text.replace(b",", b" ").split()
     if len(words) != count:
         raise DataError("the header lies about its size", where=where, found=f"{len(words)} numbers", allowed=count)
@@ -223,13 +214,7 @@ def numbers_from_text(text: bytes, dtype: np.dtype[Any], count: int, where: str)
 
 
 def numbered_names(entry: str, where: str) -> list[str]:
-    """Return the files that `entry` names: those of "name%03d.raw first last step", or the one of this name.
-
-    Raises
-    ------
-    DataError
-        The step is 0, or there are more than `MAX_FILES`.
-    """
+    """Return the files that `entry` names: those of "name%03d.raw first last step", or the one of this name."""
     pattern = NUMBERED.fullmatch(entry)
     if not pattern:
         return [entry]
@@ -251,11 +236,6 @@ def file_ranges(
     sizes, begins : bytes in each file, and before its data
     skip : further bytes before the data; −1: the data ends with the file
     needed : bytes in all ranges together
-
-    Raises
-    ------
-    DataError
-        A file of another size.
     """
     share = needed // len(files)
     pieces = []

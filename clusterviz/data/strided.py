@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab
-from clusterviz.data.header import check_box
+from clusterviz.data.header import check_box, check_dtype
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.storage import Storage
 
@@ -22,7 +22,6 @@ class StridedSource:
 
     Attributes
     ----------
-    name, grid, dtype : as in `Source`
     storage : of the bytes
     stored_dtype : dtype in the file, with its byte order
     offset : bytes before the first sample
@@ -74,3 +73,17 @@ class StridedSource:
             slope, intercept = self.scale
             return np.ascontiguousarray(stored * np.float64(slope) + np.float64(intercept), self.dtype)
         return np.ascontiguousarray(stored, self.dtype)
+
+
+def slab_source(
+    where: str,
+    slab: Hyperslab,
+    grid: Grid,
+    storage: Storage,
+    stored: np.dtype[Any],
+    begin: int = 0,
+    fortran: bool = False,
+) -> StridedSource:
+    """Return the volume in an array that begins with byte `begin` of a storage."""
+    dtype, (offset, strides) = check_dtype(stored, where), slab.strides(stored.itemsize, fortran)
+    return StridedSource(where + slab.label, grid, dtype, storage, stored, begin + offset, strides, slab=slab)

@@ -7,7 +7,7 @@ divided or assigned to ranks. Percentiles are exact for every type: see `cluster
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil, prod
 from typing import Any
@@ -148,12 +148,9 @@ def summarise(
     Parameters
     ----------
     source_dtype : dtype of the samples
-    layout : division of the volume into bricks
     bricks : yields this rank's bricks with their overlap; called once for types of 8 and 16 bits, up to twice for 32
         and four times for 64
     allgather : shares one picklable value with all ranks, and returns those of all ranks
-    bins : of the histogram
-    percentiles : to find, 0 to 100
 
     Raises
     ------
@@ -161,17 +158,17 @@ def summarise(
         The ranks' bricks do not make up the volume: one is missing, or on two ranks.
     """
     shifts = shifts_of(source_dtype)
-    first = _merge_parts(layout, allgather(_count_part(layout, bricks, shifts[0])))
-    finite = int(first.counts.sum())
+    parts = allgather(_count_part(layout, bricks, shifts[0]))
+    counts, first = _sum_sparse([part.counts for part in parts], 1), _merge_parts(layout, parts, bins)
+    finite = int(counts.sum())
     asked = sorted({0.0, 100.0, *map(float, percentiles)})
     if not finite:
-        evenly = tuple((q, q / 100) for q in asked)
-        return first.summary(np.zeros(bins, np.int64), (0.0, 1.0), evenly)
+        return replace(first, percentiles=tuple((q, q / 100) for q in asked))
     value_range = float(first.minimum.min()), float(first.maximum.max())
     if len(shifts) == 1:
-        histogram = _rebinned(first.counts[0], source_dtype, value_range, bins)
+        histogram = _rebinned(counts[0], source_dtype, value_range, bins)
     ranks = sorted({rank for q in asked for rank in _neighbours(finite, q)[:2]})
-    selection = begin_selection(ranks).narrow(first.counts)
+    selection = begin_selection(ranks).narrow(counts)
     for shift in shifts[1:]:
         wanted = selection.bins
         mine = np.zeros((len(wanted), DIGITS), np.int64)
@@ -186,7 +183,7 @@ def summarise(
             histogram = np.sum([part[1] for part in shared], axis=0)
     values = dict(zip(ranks, values_of(selection.prefixes, source_dtype).tolist(), strict=True))
     found = tuple((q, _between(values, *_neighbours(finite, q))) for q in asked)
-    return first.summary(histogram, value_range, found)
+    return replace(first, histogram=histogram, value_range=value_range, percentiles=found)
 
 
 @dataclass(frozen=True)
@@ -199,7 +196,6 @@ class _Part:
     samples : number of samples that the bricks own
     counts : sparse counts of the leading digit
     blocks : flat indices of the blocks met (n,), and their extremes (2, n)
-    categories : of the bricks
     """
 
     bricks: list[tuple[Index, float, float]]
@@ -207,30 +203,6 @@ class _Part:
     counts: Sparse
     blocks: tuple[NDArray[np.int64], NDArray[np.float64]]
     categories: Categories | None
-
-
-@dataclass(frozen=True)
-class _FirstPass:
-    """First pass over all bricks: attributes as in `VolumeSummary`, and the counts (1, DIGITS) of the leading digit."""
-
-    minimum: NDArray[np.float64]
-    maximum: NDArray[np.float64]
-    counts: Counts
-    blocks: NDArray[np.float64]
-    categories: Categories | None
-
-    def summary(
-        self, histogram: Counts, value_range: tuple[float, float], percentiles: tuple[tuple[float, float], ...]
-    ) -> VolumeSummary:
-        return VolumeSummary(
-            self.minimum,
-            self.maximum,
-            histogram,
-            value_range,
-            percentiles,
-            self.blocks,
-            self.categories,
-        )
 
 
 def _count_part(layout: BrickLayout, bricks: Bricks, shift: int) -> _Part:
@@ -254,14 +226,8 @@ def _count_part(layout: BrickLayout, bricks: Bricks, shift: int) -> _Part:
     return _Part(extremes, owned, _sparse(counts), (met, blocks.reshape(2, -1)[:, met]), categories.found)
 
 
-def _merge_parts(layout: BrickLayout, parts: Sequence[_Part]) -> _FirstPass:
-    """Merge the parts of all ranks.
-
-    Raises
-    ------
-    ValueError
-        The bricks do not make up the volume.
-    """
+def _merge_parts(layout: BrickLayout, parts: Sequence[_Part], bins: int) -> VolumeSummary:
+    """Merge the parts of all ranks, whose samples are not counted yet."""
     held, samples = sum(part.samples for part in parts), prod(layout.shape_zyx)
     if held != samples:
         raise ValueError(f"the ranks' bricks hold {held} samples, the volume {samples}")
@@ -274,9 +240,8 @@ def _merge_parts(layout: BrickLayout, parts: Sequence[_Part]) -> _FirstPass:
         met, (lows, highs) = part.blocks
         low_of[met] = np.minimum(low_of[met], lows)
         high_of[met] = np.maximum(high_of[met], highs)
-    counts = _sum_sparse([part.counts for part in parts], 1)
     categories = _merge_categories([part.categories for part in parts])
-    return _FirstPass(minimum, maximum, counts, blocks, categories)
+    return VolumeSummary(minimum, maximum, np.zeros(bins, np.int64), (0.0, 1.0), (), blocks, categories)
 
 
 def block_sides(shape_zyx: Index) -> Index:

@@ -39,13 +39,11 @@ class Tetrahedra:
 
     Attributes
     ----------
-    name : the file, for messages
     points : float32 or float64 (n, 3), world; each is used, and equal ones differ in their scalars
     corners : uint32 (m, 4), rows of `points`; the first three are counter-clockwise seen from the fourth
     values : float32 or float64, (n,) of points or (m,) of tetrahedra, finite
     on_cells : whether they are those of tetrahedra
     cells : uint32 (m,), ascending: the cell of the grid that each is a part of
-    array : name of the array of scalars
     rows : uint32 (n,), ascending: the first point of the grid that is equal to each of `points`
     counts : what the grid has that is not drawn, or is drawn otherwise, by the names of `COUNTS`
     """
@@ -79,17 +77,7 @@ COUNTS = {
 
 
 def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahedra:
-    """Return the tetrahedra of a grid with one of its arrays.
-
-    Parameters
-    ----------
-    array : name of an array of scalars; None: the only one
-
-    Raises
-    ------
-    DataError
-        No such array, no cells with a volume, or more points or tetrahedra than 2³⁰ − 1.
-    """
+    """Return the tetrahedra of a grid with one of its arrays."""
     check_volume(grid)
     values, on_cells, name = grid.array(array)
     values = values.astype(np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64)

@@ -11,14 +11,7 @@ from clusterviz.errors import DataError
 
 
 class UnreadFormat(NamedTuple):
-    """Format that is not read.
-
-    Attributes
-    ----------
-    name : for messages
-    extensions : of its files, in lower case
-    remedy : what to do
-    """
+    """Format that is not read."""
 
     name: str
     extensions: tuple[str, ...]
@@ -59,13 +52,7 @@ FOLDERS = {b"HyperCLaw": AMREX, b"NavierStokes": AMREX}
 
 
 def unknown_file(path: Path, read: Iterable[str], others: str = "") -> DataError:
-    """Return the error about a file of no extension that is read: its format's name and what to do, if it is known.
-
-    Parameters
-    ----------
-    read : extensions that are read
-    others : what else is
-    """
+    """Return the error about a file of no extension that is read: its format's name and what to do, if it is known."""
     require_file(path)
     name = path.name.lower()
     for each in UNREAD:
@@ -76,13 +63,7 @@ def unknown_file(path: Path, read: Iterable[str], others: str = "") -> DataError
 
 
 def check_folder(path: Path) -> None:
-    """Refuse a folder of a format that is known but not read.
-
-    Raises
-    ------
-    DataError
-        It is one.
-    """
+    """Refuse a folder of a format that is known but not read."""
     header = path / "Header"
     start = start_of(header) if header.is_file() else b""
     for magic, name in FOLDERS.items():

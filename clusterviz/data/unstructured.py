@@ -24,6 +24,7 @@ from clusterviz.data.geometry import (
     check_indices,
     check_positions,
     hashes,
+    joined_arrays,
     triangulate,
 )
 from clusterviz.errors import DataError
@@ -44,7 +45,6 @@ class UnstructuredGrid:
 
     Attributes
     ----------
-    name : the file, for messages
     points : float32 or float64 (n, 3), world
     cells : int (m, c) by kind, indices of points in VTK's order; kinds in the order of `FACES`
     point_arrays : arrays (n,) or (n, components) by name
@@ -84,7 +84,6 @@ class UnstructuredGrid:
 
     @property
     def count(self) -> int:
-        """Number of cells."""
         return sum(len(corners) for corners in self.cells.values())
 
     @property
@@ -111,11 +110,6 @@ class UnstructuredGrid:
         Parameters
         ----------
         name : of the array; the points' if points and cells have one; None: the only array of scalars
-
-        Raises
-        ------
-        DataError
-            There is no such array, several and none is named, or it does not hold one number each.
         """
         found = [(key, array, on_cells) for key, array, on_cells in self._arrays() if name in (None, key)]
         scalars = [each for each in found if each[1].size == len(each[1]) and each[1].dtype.kind in "iufb"]
@@ -149,12 +143,12 @@ def joined_grids(grids: Sequence[UnstructuredGrid], name: str) -> UnstructuredGr
     kinds = [n for grid in some for n, kind in enumerate(FACES) for _ in range(kind in grid.cells)]
     counts = [len(corners) for grid in some for corners in grid.cells.values()]
     order = np.argsort(np.repeat(np.array(kinds, np.uint8), counts), kind="stable")
-    of_cells = {key: array[order] for key, array in _joined([grid.cell_arrays for grid in some]).items()}
+    of_cells = {key: array[order] for key, array in joined_arrays([grid.cell_arrays for grid in some]).items()}
     return UnstructuredGrid(
         name,
         np.concatenate([grid.points for grid in some]),
         cells,
-        _joined([grid.point_arrays for grid in some]),
+        joined_arrays([grid.point_arrays for grid in some]),
         of_cells,
         sum(grid.ignored for grid in grids),
         {key: max(grid.curved.get(key, 0.0) for grid in some) for grid in some for key in grid.curved},
@@ -171,19 +165,9 @@ def _joined_surfaces(meshes: Sequence[Mesh], name: str) -> Mesh | None:
         name,
         np.concatenate([mesh.vertices for mesh in meshes]),
         np.concatenate([mesh.triangles + first for mesh, first in zip(meshes, begins, strict=False)]),
-        _joined([mesh.vertex_attributes for mesh in meshes]),
-        _joined([mesh.triangle_attributes for mesh in meshes]),
+        joined_arrays([mesh.vertex_attributes for mesh in meshes]),
+        joined_arrays([mesh.triangle_attributes for mesh in meshes]),
     )
-
-
-def _joined(each: Sequence[Attributes]) -> Attributes:
-    """Return the arrays that all have, one after another."""
-    found = {name: [arrays[name] for arrays in each if name in arrays] for name in each[0]}
-    return {
-        name: np.concatenate(parts)
-        for name, parts in found.items()
-        if len(parts) == len(each) and len({part.shape[1:] for part in parts}) == 1
-    }
 
 
 def check_volume(grid: UnstructuredGrid) -> None:
@@ -208,15 +192,9 @@ def linearised(
 
     Parameters
     ----------
-    points : (n, 3)
     blocks : kind and corners (m, c) of some cells, by meshio's names, or `Polyhedra`; kinds without a volume are
         dropped
     of_points, of_cells : arrays by name, (n, …), and of all cells in the order of the blocks
-
-    Raises
-    ------
-    DataError
-        A kind is unknown, or as of `UnstructuredGrid`.
     """
     ignored, begin, curved, flat = 0, 0, dict[str, float](), list[tuple[NDArray[Any], NDArray[np.int64]]]()
     cells: dict[str, list[NDArray[Any]]] = {kind: [] for kind in FACES}
@@ -261,13 +239,7 @@ def linearised(
 
 
 def grid_of_blocks(mesh: Any, where: str) -> UnstructuredGrid:
-    """Return the grid of a mesh with the attributes of meshio's; arrays that are not of numbers are left out.
-
-    Raises
-    ------
-    DataError
-        Points in a plane, or as of `linearised`.
-    """
+    """Return the grid of a mesh with the attributes of meshio's; arrays that are not of numbers are left out."""
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     count, points = sum(len(corners) for _, corners in blocks), np.asarray(mesh.points)
     if points.ndim == 2 and points.shape[1] == 2:
@@ -297,7 +269,6 @@ class Polyhedra:
 
     Attributes
     ----------
-    count : number of cells
     owners : int64 (f,), cell of each face
     begins, sizes : int64 (f,); face i has the corners values[begins[i]:begins[i] + sizes[i]]
     values : int (n,), indices of points among others
@@ -325,7 +296,6 @@ class Polyhedra:
         return self.count
 
     def some(self, is_kept: NDArray[np.bool_]) -> Polyhedra:
-        """Return some of the cells."""
         faces, number = is_kept[self.owners], np.cumsum(is_kept) - 1
         kept = self.begins[faces], self.sizes[faces]
         return Polyhedra(int(is_kept.sum()), number[self.owners[faces]], *kept, self.values)

@@ -119,7 +119,6 @@ class VectorField:
         return found
 
     def at_time(self, step: int) -> VectorField:
-        """Return the vectors at another time step; see `VectorSource`."""
         return replace(self, step=check_step(step, self.times, self.name))
 
     def velocity(self, points: NDArray[np.float64], time: float = 0.0) -> NDArray[np.float64]:
@@ -128,13 +127,7 @@ class VectorField:
 
 
 def open_vector_field(spec: str, scale: float = 1.0) -> VectorField:
-    """Open the vectors that `field:NAME[:SIZE[:STEPS]]` names.
-
-    Raises
-    ------
-    DataError
-        Unknown name, impossible size or number of steps, or steps of a steady flow.
-    """
+    """Open the vectors that `field:NAME[:SIZE[:STEPS]]` names."""
     head, _, steps = spec.rpartition(":") if spec.count(":") > 2 else (spec, "", "")
     name, side = parse_field(head, VECTOR_FIELDS)
     period = PERIODS.get(name)

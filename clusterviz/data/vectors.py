@@ -40,8 +40,6 @@ class VectorSource(Protocol):
 
     Attributes
     ----------
-    name : for messages
-    grid : positions of the samples
     times : of the time steps, ascending; () if the flow is steady
     """
 
@@ -61,22 +59,11 @@ class VectorSource(Protocol):
         -------
         vectors : float32 or float64 (z, y, x, 3), components along x, y, z of the world per unit of time, owned by the
             caller; NaN where there are none
-
-        Raises
-        ------
-        DataError
-            The file ends early or cannot be decoded.
         """
         ...
 
     def at_time(self, step: int) -> VectorSource:
-        """Return the vectors at a time step.
-
-        Raises
-        ------
-        DataError
-            There is no such step, or it cannot be read.
-        """
+        """Return the vectors at a time step."""
         ...
 
 
@@ -115,7 +102,6 @@ class VectorArray:
     values : numbers (z, y, x, 3), or (steps, z, y, x, 3) with `times`; components along x, y, z of the world
     grid : positions of the samples; by default 1 apart from the world's origin
     times : of the steps, ascending
-    name : for messages
 
     Raises
     ------
@@ -140,13 +126,11 @@ class VectorArray:
         self._dtype = _dtype([values.dtype])
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Copy the vectors of a box; see `VectorSource.read`."""
         check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
         return np.array(self._steps[self._step, z:z_end, y:y_end, x:x_end], self._dtype, order="C", copy=True)
 
     def at_time(self, step: int) -> VectorArray:
-        """Return the vectors at another time step; see `VectorSource`."""
         found = VectorArray.__new__(VectorArray)
         found.__dict__ |= self.__dict__ | {"_step": check_step(step, self.times, self.name)}
         return found
@@ -164,7 +148,6 @@ class ComponentVectors:
     Attributes
     ----------
     components : along x, y, z; None is zero everywhere
-    scale : factor of all components
     open_step : function that opens a time step
     """
 
@@ -176,7 +159,6 @@ class ComponentVectors:
     open_step: Callable[[int], VectorSource]
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the vectors of a box; see `VectorSource.read`."""
         dtype = _dtype([source.dtype for source in self.components if source])
         found = np.zeros((*check_box(begin_zyx, end_zyx, self.grid.shape_zyx), 3), dtype)
         for component, source in enumerate(self.components):
@@ -187,7 +169,6 @@ class ComponentVectors:
         return found
 
     def at_time(self, step: int) -> VectorSource:
-        """Open the vectors at another time step; see `VectorSource`."""
         found = self.open_step(check_step(step, self.times, self.name))
         if found.grid.shape_zyx != self.grid.shape_zyx:
             what = "time steps of different shapes"
@@ -211,7 +192,6 @@ def open_vectors(
     array : name of the array of vectors, or of three arrays of components, "u,v,w"
     time : number of the time step, from 0; None: the first
     order : the axes of the stored components, such as "zyx"
-    scale : factor of all vectors
     interval : time between two steps of files
 
     Raises
@@ -292,13 +272,7 @@ def _at_first_step(path: str, subset: Subset) -> tuple[Source, Subset]:
 
 
 def _step_numbers(files: Sequence[str], where: str) -> list[float]:
-    """Return the times of files in steps, by the numbers in their names: 0, 1, 2, … if these are even.
-
-    Raises
-    ------
-    DataError
-        The numbers skip steps.
-    """
+    """Return the times of files in steps, by the numbers in their names: 0, 1, 2, … if these are even."""
     keys = [[number for number, _ in by_numbers(Path(file)) if number >= 0] for file in files]
     varying = [column for column in zip(*keys, strict=False) if len(set(column)) == len(files)]
     if len(files) < 2 or len({len(key) for key in keys}) > 1 or len(varying) != 1:

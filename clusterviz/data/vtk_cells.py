@@ -59,14 +59,8 @@ def grid_of_cells(
 
     Parameters
     ----------
-    types : (m,)
     offsets : int64 (m + 1,); cell i has the points corners[offsets[i]:offsets[i + 1]]
     polyhedra : cells of type 42, in their order
-
-    Raises
-    ------
-    DataError
-        Offsets that do not rise, unsupported types, or as of `linearised`.
     """
     if len(offsets) != len(types) + 1 or (np.diff(offsets) < 0).any() or offsets[0] != 0 or offsets[-1] > len(corners):
         allowed = f"{len(types)} + 1 that rise from 0 to {len(corners)}"
@@ -162,12 +156,6 @@ def as_grid(given: Any, where: str) -> UnstructuredGrid:
     ----------
     given : an `UnstructuredGrid`, a grid of pyvista, a mesh of meshio, or points (n, 3), tetrahedra
         (m, 4) and scalars (n,) or (m,), which become the array values
-    where : for errors
-
-    Raises
-    ------
-    DataError
-        It is none of these, or as of `linearised`.
     """
     if isinstance(given, UnstructuredGrid):
         return given

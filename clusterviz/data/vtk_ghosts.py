@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Hyperslab
+from clusterviz.data.axes import DerivedSource
 from clusterviz.data.geometry import Attributes
 from clusterviz.data.source import Grid, Index, Source
 
@@ -75,7 +75,6 @@ class GhostBits:
 
     Attributes
     ----------
-    source : of the bits
     mask : bits that count
     before, after : a sample takes those of so many places before and behind it along each axis: of points, if samples
         are cells, and the reverse
@@ -102,29 +101,18 @@ class GhostBits:
 
 
 @dataclass(frozen=True)
-class VisibleSource:
+class VisibleSource(DerivedSource):
     """Image whose hidden samples are NaN.
 
     Attributes
     ----------
-    source : of all samples
-    grid : of the image
     hidden : what hides a sample
     duplicates : where another piece has the sample
     """
 
-    source: Any
     grid: Grid
     hidden: tuple[GhostBits, ...]
     duplicates: tuple[GhostBits, ...] = ()
-
-    @property
-    def name(self) -> str:
-        return str(self.source.name)
-
-    @property
-    def slab(self) -> Hyperslab | None:
-        return getattr(self.source, "slab", None)
 
     @property
     def stored_dtype(self) -> np.dtype[Any]:
@@ -138,7 +126,6 @@ class VisibleSource:
         return found
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         samples: NDArray[Any] = self.source.read(begin_zyx, end_zyx).astype(self.dtype)
         for each in self.hidden:
             samples[each.read(begin_zyx, end_zyx)] = np.nan

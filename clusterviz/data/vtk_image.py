@@ -2,67 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import UnnamedPartError
+from clusterviz.data.axes import Subset, UnnamedPartError
 from clusterviz.data.header import check_shape, make_grid
 from clusterviz.data.rectilinear import line_of, placed
 from clusterviz.data.source import Grid, Source
-from clusterviz.data.vtk_ghosts import ARRAYS
+from clusterviz.data.vtk_ghosts import ARRAYS, TYPE, visible
 from clusterviz.errors import DataError
 
 
-class VtkImageArray(Protocol):
-    """Array of an image.
+@dataclass(frozen=True)
+class ImageArray:
+    """Array of an image; `active`: the file marks it as the active scalars, `held`: the numbers of some formats."""
 
-    Attributes
-    ----------
-    name : of the array
-    on_cells : whether it is cell data, else point data
-    active : whether the file marks it as the active scalars
-    components : numbers for each tuple
-    """
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def on_cells(self) -> bool: ...
-
-    @property
-    def active(self) -> bool: ...
-
-    @property
-    def components(self) -> int: ...
+    name: str
+    on_cells: bool
+    active: bool
+    components: int
+    held: Any = None
 
 
-Array = TypeVar("Array", bound=VtkImageArray)
+Array = TypeVar("Array", bound=ImageArray)
 
 
-def vector_arrays(arrays: Sequence[Array]) -> list[Array]:
-    """Return the arrays of three components."""
-    return [array for array in arrays if array.components == 3]
-
-
-def choose_array(arrays: Sequence[Array], name: str | None, noun: str, path: Path) -> Array:
-    """Return the named array; without a name the active scalars, point data first, or the only array.
+def open_image(
+    arrays: Sequence[Array], subset: Subset, path: Path, noun: str, source_of: Callable[[Array, Subset], Any]
+) -> tuple[Array, Any]:
+    """Return the array that a subset names, see `choose_array`, and its samples without those that ghosts hide.
 
     Parameters
     ----------
-    arrays : of the file, in order
-    name : of the wanted array, or None
-    noun : what messages call an array
-
-    Raises
-    ------
-    DataError
-        No such array, no array, or several and none named or active.
+    arrays : of the file; with `subset.vectors` those of three components are vectors
+    source_of : returns the samples of an array
     """
+    fitting = [array for array in arrays if array.components == 3] if subset.vectors else arrays
+    chosen = choose_array(fitting, subset.array, "array of vectors" if subset.vectors else noun, path)
+    ghosts = [
+        (array.on_cells, source_of(array, Subset(time=subset.time)))
+        for array in arrays
+        if array.name == TYPE and array is not chosen and array.components == 1
+    ]
+    return chosen, visible(source_of(chosen, subset), chosen.on_cells, ghosts)
+
+
+def choose_array(arrays: Sequence[Array], name: str | None, noun: str, path: Path) -> Array:
+    """Return the named array; without a name the active scalars, point data first, or the only array."""
     arrays = [a for a in arrays if a.name not in ARRAYS] if name is None else arrays
     listed = ", ".join(f"{a.name} ({'cells' if a.on_cells else 'points'})" for a in arrays) or f"none: no {noun}"
     if name is not None:
@@ -97,11 +88,6 @@ def image_grid(
     steps : float64 (3, 3), column a is the world vector between neighbours along axis a
     origin : float64 (3,), world position of index 0
     first : float64 (3,), index of the first point along x, y, z
-
-    Raises
-    ------
-    DataError
-        An axis without samples, or a singular placement.
     """
     samples = points
     if on_cells:
@@ -118,8 +104,6 @@ def rectilinear(
     Parameters
     ----------
     source : the stored samples, a source that is a dataclass with a field `grid`
-    coordinates_xyz : of the points along x, y and z
-    spaced : as of `rectilinear.placed`
     """
     lines = []
     for coordinates, name in zip(coordinates_xyz, "xyz", strict=True):

@@ -34,14 +34,7 @@ def polydata(
 
     Parameters
     ----------
-    points : (n, 3)
-    cells : by section
     of_points, of_cells : arrays by name; cells are numbered in the order of `SECTIONS`
-
-    Raises
-    ------
-    DataError
-        Offsets that do not rise, indices out of range, or arrays of another length.
     """
     points = points.astype(np.promote_types(points.dtype, np.float32), copy=False)
     check_attributes(of_points, len(points), "points", where)

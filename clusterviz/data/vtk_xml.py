@@ -16,7 +16,7 @@ from __future__ import annotations
 import base64
 import binascii
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from itertools import accumulate
@@ -27,9 +27,10 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import kind_of, readable, start_of
+from clusterviz.data.files import kind_of, readable, require_file, start_of
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
+from clusterviz.data.vtk_image import ImageArray
 from clusterviz.errors import DataError
 
 CHUNK = 1 << 16
@@ -41,34 +42,22 @@ SECTIONS = ("PointData", "CellData", "Points", "Verts", "Lines", "Strips", "Poly
 
 
 @dataclass(frozen=True)
-class XmlArray:
+class XmlArray(ImageArray):
     """DataArray of a file.
 
     Attributes
     ----------
+    components : numbers for each tuple; 0 if the file does not say it properly
     section : the tag that it lies in, one of `SECTIONS`
     piece : number of its piece
-    active : whether it is the active scalars
     text_begin, text_end : bytes of the file that hold its inline text
     """
 
-    name: str
-    section: str
-    piece: int
-    active: bool
-    attributes: Attributes
-    text_begin: int
-    text_end: int
-
-    @property
-    def on_cells(self) -> bool:
-        return self.section == "CellData"
-
-    @property
-    def components(self) -> int:
-        """Numbers for each tuple; 0 if the file does not say it properly."""
-        stated = self.attributes.get("NumberOfComponents") or "1"
-        return int(stated) if stated.isdecimal() and len(stated) < 10 else 0
+    section: str = ""
+    piece: int = 0
+    attributes: Attributes = field(default_factory=dict)
+    text_begin: int = 0
+    text_end: int = 0
 
 
 @dataclass
@@ -128,8 +117,13 @@ class _Scan:
         if tag == "DataArray" and parent in SECTIONS:
             begin, name = end if self.text_begin is None else self.text_begin, self.attributes.get("Name", "")
             active = bool(name) and self.active == name and parent in ("PointData", "CellData")
-            piece = len(self.layout.pieces) - 1
-            self.layout.arrays.append(XmlArray(name, parent, piece, active, self.attributes, begin, end))
+            stated, piece = self.attributes.get("NumberOfComponents") or "1", len(self.layout.pieces) - 1
+            components = int(stated) if stated.isdecimal() and len(stated) < 10 else 0
+            self.layout.arrays.append(
+                XmlArray(
+                    name, parent == "CellData", active, components, None, parent, piece, self.attributes, begin, end
+                )
+            )
             self.parser.CharacterDataHandler = None
 
     def _text(self, text: str) -> None:
@@ -139,17 +133,7 @@ class _Scan:
 
 
 def scan_xml(path: Path, kind: str) -> XmlLayout:
-    """Read the XML of the file at `path` up to its appended data.
-
-    Parameters
-    ----------
-    kind : type of the file: ImageData, PolyData, …
-
-    Raises
-    ------
-    DataError
-        Not XML, ends early, or not a VTK file of this type.
-    """
+    """Read the XML of the file at `path` up to its appended data."""
     scan, layout = _Scan(), XmlLayout()
     with readable(path), path.open("rb") as file:
         try:
@@ -188,14 +172,7 @@ PACKINGS = {"vtkZLibDataCompressor": "gzip", "vtkLZ4DataCompressor": "lz4", "vtk
 
 @dataclass(frozen=True)
 class Base64Bytes:
-    """Decoded bytes of base64 text without blanks; four characters hold three bytes.
-
-    Attributes
-    ----------
-    text : the file
-    begin : offset of the text in it
-    where : the file, for messages
-    """
+    """Decoded bytes of base64 text without blanks; four characters hold three bytes."""
 
     text: Storage
     begin: int
@@ -219,11 +196,7 @@ class BlockBytes:
 
     Parameters
     ----------
-    packed : storage of the compressed blocks
     begins : the blocks' offsets in `packed`, and the end of the last
-    block_bytes, total_bytes : uncompressed
-    decompress : (packed bytes, bytes expected) -> bytes
-    where : the file, for messages
     """
 
     def __init__(
@@ -267,13 +240,7 @@ class BlockBytes:
 
 
 def decompressor(name: str, where: str) -> Callable[[bytes, int], bytes]:
-    """Return the function that decompresses blocks of VTK's compressor `name`.
-
-    Raises
-    ------
-    DataError
-        Unknown, or its library is not installed.
-    """
+    """Return the function that decompresses blocks of VTK's compressor `name`."""
     # One byte more than expected detects a block that is too long.
     if name == "vtkZLibDataCompressor":
         return lambda packed, expected: zlib.decompressobj().decompress(packed, expected + 1)
@@ -301,11 +268,6 @@ def unpack(
     text : base64, not raw bytes
     integer : dtype of the header's numbers
     compressor : VTK's name of it; empty for none
-
-    Raises
-    ------
-    DataError
-        The array's header disagrees with the dataset's size, or is damaged.
     """
 
     def header(count: int) -> list[int]:
@@ -412,7 +374,6 @@ def _begin_of(path: Path, layout: XmlLayout, chosen: XmlArray, form: str, where:
 
 
 def _first_character(path: Path, begin: int) -> int:
-    """Skip the blanks before inline text."""
     with readable(path), path.open("rb") as file:
         file.seek(begin)
         head = file.read(4096)
@@ -420,17 +381,7 @@ def _first_character(path: Path, begin: int) -> int:
 
 
 def load_array(path: Path, size: int, layout: XmlLayout, chosen: XmlArray, tuples: int) -> NDArray[Any]:
-    """Read an array of `tuples` tuples: (tuples,), or (tuples, components) if it has several components.
-
-    Parameters
-    ----------
-    size : bytes in the file
-
-    Raises
-    ------
-    DataError
-        Damaged, truncated, or of another size.
-    """
+    """Read an array of `tuples` tuples: (tuples,), or (tuples, components) if it has several components."""
     where = f"{path}:{chosen.name or chosen.section}"
     stored, components = stored_dtype(layout, chosen, where), chosen.components
     shape = (tuples,) if components == 1 else (tuples, components)
@@ -501,9 +452,9 @@ class XmlPiece:
         return load_array(self.path, self.size, self.layout, array, tuples)
 
 
-def joined(pieces: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Return the arrays that all pieces with tuples have, one after another."""
-    filled = [piece for piece in pieces if any(len(array) for array in piece.values())] or list(pieces[:1])
-    names = [name for name in filled[0] if all(name in piece for piece in filled)]
-    alike = [name for name in names if len({piece[name].shape[1:] for piece in filled}) == 1]
-    return {name: np.concatenate([piece[name] for piece in filled]) for name in alike}
+def xml_pieces(path: Path, kind: str) -> list[XmlPiece]:
+    """Return the pieces of a file of a type, at least one."""
+    size, layout = require_file(path), scan_xml(path, kind)
+    if not layout.pieces:
+        raise DataError("no piece", where=str(path), allowed="<Piece …>")
+    return [XmlPiece(path, size, layout, number) for number in range(len(layout.pieces))]

@@ -13,7 +13,6 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.debugger.watches import Watched
 from clusterviz.errors import InputError, SceneError
 from clusterviz.frame import Options, Run, prepare
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.partition import Piece, build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.render.frame_block import FRAME
@@ -21,6 +20,7 @@ from clusterviz.render.recording import recorded, run_on
 from clusterviz.scene.values import Scene
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.probe import Probe, Shader, Taken, probe_bytes, taken_by, taken_of_words
+from clusterviz.spmd.source import ShaderSource
 
 PIXEL = "inside"
 """Variable of `main` in pixels.glsl and find_pixels.glsl with an invocation's pixel, relative to what is drawn."""
@@ -127,7 +127,7 @@ class Frame:
     @property
     def clim(self) -> tuple[float, float] | None:
         """Values of the data at which the field's scalars are 0 and 1; None if there is not one volume."""
-        return self.plan.transfer.domain if self.plan.content is None else None
+        return None if self.plan.content.mixed else self.plan.volume.transfer.domain
 
     def draws(self, rank: int) -> Iterator[Draw]:
         """Yield the draws of a rank; each has to be executed on its own buffers before the next is asked for.

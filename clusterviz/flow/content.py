@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree
+from clusterviz.content.flow.section import LINES, FlowInfo, FlowSection, Lic, Seeds
 from clusterviz.data import grid_format_of
 from clusterviz.data.axes import Subset, first_parts, warn_of_choices
 from clusterviz.data.bricks import BrickLayout
@@ -27,7 +28,6 @@ from clusterviz.flow.cells import Cells, open_cells, regular_vectors
 from clusterviz.flow.glyphs import glyphs
 from clusterviz.flow.lic import LicSource
 from clusterviz.flow.lic_lines import LicOverRanks
-from clusterviz.scene.flows import LINES, FlowInfo, FlowSection, Lic, Seeds
 from clusterviz.scene.values import Scene
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.scene.flows import Seeds
+from clusterviz.content.flow.section import Seeds
 
 Points = NDArray[np.float64]
 DEFAULT_COUNT = 200

@@ -30,6 +30,7 @@ from clusterviz.composite import (
     rounded,
     rounding_bound,
 )
+from clusterviz.content.flow.section import FlowInfo
 from clusterviz.errors import ClustervizError
 from clusterviz.frame.run import Image, Run
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered
@@ -45,7 +46,6 @@ from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans
-from clusterviz.scene.flows import FlowInfo
 from clusterviz.scene.visibility import visibility_warnings
 
 CHECK_TOLERANCE = 1e-5

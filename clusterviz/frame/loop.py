@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
+from clusterviz.content.grid.section import KBuffer
 from clusterviz.data import ALL_STEPS, ONE_STEP
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.frame.brick_reader import BrickReader
@@ -36,7 +37,6 @@ from clusterviz.plan.plan import changed_settings
 from clusterviz.report.decisions import Change
 from clusterviz.report.statistics import RankFrame, summed
 from clusterviz.scene.diff import is_same_volume
-from clusterviz.scene.grids import KBuffer
 from clusterviz.scene.lens import eye_points, has_eye_points
 from clusterviz.scene.values import Scene
 

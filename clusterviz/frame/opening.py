@@ -20,6 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
+from clusterviz.content.flow.expansion import with_flows, without_flows
+from clusterviz.content.geometry.section import GeometrySection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data import format_of, open_first_parts, open_time_step, override_grid, read_geometry, read_piece
 from clusterviz.data.axes import warn_of_choices
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
@@ -38,16 +41,13 @@ from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
 from clusterviz.plan.cell_bricks import KnownCells
-from clusterviz.plan.content import ContentBrick, KnownVolume, VolumeLayer
+from clusterviz.plan.content import ContentBrick, KnownVolume, VolumeLayer, brick_cost, is_mixed
 from clusterviz.plan.geometry_bricks import KnownGeometry
-from clusterviz.plan.plan import Plan, brick_cost, make_content_plan, make_plan
+from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.plan.refinement import VolumeLevels, field_error, with_detail
 from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene.complete import Info, VolumeInfo, complete_scene
-from clusterviz.scene.flow_content import with_flows, without_flows
-from clusterviz.scene.geometry import GeometrySection
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Scene, Volume
 
 Bricks = dict[Index, Any]
@@ -95,7 +95,7 @@ class OpenedVolume:
 
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
-        return make_plan(scene, self.source.grid, self.source.dtype, self.layout, self.summary)
+        return make_plan(scene, [KnownVolume(self.grid, self.source.dtype, self.layout, self.summary)])
 
     def with_detail(self, plan: Plan, scene: Scene) -> Plan:
         """Return a plan with the levels that its view needs: as it is."""
@@ -173,7 +173,7 @@ class OpenedContent:
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame."""
         known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary, levels_of(v.source)) for v in self.volumes]
-        return self.with_detail(make_content_plan(scene, known, self.geometry, self.grids), scene)
+        return self.with_detail(make_plan(scene, known, self.geometry, self.grids), scene)
 
     def with_detail(self, plan: Plan, scene: Scene) -> Plan:
         """Return a plan with the levels of volumes that its view needs, and the bounds of their errors."""
@@ -185,14 +185,11 @@ class OpenedContent:
 
     def grid_of(self, plan: Plan) -> Grid:
         """Return the grid of a plan's domain, in whose index space it is."""
-        assert plan.content is not None, "the plan has content"
         return plan.content.domain.grid
 
     def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, ContentBrick]]:
         """Read bricks of a plan from all sources, with one pass over each volume; collective, but for volumes alone."""
         content = plan.content
-        if content is None:
-            raise ValueError("the plan has no content")
         # First, since the ranks exchange what their bricks hold.
         pairs = zip(self.geometry, content.geometry, strict=True)
         geometry = [one.read(layer, content.brick_grid, wanted) for one, layer in pairs]
@@ -212,7 +209,6 @@ class OpenedContent:
     def suiting(self, plan: Plan, held: Bricks) -> Bricks:
         """Return those of the bricks in memory that were read with the margins and levels of a plan."""
         content = plan.content
-        assert content is not None, "the plan has content"
         return {
             index: brick
             for index, brick in held.items()
@@ -232,7 +228,6 @@ class OpenedContent:
 
     def changed(self, plan: Plan, before: Opened, bricks: Set[Index]) -> set[Index]:
         """Return those of some bricks of a plan that may differ from those of other time steps."""
-        assert plan.content is not None, "the plan has content"
         found = set[Index]()
         for now, earlier, part in zip(self.volumes, before.volumes, plan.content.volume_layers, strict=True):
             if now.source is earlier.source:
@@ -346,8 +341,7 @@ def open_volumes(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
                 scene.volumes, sources, layouts, summaries, parts, strict=True
             )
         )
-        has_levels = any(volume.detail != "full" for volume in scene.volumes)
-        if len(opened) > 1 or geometry or grids or flows or has_levels:
+        if is_mixed(scene):
             several = OpenedContent(opened, geometry, grids, tuple(flows), run.channel.size, speed)
             completed = complete(several, scene)
             if labelled := _with_labels(asked, completed):

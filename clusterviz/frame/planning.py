@@ -132,7 +132,7 @@ class FramePlanner:
         image, counts = Compositing(several=False).picture(run, work, partials, counts)
         every = run.channel.allgather((counts.samples, seconds, not prefers_cpu(run.options.device)))
         samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
-        return SmallPicture(image, samples, slowest, plan.march.filter, all(one[2] for one in every))
+        return SmallPicture(image, samples, slowest, plan.filter, all(one[2] for one in every))
 
 
 def _assigned(

@@ -48,9 +48,8 @@ Batch = tuple[Future[Bricks], frozenset[Index], int]
 
 def has_passes(plan: Plan) -> bool:
     """Return True if bricks of a plan may be drawn in passes: those of volumes only, and each ray once."""
-    content, march = plan.content, plan.march
-    surfaces = content is not None and bool(content.layers or content.cells)
-    return not surfaces and march.frame_coherence is None and march.discard_margin is None
+    march = plan.march
+    return not plan.content.layers and march.frame_coherence is None and march.discard_margin is None
 
 
 def least_bytes(sizes: NDArray[np.int64], plan: Plan) -> int:

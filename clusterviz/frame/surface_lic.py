@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.composite import TileCollector
+from clusterviz.content.flow.section import FlowSection, Lic
 from clusterviz.data.source import Grid
 from clusterviz.flow.cells import Cells
 from clusterviz.flow.content import OpenedFlow
@@ -38,7 +39,6 @@ from clusterviz.plan.view import View, make_view
 from clusterviz.render.crossing import FoundLayers
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.flows import FlowSection, Lic
 from clusterviz.scene.transfer import interpolate
 from clusterviz.scene.values import Scene
 

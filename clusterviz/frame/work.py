@@ -129,7 +129,7 @@ def check_consistency(run: Run, work: RankWork) -> None:
         return
     with abort_on_failure(run.channel, run.frame, "compare"):
         scene = zlib.crc32(work.scene.model_dump_json().encode())
-        for layer in work.plan.content.volume_layers if work.plan and work.plan.content else ():
+        for layer in work.plan.content.volume_layers if work.plan else ():
             scene = zlib.crc32(layer.levels.levels.tobytes() if layer.levels else b"", scene)
         sums = run.channel.allgather_numbers([scene, digest_of(work.pieces)])
     check_equal(run, {"what is to be shown": sums[:, 0].tolist(), "who draws what": sums[:, 1].tolist()})

@@ -18,7 +18,7 @@ import moderngl
 
 from clusterviz.errors import ClustervizError, DeviceError
 from clusterviz.gl.devices import choose_device, egl_devices
-from clusterviz.gl.shader import ShaderSource
+from clusterviz.spmd.source import ShaderSource
 
 _DRAW, _READ = 0x3059, 0x305A  # surfaces of EGL
 HINT = "install Mesa's EGL driver (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri) or a driver with EGL"
@@ -59,9 +59,14 @@ def _older(settings: dict[str, Any]) -> str:
     return f"{found}; allowed 4.3 and later, another device, or the CPU (--device cpu)"
 
 
+def is_llvmpipe(renderer: str) -> bool:
+    """Return True if a device, by OpenGL's name of it, silently leaves all loops after 65535 iterations in total."""
+    return "llvmpipe" in renderer
+
+
 def is_software(renderer: str) -> bool:
     """Return True if a device, by OpenGL's name of it, draws on the CPU, or only records."""
-    return any(name in renderer for name in ("llvmpipe", "softpipe", "recording"))
+    return is_llvmpipe(renderer) or any(name in renderer for name in ("softpipe", "recording"))
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import moderngl
 
 from clusterviz.errors import DeviceError
 from clusterviz.gl.compute import gl_function
-from clusterviz.gl.shader import ShaderSource
+from clusterviz.spmd.source import ShaderSource
 
 DRAW_FRAMEBUFFER, TRIANGLES = 0x8CA9, 4
 DEFAULT_SIDES = 0x9310, 0x9311

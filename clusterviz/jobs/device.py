@@ -22,10 +22,10 @@ from clusterviz.errors import DeviceError, InputError
 from clusterviz.gl.compute import run_compute
 from clusterviz.gl.context import current_context_kept, open_context
 from clusterviz.gl.devices import ENVIRONMENT, choose_device, egl_devices, prefers_cpu
-from clusterviz.gl.shader import ShaderSource
-from clusterviz.spmd.driver_needs import compile_checked
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.spmd.machine_code import addresses, compiled
 from clusterviz.spmd.parser import parse
+from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.threads import run_threads
 from clusterviz.spmd.width import host_width
 

@@ -41,9 +41,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource, assemble, shader_file
+from clusterviz.gl.shader import assemble, shader_file
 from clusterviz.input_files import require_regular_file
 from clusterviz.jobs.device import MOST_WORDS, Arguments, GridXyz, Program, launch
+from clusterviz.spmd.source import ShaderSource
 
 ELEMENTS = {
     np.dtype(name): glsl

@@ -13,14 +13,14 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+import tempfile
 from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from clusterviz.errors import InputError, OutputError
-from clusterviz.image.replace import replacing
+from clusterviz.errors import InputError
 
 CPU_VARIABLE = "CLUSTERVIZ_CPU"
 OPTIMIZE_VARIABLE = "CLUSTERVIZ_OPTIMIZE"
@@ -224,8 +224,14 @@ def _save(path: Path, code: bytes) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         if own:
             path.parent.chmod(0o700)
-        with replacing(path) as temporary:
-            temporary.write_bytes(_digest(path, code) + code)
-            temporary.chmod(0o600 if own else 0o644)
-    except (OSError, OutputError):
+        handle, temporary = tempfile.mkstemp(prefix=".", dir=path.parent)
+        try:
+            with open(handle, "wb") as file:
+                file.write(_digest(path, code) + code)
+                os.fchmod(handle, 0o600 if own else 0o644)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except OSError:
         return

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from clusterviz.plan.blend_mode import BlendMode, make_blend_mode
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.plan import March, Plan, make_content_plan, make_plan
+from clusterviz.plan.plan import March, Plan, make_plan
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.view import View, make_view
 
@@ -21,7 +21,6 @@ __all__ = [
     "Segments",
     "View",
     "make_blend_mode",
-    "make_content_plan",
     "make_encoding",
     "make_plan",
     "make_segments",

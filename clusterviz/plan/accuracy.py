@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import SceneError
 from clusterviz.plan.blend_mode import Classification, is_preintegrated
+from clusterviz.plan.content import Filter
 from clusterviz.plan.estimate import (
     FASTEST,
     SLOWEST,
@@ -39,7 +40,6 @@ from clusterviz.plan.estimate import (
     logarithms,
     still_missing,
 )
-from clusterviz.plan.plan import Filter
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene, Volume
@@ -58,7 +58,8 @@ or colour jump, or nearly so, single pixels have far larger errors than all othe
 Then an estimate needs a picture one level finer, and every view is verified."""
 WITNESS = 4
 """Level down to which the first view is drawn for that where something jumps: longer steps may all miss a feature that
-is thin along one ray. Later views are verified by steps around their own."""
+is thin along one ray. So it is where a pixel is the colour of one scalar: a ray that crosses a corner of the volume
+within the shortest step has one sample at all of them. Later views are verified by steps around their own."""
 STEEP = 8.0
 """Slope of opacity or colour, in full scales over the range of clim, above which a transfer function counts as a
 jump."""
@@ -81,6 +82,7 @@ class Aim:
     pixels : number of pixels of the whole picture
     classifications : those that may be chosen
     jumps : opacity or colour jump, or nearly so, along rays
+    of_one_scalar : a pixel is the colour of one scalar, such as the maximum
     last : choice of the frame before, which is updated; None if there is none
     coarsest : level of the longest step that may be chosen
     safety : factor of all errors estimated in a sample of pixels
@@ -90,6 +92,7 @@ class Aim:
     pixels: int
     classifications: tuple[Classification, ...]
     jumps: bool = False
+    of_one_scalar: bool = False
     last: Trial | None = None
     coarsest: float = COARSEST
     safety: float = SAFETY
@@ -103,6 +106,11 @@ class Aim:
     def residual(self) -> float:
         """Part of the bound for early ray termination."""
         return TERMINATION * self.bound
+
+    @property
+    def needs_witness(self) -> bool:
+        """Whether long steps may agree on a picture that is wrong."""
+        return self.jumps or self.of_one_scalar
 
     @property
     def levels(self) -> tuple[int, ...]:
@@ -146,9 +154,9 @@ def make_aim(scene: Scene) -> Aim:
     """
     bound = scene.quality.max_error
     assert bound is not None, "no bound was asked for"
-    for volume in scene.volumes:
-        if _is_steep(volume) and not BLEND_MODES[volume.blending].composited:
-            raise _of_one_scalar(bound, volume)
+    scalars = [volume for volume in scene.volumes if not BLEND_MODES[volume.blending].composited]
+    for volume in filter(_is_steep, scalars):
+        raise _of_one_scalar(bound, volume)
     both = all(is_preintegrated(volume, "pre-integrated") for volume in scene.volumes)
     steep = any(map(_is_steep, scene.volumes))
     classifications: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
@@ -156,7 +164,7 @@ def make_aim(scene: Scene) -> Aim:
         classifications = ("pre-integrated",)
     # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
     cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
-    return Aim(bound, math.prod(scene.image.size), classifications, cut or steep)
+    return Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars))
 
 
 def _of_one_scalar(bound: float, volume: Volume) -> SceneError:

@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.image.merge import Operator
 from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.shading import Grading, Shading
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
-from clusterviz.scene.flow_content import LicVolume
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Quality, Volume
 

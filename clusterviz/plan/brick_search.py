@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
+from clusterviz.content.geometry.section import GeometrySection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.primitives import BrickBoxes, BrickMembers, DrawnPrimitives, brick_keys, members_of_keys
 from clusterviz.plan.domain import Domain
-from clusterviz.scene.geometry import GeometrySection
-from clusterviz.scene.grids import GridSection
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.uint32]

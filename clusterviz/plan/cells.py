@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.grid.section import GridSection, KBuffer
 from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.segments import Segments
 from clusterviz.plan.shading import Shading
-from clusterviz.scene.grids import GridSection, KBuffer
 
 Floats = NDArray[np.float64]
 

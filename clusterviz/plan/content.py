@@ -1,4 +1,9 @@
-"""Content of a scene as the renderer needs it: a common domain, and a layer for each volume, mesh, grid and so on."""
+"""Content of a scene as the renderer needs it: a common domain, and a layer for each volume, mesh, grid and so on.
+
+Content is mixed, each brick with a share of all that meets it, or it is one volume alone, whose own bricks are drawn,
+and which may be shown in ways that are not mixed: projections, refraction, slabs of several lengths. `Content.mixed`
+says which; all else is the same for both.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +16,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.grid.section import KBuffer
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.levels import LevelMap, mixed_type
 from clusterviz.data.source import Grid, Index, MultilevelSource
 from clusterviz.data.summary import VolumeSummary
-from clusterviz.errors import SceneError
+from clusterviz.errors import InputError, SceneError
 from clusterviz.plan.blend_mode import (
     BlendMode,
     is_graded,
@@ -38,10 +44,13 @@ from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
+from clusterviz.plan.spectrum import Spectrum
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.grids import KBuffer
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Fill, Resolve, Scene, Volume
+
+Filter = Literal["linear", "nearest", "cubic", "hardware", "cubic-hardware"]
+"""Filter of a volume: with float32 weights, or the texture unit's "hardware" (linear) and "cubic-hardware"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +101,18 @@ class KnownVolume:
 
 @dataclass(frozen=True, eq=False)
 class VolumeLayer:
-    """One of several volumes.
+    """A volume.
 
     Attributes
     ----------
     cut : its voxels that each brick of the domain needs
-    blend_mode : its lighting and isosurfaces; one that can be mixed
-    encoding, transfer, segments : as in `Plan`
-    interpolation : interpolation between its voxels
-    spread : samples beyond a cell's corners on which the field in it depends
+    blend_mode : how its samples become a pixel, its lighting and isosurfaces; in mixed content one that can be mixed
+    encoding : how its voxels are stored
+    transfer : its transfer function
+    segments : the transfer function as the shader reads it; of a spectral volume that of the first wavelength
+    filter : interpolation between its voxels
+    reach : cells beyond its own in which a brick samples the field
+    spread : samples beyond a cell's corners on which the field in it, and of a volume alone its pixels, depend
     slab_units : length of a slab in its opacity unit distances
     preintegrated : its slabs are classified between their ends, not at their midpoints
     levels : levels of its own bricks; None: the finest everywhere, as it is
@@ -112,7 +124,8 @@ class VolumeLayer:
     encoding: Encoding
     transfer: TransferFunction
     segments: Segments
-    interpolation: Literal["linear", "nearest", "cubic"]
+    filter: Filter
+    reach: int
     spread: int
     slab_units: float
     preintegrated: bool = False
@@ -154,14 +167,15 @@ class VolumeLayer:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """Several volumes, or any number with geometry or unstructured grids, in one domain.
+    """Volumes, geometry and unstructured grids in one domain.
 
     Attributes
     ----------
     domain : the box around them
+    layout : the domain's bricks, which may be larger than the scene asks for
     volume_layers : the volumes, in the order of the scene
-    geometry : meshes, lines and points, in the order of the scene; volumes may then be one or none
-    brick : cells along the side of the domain's bricks, which may be larger than the scene asks for
+    mixed : bricks hold a share of all content; False: they are those of one volume, which is alone
+    geometry : meshes, lines and points, in the order of the scene
     reach : cells beyond its own in which a brick has primitives and tetrahedra
     fill : how fragments are stored, see `render/abuffer/fills.py`
     resolve : how they come in order, see `render/abuffer/resolves.py`; not auto
@@ -169,11 +183,12 @@ class Content:
     """
 
     domain: Domain
+    layout: BrickLayout
     volume_layers: tuple[VolumeLayer, ...]
+    mixed: bool = True
     geometry: tuple[GeometryLayer, ...] = ()
-    brick: int = 0
     reach: int = 0
-    fill: Fill = "auto"
+    fill: Fill = "fixed"
     resolve: Resolve = "static"
     cells: tuple[CellLayer, ...] = ()
 
@@ -186,6 +201,17 @@ class Content:
     def levels_around(self, index_zyx: Index) -> tuple[bytes, ...]:
         """Return for each volume with levels those around a brick; one that was read with others is read again."""
         return tuple(part.levels_around(index_zyx) for part in self.volume_layers if part.levels)
+
+    @property
+    def encodings(self) -> tuple[Encoding | None, ...]:
+        """Encoding of each volume's stored samples; None of integers, which are stored unchanged with any of them."""
+        each = (part.encoding for part in self.volume_layers)
+        return tuple(encoding if encoding.kind == "f32" else None for encoding in each)
+
+    @property
+    def shown_by(self) -> tuple[object, ...]:
+        """Objects by which groups of cells of the volumes are hidden or not, if their bricks are the same."""
+        return tuple(one for part in self.volume_layers for one in (part.blend_mode, part.transfer))
 
     @property
     def layers(self) -> tuple[GeometryLayer | CellLayer, ...]:
@@ -202,11 +228,6 @@ class Content:
         """Bricks as geometry and grids need them."""
         return BrickGrid(self.domain, self.layout, self.reach)
 
-    @property
-    def layout(self) -> BrickLayout:
-        """The domain's bricks."""
-        return BrickLayout(self.domain.grid.shape_zyx, self.brick)
-
 
 PRIMITIVE_COST = 8.0
 """Cost of a primitive in a brick, in cells of a volume: a triangle of a third of a pixel takes 90 ns, a cell 11 ns."""
@@ -217,14 +238,60 @@ Nearly all of it is the walk: a segment without opacity costs 0.93 times as much
 """
 
 
+def is_mixed(scene: Scene) -> bool:
+    """Return whether the content of a scene is mixed: it is unless there is one volume, without levels, and no more."""
+    return (
+        len(scene.volumes) != 1
+        or bool(scene.geometry or scene.grids or scene.flows)
+        or scene.volumes[0].detail != "full"
+    )
+
+
+def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the cost of each brick, float64 (bz, by, bx): its cells, or 0 if it is hidden."""
+    cells = np.einsum("z,y,x->zyx", *(side.astype(np.float64) for side in layout.sides_zyx))
+    return np.where(hidden, 0.0, cells)
+
+
+def make_lone_content(
+    scene: Scene, known: KnownVolume, domain: Domain, step_world: float, spectrum: Spectrum | None
+) -> tuple[Content, NDArray[np.float64]]:
+    """Return the content of a completed scene with one volume alone, and the cost of its bricks, as `make_content`.
+
+    Raises
+    ------
+    InputError
+        The layout's margin is too small, so that pictures would depend on the bricks.
+    """
+    (volume,), quality, layout = scene.volumes, scene.quality, known.layout
+    how, around = (quality.classification, quality.borders), occlusion_reach(volume, known.grid)
+    if layout.margin < (needed := margin_of(volume, *how, scene.needs_layers, around)):
+        raise InputError(
+            "bricks lack the margin that the blend mode needs",
+            where="brick layout",
+            found=layout.margin,
+            allowed=needed,
+        )
+    cut = make_cut(domain, layout, known.grid, layout.margin)
+    layer = replace(
+        _volume_layer(volume, known, scene, cut, step_world, spectrum),
+        filter=_filter(volume, quality.filter),
+        reach=reach_of(volume, *how) + around,
+        spread=spread_of(volume, *how),
+    )
+    hidden = layer.blend_mode.hides(layer.transfer, known.summary.minimum, known.summary.maximum)
+    return Content(domain, layout, (layer,), mixed=False), brick_cost(layout, hidden)
+
+
 def make_content(
     scene: Scene,
     volumes: Sequence[KnownVolume],
     geometry: Sequence[KnownGeometry],
     grids: Sequence[KnownCells],
+    domain: Domain,
     step_world: float,
 ) -> tuple[Content, NDArray[np.float64]]:
-    """Return the content of a completed scene, and the cost of drawing each brick of the domain.
+    """Return the mixed content of a completed scene, and the cost of drawing each brick of the domain.
 
     Parameters
     ----------
@@ -239,7 +306,6 @@ def make_content(
     cost : float64 (bz, by, bx), cells of all volumes, `PRIMITIVE_COST` a primitive and `SEGMENT_COST` a segment in a
         tetrahedron; 0 where all is hidden
     """
-    domain = domain_of(scene, volumes, geometry, grids)
     # Bricks of volumes are as large as is asked for, since voxels are what takes memory.
     side = 0.0 if volumes else min((known.info.side for known in grids), default=0.0)
     own = sum(math.prod(BrickLayout(known.grid.shape_zyx, scene.cluster.brick).counts_zyx) for known in volumes)
@@ -283,7 +349,7 @@ def make_content(
     fill = "fixed" if asked.fill == "auto" and layers and all(layer.opaque for layer in layers) else asked.fill
     resolve: Resolve = "peeling" if fill in ("lists", "pages") else "static"
     schemes = fill, resolve if asked.resolve == "auto" else asked.resolve
-    return Content(domain, tuple(volume_layers), tuple(layers), layout.brick, reach, *schemes, tuple(cells)), cost
+    return Content(domain, layout, tuple(volume_layers), True, tuple(layers), reach, *schemes, tuple(cells)), cost
 
 
 def domain_of(
@@ -295,25 +361,39 @@ def domain_of(
     return make_domain([known.grid for known in volumes], boxes)
 
 
-def _volume_layer(volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step_world: float) -> VolumeLayer:
+def _volume_layer(
+    volume: Volume, known: KnownVolume, scene: Scene, cut: Cut, step_world: float, spectrum: Spectrum | None = None
+) -> VolumeLayer:
+    """Return the layer of a volume of mixed content; that of a volume alone has another filter, reach and spread."""
     transfer, planes = transfer_function(volume), clip_planes(scene.clip, known.grid)
     preintegrated = is_preintegrated(volume, scene.quality.classification)
+    unit = transfer.unit_distance
+    units = slab_units(step_world, unit)
+    shading = make_shading(volume, scene.lights, known.grid, unit, planes, scene.clip.cap) if is_lit(volume) else None
+    grading = make_grading(volume, transfer.domain, known.grid) if is_graded(volume) else None
+    if spectrum:
+        segments = spectrum.segments[0]
+    elif preintegrated:
+        segments = make_preintegrated(transfer)
+    else:
+        # Of several volumes extinctions are added, so the shader needs the opacity of a unit length, which is linear.
+        segments = make_segments(transfer, 1.0 if is_mixed(scene) else units)
     return VolumeLayer(
         cut,
-        make_blend_mode(
-            volume,
-            transfer,
-            make_shading(volume, scene.lights, known.grid, transfer.unit_distance, planes, scene.clip.cap)
-            if is_lit(volume)
-            else None,
-            make_grading(volume, transfer.domain, known.grid) if is_graded(volume) else None,
-        ),
+        make_blend_mode(volume, transfer, shading, grading),
         make_encoding(known.dtype, transfer.domain),
         transfer,
-        # Extinctions are added, not opacities, so the shader needs the opacity of a unit length, which is linear.
-        make_preintegrated(transfer) if preintegrated else make_segments(transfer, 1.0),
+        segments,
         volume.interpolation,
+        cut.reach,
         spread_of(volume) - reach_of(volume),
-        slab_units(step_world, transfer.unit_distance),
+        units,
         preintegrated,
     )
+
+
+def _filter(volume: Volume, quality: str) -> Filter:
+    """Return the filter of a volume alone; nearest voxels have no weights, so they do not use the texture unit."""
+    if quality != "hardware" or volume.interpolation == "nearest":
+        return volume.interpolation
+    return "cubic-hardware" if volume.interpolation == "cubic" else "hardware"

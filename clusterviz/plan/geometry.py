@@ -14,11 +14,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.geometry.section import GeometrySection
 from clusterviz.data.primitives import Kind
 from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.segments import Segments
 from clusterviz.plan.shading import Shading
-from clusterviz.scene.geometry import GeometrySection
 
 Floats = NDArray[np.float64]
 

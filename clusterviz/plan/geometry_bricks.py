@@ -15,6 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree
+from clusterviz.content.geometry.section import (
+    GeometryInfo,
+    GeometrySection,
+    LinesSection,
+    MeshSection,
+    PointsSection,
+    is_arrows,
+    own_scalars,
+)
+from clusterviz.content.volume.info import range_around
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.glyphs import ARROW_TRIANGLES, arrows
 from clusterviz.data.primitives import (
@@ -33,18 +43,8 @@ from clusterviz.plan.segments import make_segments
 from clusterviz.plan.shading import make_geometry_shading
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.geometry import (
-    GeometryInfo,
-    GeometrySection,
-    LinesSection,
-    MeshSection,
-    PointsSection,
-    is_arrows,
-    own_scalars,
-)
 from clusterviz.scene.transfer import TransferFunction, opacity_points
 from clusterviz.scene.values import Light
-from clusterviz.scene.volume_info import range_around
 
 Part = Mesh | Lines | Points
 Floats = NDArray[np.float64]

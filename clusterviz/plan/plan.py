@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.source import Grid, Index
-from clusterviz.data.summary import VolumeSummary
-from clusterviz.errors import InputError
+from clusterviz.data.source import Index
 from clusterviz.image.partial import Rect
 from clusterviz.plan.adaptive_step import AdaptiveStep, make_adaptive_step
 from clusterviz.plan.blend_mode import (
@@ -24,39 +21,38 @@ from clusterviz.plan.blend_mode import (
     BlendMode,
     Lattice,
     has_surfaces,
-    is_graded,
     is_lit,
     is_preintegrated,
     lattice_of,
-    make_blend_mode,
-    margin_of,
-    reach_of,
-    spread_of,
     step_of,
 )
 from clusterviz.plan.cell_bricks import KnownCells
-from clusterviz.plan.content import Content, KnownVolume, domain_of, make_content
-from clusterviz.plan.encoding import Encoding, make_encoding
+from clusterviz.plan.content import (
+    Content,
+    Filter,
+    KnownVolume,
+    VolumeLayer,
+    domain_of,
+    is_mixed,
+    make_content,
+    make_lone_content,
+)
 from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.plan.layers import LayeredContent, make_layers
 from clusterviz.plan.lens import Lens, make_lens
-from clusterviz.plan.preintegration import make_preintegrated
-from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length, slab_units
+from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length
 from clusterviz.plan.refraction import Refraction, make_refraction
-from clusterviz.plan.segments import Segments, make_segments
-from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.plan.slices.planes import SlicePlanes, slice_planes
 from clusterviz.plan.spectrum import Spectrum, make_spectrum
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.report.decisions import Change, Detail
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
 
 CROSSED = 0.5 - 1e-4
 """Transparency at which a ray has surely passed one half, whatever the rounding."""
-Filter = Literal["linear", "nearest", "cubic", "hardware", "cubic-hardware"]
+MIXED = BlendMode()
+"""Blend mode of mixed content, whose samples are composited."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +62,7 @@ class March:
     Attributes
     ----------
     step_world : length of a slab in world units
-    slab_units : the same in opacity unit distances
-    filter : "linear", "nearest", "cubic" (with float32 weights) or the texture unit's
-        "hardware" (linear) and "cubic-hardware"
     residual : a ray ends when its transparency falls to this value
-    reach : cells beyond its own in which a brick samples the field
-    spread : samples beyond a cell's corners on which its pixels depend
-    preintegrated : slabs are classified between their ends, not at their midpoints
     lattice : where slabs begin: where the ray enters the volume (rays), by a hash of the pixel (jittered), or on planes
         perpendicular to the view direction (slices)
     adaptive_step : the adaptive step; None: all slabs are equally long
@@ -84,12 +74,7 @@ class March:
     """
 
     step_world: float
-    slab_units: float
-    filter: Filter
     residual: float
-    reach: int
-    spread: int
-    preintegrated: bool = False
     lattice: Lattice = "rays"
     adaptive_step: AdaptiveStep | None = None
     split: bool = False
@@ -106,18 +91,12 @@ class Plan:
     ----------
     view : the camera in index space
     march : the sampling of rays
-    blend_mode : how samples become a pixel
+    content : what is drawn, in whose domain are index space and bricks
     clip : float64 (n, 4), planes in index space, see `clip_planes`
-    encoding : how voxels are stored
-    transfer : the transfer function
-    segments : the transfer function as the shader reads it
-    layout : the bricks of the volume
     cost : float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
-    content : the content of a scene with several volumes or with geometry, else None. If given, index space and
-        bricks are the domain's, and encoding, transfer function and segments are the first volume's
     times : time steps of the volumes
     detail : levels of the volumes that are drawn by those of a store
-    spectrum : wavelengths of a volume with optics, whose first one is that of `segments`; else None
+    spectrum : wavelengths of a volume with optics, whose first one is that of its segments; else None
     lens : sub-images of a thin lens, whose planes are the last two of `clip`, and whose margin is in `view`; else None
     refraction : how rays bend; None: they are straight
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
@@ -125,20 +104,36 @@ class Plan:
 
     view: View
     march: March
-    blend_mode: BlendMode
+    content: Content
     clip: NDArray[np.float64]
-    encoding: Encoding
-    transfer: TransferFunction
-    segments: Segments
-    layout: BrickLayout
     cost: NDArray[np.float64]
-    content: Content | None = None
     layers: tuple[LayeredContent, ...] = ()
     times: tuple[int | str | None, ...] = ()
     detail: tuple[Detail, ...] = ()
     spectrum: Spectrum | None = None
     lens: Lens | None = None
     refraction: Refraction | None = None
+
+    @property
+    def layout(self) -> BrickLayout:
+        """The bricks."""
+        return self.content.layout
+
+    @property
+    def volume(self) -> VolumeLayer:
+        """The volume that is drawn alone."""
+        assert not self.content.mixed, "there is one volume alone"
+        return self.content.volume_layers[0]
+
+    @property
+    def blend_mode(self) -> BlendMode:
+        """How samples become a pixel."""
+        return MIXED if self.content.mixed else self.volume.blend_mode
+
+    @property
+    def filter(self) -> Filter:
+        """Filter of the volume that is drawn alone; of mixed content linear interpolation, which most volumes have."""
+        return "linear" if self.content.mixed else self.volume.filter
 
     @property
     def pictures(self) -> int:
@@ -171,7 +166,7 @@ class Plan:
         assert self.lens, "there are several pictures"
         begin, end = self.layout.cells_of(begin_zyx, end_zyx)
         # Geometry of a brick may lie beyond it, by a slab of overlap.
-        reach = np.full(3, self.content.reach if self.content else 0.0)
+        reach = np.full(3, self.content.reach)
         ends = np.array([begin[::-1] - reach, end[::-1] + reach])
         corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
         numbers = self.lens.numbers(self.view.depths(corners))
@@ -183,7 +178,8 @@ class Plan:
         """Return the plan of one wavelength of a spectral volume."""
         assert self.spectrum, "there are wavelengths"
         only = self.spectrum.only(number)
-        return replace(self, spectrum=only, segments=only.segments[0])
+        volume = replace(self.volume, segments=only.segments[0])
+        return replace(self, spectrum=only, content=replace(self.content, volume_layers=(volume,)))
 
     @property
     def crossing(self) -> Plan:
@@ -194,10 +190,7 @@ class Plan:
     @property
     def extent(self) -> tuple[float, float, float]:
         """Lengths (x, y, z) of the box through which rays are sampled, in index space, where it begins at 0."""
-        if self.content:
-            return self.content.domain.extent
-        z, y, x = (float(n - 1) for n in self.layout.shape_zyx)
-        return x, y, z
+        return self.content.domain.extent
 
     @property
     def slice_planes(self) -> SlicePlanes:
@@ -221,76 +214,6 @@ class Plan:
         return x, y, z
 
 
-def make_plan(scene: Scene, grid: Grid, dtype: np.dtype[Any], layout: BrickLayout, summary: VolumeSummary) -> Plan:
-    """Make the plan of a frame with one volume.
-
-    Parameters
-    ----------
-    scene : a completed scene with one volume
-    grid, dtype, layout, summary : of that volume; the layout's margin is at least `margin_of`'s
-
-    Raises
-    ------
-    InputError
-        The layout's margin is too small, so that pictures would depend on the bricks, or a ray would have too many
-        slabs.
-    """
-    volume, classification, borders = scene.volumes[0], scene.quality.classification, scene.quality.borders
-    around = occlusion_reach(volume, grid)
-    if layout.margin < (needed := margin_of(volume, classification, borders, scene.needs_layers, around)):
-        raise InputError(
-            "bricks lack the margin that the blend mode needs",
-            where="brick layout",
-            found=layout.margin,
-            allowed=needed,
-        )
-    transfer = transfer_function(volume)
-    spectrum = make_spectrum(scene)
-    planes = clip_planes(scene.clip, grid)
-    unit = transfer.unit_distance
-    shading = make_shading(volume, scene.lights, grid, unit, planes, scene.clip.cap) if is_lit(volume) else None
-    grading = make_grading(volume, transfer.domain, grid) if is_graded(volume) else None
-    blend_mode = make_blend_mode(volume, transfer, shading, grading)
-    hidden = blend_mode.hides(transfer, summary.minimum, summary.maximum) | clipped_bricks(planes, layout)
-    view, lattice = make_view(scene.camera, scene.image.size, grid), lattice_of([volume], scene.quality)
-    shortest = view.corner_cosine if lattice == "slices" else 1.0
-    step_world = slab_length(step_of(volume, scene.quality.step, classification), grid, shortest)
-    units = slab_units(step_world, unit)
-    preintegrated = is_preintegrated(volume, classification)
-    if spectrum:
-        segments = spectrum.segments[0]
-    else:
-        segments = make_preintegrated(transfer) if preintegrated else make_segments(transfer, units)
-    plan = Plan(
-        view,
-        March(
-            step_world,
-            units,
-            _filter(volume.interpolation, scene.quality.filter),
-            scene.quality.early_termination,
-            reach_of(volume, classification, borders) + around,
-            spread_of(volume, classification, borders),
-            preintegrated,
-            lattice,
-            make_adaptive_step(volume, scene.quality, grid, transfer),
-            preintegrated and borders == "split",
-            make_frame_coherence(scene, [grid], shortest * step_world),
-        ),
-        blend_mode,
-        planes,
-        make_encoding(dtype, transfer.domain),
-        transfer,
-        segments,
-        layout,
-        brick_cost(layout, hidden),
-        layers=make_layers(scene, [grid], [blend_mode]),
-        times=(volume.time,),
-        spectrum=spectrum,
-        refraction=make_refraction(volume, grid, layout, ~hidden, step_world),
-    )
-    return _behind_lens(plan, scene)
-
-
 def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     """Return True if a plan shows a brick that was hidden when bricks were assigned to ranks.
 
@@ -301,13 +224,13 @@ def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
 
-def make_content_plan(
+def make_plan(
     scene: Scene,
     volumes: Sequence[KnownVolume],
     geometry: Sequence[KnownGeometry] = (),
     grids: Sequence[KnownCells] = (),
 ) -> Plan:
-    """Make the plan of a frame with several volumes, with geometry, or with unstructured grids.
+    """Make the plan of a frame.
 
     Parameters
     ----------
@@ -317,48 +240,51 @@ def make_content_plan(
     Raises
     ------
     InputError
-        The domain would have too many bricks, or a ray too many slabs.
+        The domain would have too many bricks, or a ray too many slabs; or the bricks of a volume alone lack the margin
+        that it needs.
     """
-    quality = scene.quality
+    quality, mixed = scene.quality, is_mixed(scene)
     steps = [step_of(volume, quality.step, quality.classification) for volume in scene.volumes]
-    domain, lattice = domain_of(scene, volumes, geometry, grids).grid, lattice_of(scene.volumes, quality)
-    view = make_view(scene.camera, scene.image.size, domain)
+    domain, lattice = domain_of(scene, volumes, geometry, grids), lattice_of(scene.volumes, quality)
+    view = make_view(scene.camera, scene.image.size, domain.grid)
     shortest = view.corner_cosine if lattice == "slices" else 1.0
-    step_world = slab_length(min(steps, default=quality.step), domain, shortest)
-    content, cost = make_content(scene, volumes, geometry, grids, step_world)
-    first = content.volume_layers[0] if volumes else _no_volume()
-    grid, layout = content.domain.grid, content.layout
-    planes = clip_planes(scene.clip, grid)
+    step_world = slab_length(min(steps, default=quality.step), domain.grid, shortest)
+    spectrum = None if mixed else make_spectrum(scene)
+    if mixed:
+        content, cost = make_content(scene, volumes, geometry, grids, domain, step_world)
+    else:
+        content, cost = make_lone_content(scene, volumes[0], domain, step_world, spectrum)
+    planes, surfaces = clip_planes(scene.clip, domain.grid), bool(geometry or grids)
     # A slab's midpoint may be clipped where a fragment in the slab is not.
     beyond = planes.copy()
-    beyond[:, 3] += (content.reach if geometry or grids else 0) * np.linalg.norm(planes[:, :3], axis=1)
+    beyond[:, 3] += content.reach * surfaces * np.linalg.norm(planes[:, :3], axis=1)
+    all_grids, parts = [known.grid for known in volumes], content.volume_layers
     plan = Plan(
         view,
         March(
             step_world,
-            first.slab_units,
-            "linear",
-            scene.quality.early_termination,
-            reach=0,
-            spread=0,
-            lattice=lattice,
-            frame_coherence=None
-            if geometry or grids
-            else make_frame_coherence(scene, [known.grid for known in volumes], shortest * step_world),
-            discard_margin=scene.quality.early_discarding if geometry and not grids else None,
+            quality.early_termination,
+            lattice,
+            frame_coherence=None if surfaces else make_frame_coherence(scene, all_grids, shortest * step_world),
+            discard_margin=quality.early_discarding if geometry and not grids else None,
         ),
-        BlendMode(),
-        planes,
-        first.encoding,
-        first.transfer,
-        first.segments,
-        layout,
-        np.where(clipped_bricks(beyond, layout), 0.0, cost),
         content,
-        make_layers(scene, [known.grid for known in volumes], [part.blend_mode for part in content.volume_layers]),
+        planes,
+        np.where(clipped_bricks(beyond, content.layout), 0.0, cost),
+        make_layers(scene, all_grids, [part.blend_mode for part in parts]),
         tuple(volume.time for volume in scene.volumes),
+        spectrum=spectrum,
     )
-    return _behind_lens(plan, scene)
+    return _behind_lens(plan if mixed else _of_lone_volume(plan, scene), scene)
+
+
+def _of_lone_volume(plan: Plan, scene: Scene) -> Plan:
+    """Return the plan of a volume alone with what no mixed content has: slabs of other lengths, and rays that bend."""
+    volume, quality, grid = scene.volumes[0], scene.quality, plan.content.domain.grid
+    adaptive = make_adaptive_step(volume, quality, grid, plan.volume.transfer)
+    split = plan.volume.preintegrated and quality.borders == "split"
+    refraction = make_refraction(volume, grid, plan.layout, plan.cost > 0, plan.march.step_world)
+    return replace(plan, march=replace(plan.march, adaptive_step=adaptive, split=split), refraction=refraction)
 
 
 def _behind_lens(plan: Plan, scene: Scene) -> Plan:
@@ -368,34 +294,6 @@ def _behind_lens(plan: Plan, scene: Scene) -> Plan:
         return plan
     view = lens.view(plan.view)
     return replace(plan, view=view, clip=np.vstack([plan.clip, lens.planes(view)]), lens=lens)
-
-
-@dataclass(frozen=True)
-class _NoVolume:
-    """What a plan without volumes has in place of the first volume's."""
-
-    encoding: Encoding
-    transfer: TransferFunction
-    segments: Segments
-    slab_units: float = 1.0
-
-
-def _no_volume() -> _NoVolume:
-    transfer = TransferFunction(np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(1), 1.0, (0.0, 1.0))
-    return _NoVolume(Encoding("f32", 0.0, 1.0), transfer, make_segments(transfer, 1.0))
-
-
-def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the cost of each brick, float64 (bz, by, bx): its cells, or 0 if it is hidden."""
-    cells = np.einsum("z,y,x->zyx", *(side.astype(np.float64) for side in layout.sides_zyx))
-    return np.where(hidden, 0.0, cells)
-
-
-def _filter(interpolation: Literal["linear", "nearest", "cubic"], quality: str) -> Filter:
-    """Return the filter; nearest voxels have no weights, so they do not use the texture unit."""
-    if quality != "hardware" or interpolation == "nearest":
-        return interpolation
-    return "cubic-hardware" if interpolation == "cubic" else "hardware"
 
 
 def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Change, ...]:

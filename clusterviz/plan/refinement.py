@@ -182,7 +182,6 @@ def with_detail(
         An error is asked for where no bound of it is known.
     """
     content = plan.content
-    assert content is not None, "volumes with levels are content"
     parts, told = list(content.volume_layers), list[Detail]()
     for number, (part, known) in enumerate(zip(content.volume_layers, volumes, strict=True)):
         asked = scene.volumes[number].detail
@@ -228,8 +227,8 @@ def with_detail(
 def _why_unbounded(part: VolumeLayer) -> str:
     """Return with what no bound is known; "" if one is."""
     mode = part.blend_mode
-    if part.interpolation != "linear":
-        return f"with interpolation: {part.interpolation}"
+    if part.filter != "linear":
+        return f"with interpolation: {part.filter}"
     return "with light, isosurfaces or gradients" if mode.shading or mode.grading or mode.surfaces else ""
 
 

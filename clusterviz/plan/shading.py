@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.flow.expansion import LicVolume
+from clusterviz.content.geometry.section import GeometrySection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.scene.checks import difference
-from clusterviz.scene.flow_content import LicVolume
-from clusterviz.scene.geometry import GeometrySection
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer_2d import load_table
 from clusterviz.scene.values import Light, Volume
 
@@ -307,7 +307,7 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
     look, rows = None, None
     if volume.shader is not None:
         # Few scenes need it.
-        from clusterviz.spmd.look_files import read_look
+        from clusterviz.plan.look_files import read_look
 
         look, rows = read_look(volume.shader), _look_units(clim, grid)
     if volume.transfer_2d is None:

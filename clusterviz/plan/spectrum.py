@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.optics import optical_function
 from clusterviz.image.spectral.from_rgb import reflectance_of
 from clusterviz.plan.segments import RECORD, Segments, indexed, outline
 from clusterviz.scene.background import background_rgb
-from clusterviz.scene.optics import optical_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Scene
 

@@ -16,16 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.geometry.section import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.data.geometry import Attributes, Lines, Mesh, Points
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.intersections import Hits, Primitives, Segments, Spheres, Triangles, intersect
-from clusterviz.reference.layers import unit
-from clusterviz.reference.lighting import lit
+from clusterviz.reference.lighting import lit, unit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.transfer import colour_points, interpolate, opacity_points
 from clusterviz.scene.background import background_rgb
-from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Scene
 
 SectionGeometry = tuple[MeshSection, Mesh] | tuple[LinesSection, Lines] | tuple[PointsSection, Points]

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.transfer import OPAQUE, TransferFunction, interpolate
-from clusterviz.scene.flow_content import LicVolume
 from clusterviz.scene.transfer_2d import TransferTable, load_table
 from clusterviz.scene.values import Volume
 

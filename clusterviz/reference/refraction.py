@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.optics import optical_function
 from clusterviz.data.source import Grid
 from clusterviz.image.spectral.two_flux import Fluxes
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.rays import Floats, Rays, inside
 from clusterviz.reference.two_flux import TwoFlux
-from clusterviz.scene.optics import optical_function
 from clusterviz.scene.values import Volume
 
 MOST_DIAGONALS, MOST_REFLECTIONS, HALVINGS = 16, 256, 20

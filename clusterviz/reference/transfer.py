@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clusterviz.content.grid.section import GridSection
+from clusterviz.content.volume.optics import optical_function
 from clusterviz.reference.rays import Floats
 from clusterviz.scene.colormaps import named_colour_points, read_preset
-from clusterviz.scene.grids import GridSection
-from clusterviz.scene.optics import optical_function
 from clusterviz.scene.transfer_2d import load_table
 from clusterviz.scene.values import Volume
 

@@ -24,6 +24,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from clusterviz.content.volume.optics import OpticalFunction, Optics, optical_function
 from clusterviz.errors import InputError
 from clusterviz.image.spectral.from_rgb import reflectance_of
 from clusterviz.image.spectral.illuminate import illuminate
@@ -32,7 +33,6 @@ from clusterviz.image.spectral.picture import SpectralPicture
 from clusterviz.image.spectral.two_flux import Fluxes, stacked
 from clusterviz.reference.transfer import TransferFunction
 from clusterviz.scene.background import RGB
-from clusterviz.scene.optics import OpticalFunction, Optics, optical_function
 
 Floats = NDArray[np.float64]
 THICKEST = 1.0

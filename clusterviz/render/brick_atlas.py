@@ -174,12 +174,12 @@ class BrickAtlas:
 
     def _stretches(self, plan: Plan) -> NDArray[np.uint32]:
         """Return the lengths of slabs in the groups of all slots, cached for one transfer function."""
-        if self._doublings is None or self._doublings[0] is not plan.transfer:
+        if self._doublings is None or self._doublings[0] is not plan.volume.transfer:
             assert self._bends is not None, "the step is fixed"
             found = np.zeros((self.slot_count, 2 * self._slot.visibility_words), np.uint32)
             used = np.array(sorted(self._ranges))
             found[used] = doubling_bits(self._stacked(used), self._bends[used], plan, self._slot)
-            self._doublings = plan.transfer, found
+            self._doublings = plan.volume.transfer, found
         return self._doublings[1]
 
     def _stacked(self, numbers: NDArray[np.int64]) -> Ranges:

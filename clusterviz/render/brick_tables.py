@@ -32,7 +32,7 @@ class BricksApartError(Exception):
 
 def waits_for_rays(plan: Plan) -> bool:
     """Return True if a brick is stored on the device when a ray comes to it, and never if all end in front of it."""
-    is_alone = plan.content is None and not plan.refraction and plan.blend_mode.traits.composited
+    is_alone = not plan.content.mixed and not plan.refraction and plan.blend_mode.traits.composited
     # Slabs that are split at borders need the bricks behind them.
     return bool(plan.march.residual > 0 and is_alone and not plan.march.split)
 
@@ -73,8 +73,8 @@ class BrickTables:
 
     def hold_for(self, plan: Plan) -> bool:
         """Return True if a plan of another view has the same tables, as neither bricks nor what they show changed."""
-        names = "transfer", "blend_mode", "content", "march", "layout"
-        same = all(getattr(plan, name) is getattr(self._plan, name) for name in names)
+        now, then = ((plan.march, *plan.content.shown_by) for plan in (plan, self._plan))
+        same = all(one is other for one, other in zip(now, then, strict=True))
         return same and self.alone and self._version == self._pool.version
 
     def begin(self) -> None:

@@ -49,7 +49,7 @@ def brick_bytes(plan: Plan, on_cpu: bool) -> NDArray[np.int64]:
     slot = slot_of(plan)
     if not on_cpu:
         return slot.counted(plan.layout.counts_zyx, lambda slot: slot.bytes)
-    if plan.content is None:
+    if not slot.mixed:
         return slot.counted(plan.layout.counts_zyx, _slot_bytes)
     sizes = np.full(plan.cost.shape, 4 * slot.header_words * len(slot.parts), np.int64)
     for layer, part in zip(plan.content.volume_layers, slot.parts, strict=True):

@@ -28,10 +28,11 @@ Words = NDArray[np.uint32]
 
 def store_as(plan: Plan, slot: Slot) -> Callable[[Index, Any], Stored]:
     """Return the function that encodes a brick for a plan: its samples (z, y, x), or its `ContentBrick`."""
-    content, encoding = plan.content, plan.encoding
-    if content is None:
-        return lambda index, voxels: store(voxels, encoding, slot.at(index))
-    return lambda _, portions: store_content(portions, content, slot)
+    content = plan.content
+    if content.mixed:
+        return lambda _, portions: store_content(portions, content, slot)
+    encoding = plan.volume.encoding
+    return lambda index, voxels: store(voxels, encoding, slot.at(index))
 
 
 def store_content(portions: ContentBrick, content: Content, slot: Slot) -> Stored:

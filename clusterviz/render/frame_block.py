@@ -13,6 +13,7 @@ from clusterviz.gl.layout import glsl_block
 from clusterviz.gl.reals import Reals
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
+from clusterviz.plan.content import VolumeLayer
 from clusterviz.plan.domain import Cut
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import BUCKETS
@@ -63,7 +64,7 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     The caller sets the fields that change between dispatches.
     """
     record = np.zeros(1, FRAME)
-    view, layout, segments = plan.view, plan.layout, plan.segments
+    view, layout = plan.view, plan.layout
     for member in ("eye", "right", "up", "forward"):
         record[member][0, :3] = getattr(view, member)
     if plan.march.lattice == "slices":
@@ -76,25 +77,32 @@ def frame_block(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np
     record["box_begin"][0, :3], record["box_end"][0, :3] = begin[::-1], end[::-1]
     begin, end = layout.unit_box(box.begin_zyx, box.end_zyx)
     record["bricks_begin"][0, :3], record["bricks_count"][0, :3] = begin[::-1], np.subtract(end, begin)[::-1]
-    record["last_segment"], record["base"] = len(segments.records) - 1, plan.encoding.base
     record["rect"] = rect.x_begin, rect.y_begin, rect.width, rect.height
-    encoding = plan.encoding
+    # Without a residual no ray ends early, so that ranks count the same samples whatever lies in front of them.
+    residual = plan.march.residual or -1.0
+    if any(layer.opaque for layer in plan.content.geometry):
+        residual = max(residual, BEHIND_OPAQUE)
+    record["notes"] = -1
+    record["optics"][0, 1:3] = residual, plan.blend_mode.threshold
+    if not plan.content.mixed:
+        _tell_volume(record, plan.volume, slot)
+    return record
+
+
+def _tell_volume(record: NDArray[np.void], volume: VolumeLayer, slot: Slot) -> None:
+    """Write what is known of a volume alone; mixed ones have blocks of their own."""
+    encoding, segments = volume.encoding, volume.segments
     # The texture unit cannot subtract the base before it interpolates.
     bias = encoding.bias - encoding.scale * encoding.base if slot.textured else encoding.bias
     record["scalar"][0, :2] = slot.texel_scale * encoding.scale, bias
     record["buckets"] = segments.low, segments.per_unit, BUCKETS - 1, segments.transparent_below
-    # Without a residual no ray ends early, so that ranks count the same samples whatever lies in front of them.
-    residual = plan.march.residual or -1.0
-    if plan.content and any(layer.opaque for layer in plan.content.geometry):
-        residual = max(residual, BEHIND_OPAQUE)
-    record["notes"] = -1
-    record["optics"][0, :3] = plan.march.slab_units, residual, plan.blend_mode.threshold
-    return record
+    record["optics"][0, 0] = volume.slab_units
+    record["last_segment"], record["base"] = len(segments.records) - 1, encoding.base
 
 
 def _batch(plan: Plan) -> int:
     """Return the slabs of a batch; positions are counted from its middle, which should lie in its brick."""
-    if plan.content is not None and not plan.content.volume_layers:
+    if not plan.content.volume_layers:
         return WHOLE_RAY
     widest = min(2.0 * plan.layout.brick, WIDEST_BATCH)
     return slabs_in_batch(widest / voxels_a_slab(plan), LONGEST_BATCH)

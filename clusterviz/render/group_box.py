@@ -43,7 +43,7 @@ def skips_in_box(
         that rays may skip along every axis, x fastest
     """
     header = np.zeros(HEADER, np.int32)
-    header[6] = ALL if plan.content and plan.content.cells else box.shift
+    header[6] = ALL if plan.content.cells else box.shift
     alike = defaultdict[Index, list[int]](list)
     for number, (low, _) in enumerate(ranges):
         if low.size:

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.device import Device
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.shader import assemble
 from clusterviz.gl.staging import Bytes, Copies, Part
 from clusterviz.image.partial import Rect
 from clusterviz.render.render_result import SQUARE
-from clusterviz.spmd.driver_needs import compile_checked
 
 PIXELS_BINDING, PACKED_BINDING = 1, 20
 TURNS = PACKED_BINDING, 22

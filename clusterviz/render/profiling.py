@@ -169,7 +169,7 @@ class ProfilingVectorCaster(VectorCaster):
 
     def _draw_piece(self, plan: Plan, *given: Any) -> RenderResult:
         """Draw with one program, not with one for each class of tiles."""
-        if self.mode and plan.content and plan.content.resolve in ("optimised", "both"):
+        if self.mode and plan.content.resolve in ("optimised", "both"):
             plan = replace(plan, content=replace(plan.content, resolve="peeling"))
         return super()._draw_piece(plan, *given)
 

@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import DeviceError, FullDeviceError
-from clusterviz.gl.context import is_software
+from clusterviz.gl.context import is_llvmpipe, is_software
 from clusterviz.gl.device import Counts, Device
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.reals import ENVIRONMENT, EXTENSION, chosen_reals, has_doubles
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece
@@ -52,10 +53,9 @@ from clusterviz.render.render_result import (
 )
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import Variant, of_size, variant_of
-from clusterviz.render.volume_layers import all_segments, content_blocks, content_tables
+from clusterviz.render.volume_layers import all_segments, content_tables, volume_blocks
 from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer_counts import KBufferCounts
-from clusterviz.spmd.driver_needs import compile_checked
 
 ITERATIONS = (1 << 16, 3600)
 """Of the loops of a ray in a dispatch, on GPUs and on llvmpipe, which silently leaves all loops after 65535 in total:
@@ -131,6 +131,18 @@ class Raycaster:
     def driver(self) -> str:
         """Versions of OpenGL and of its driver."""
         return str(self._context.info["GL_VERSION"])
+
+    @property
+    def choices(self) -> dict[str, str]:
+        """What the device decides, by names, in a few words each; all give the same picture."""
+        packs, reals = self.reader.packs, chosen_reals(self._context)
+        return {
+            "pictures": "packed, as they are copied from a GPU"
+            if packs
+            else "whole, as they lie in memory of the host",
+            "ownership": f"{reals}, as {'double precision is fast' if reals == 'double' else 'no float64 is fast'}",
+            "fragments": self._finder.choice,
+        }
 
     @property
     def voxel_bytes(self) -> int:
@@ -266,27 +278,19 @@ class Raycaster:
 
     def _give_constants(self, plan: Plan) -> None:
         """Bind what is the same for all pieces."""
-        give, table, mode = self._device.give, self._device.table, plan.blend_mode
+        give = self._device.give
         buckets, rows, sums = all_segments(plan)
         give(4, buckets)
         padded = self.variant_of(plan).block_bytes
         give(1 if padded else 5, _padded(rows, padded), "uniform" if padded else "storage")
         if sums is not None:
             give(0, sums)
-        for binding, block in content_blocks(plan.content) if plan.content else ():
+        for binding, block in volume_blocks(plan.content):
             give(binding, block, "uniform")
-        for unit, texels in content_tables(plan.content) if plan.content else ():
-            table(unit, texels)
+        for unit, texels in content_tables(plan.content):
+            self._device.table(unit, texels)
         if len(plan.clip):
             give(3, plan.clip, "uniform")
-        if mode.surfaces:
-            give(4, mode.surface_block(), "uniform")
-        if mode.shading:
-            give(2, mode.shading.block(), "uniform")
-        if mode.grading:
-            give(5, mode.grading.block(), "uniform")
-            if mode.grading.table is not None:
-                table(1, mode.grading.table)
 
     def _draw_bands(
         self,
@@ -359,7 +363,7 @@ class Raycaster:
         began, before = perf_counter(), self.counts.read
         plan = self._finder.with_fill(plan)
         march = self._march(plan, rect, starts)
-        found = _Found(rect, bool(plan.content and plan.content.layers), not (starts or hidden))
+        found = _Found(rect, bool(plan.content.layers), not (starts or hidden))
         for again in (False, True) if starts or hidden else (False,):
             if hidden:
                 if not again:
@@ -415,7 +419,7 @@ class Raycaster:
         """Return the block of the frame for a box of bricks."""
         block = frame_block(plan, part.box, rect, self.slot)
         block["first_box"] = first
-        block["optics"][0, 3] = ITERATIONS["llvmpipe" in self.renderer]
+        block["optics"][0, 3] = ITERATIONS[is_llvmpipe(self.renderer)]
         return block
 
     def _draw_boxes(self, plan: Plan, rect: Rect, march: March, tables: BrickTables, first: int, *_: object) -> None:
@@ -458,7 +462,7 @@ class Raycaster:
                 fragments = self._finder.find(*given, waits=True)
                 once, lists = march.run(steps, beside=fragments.beside)
             found.add(fragments.counts(lists))
-            if plan.content and plan.content.kbuffer:
+            if plan.content.kbuffer:
                 found.kbuffer.append(KBufferCounts.of(lists[0].view(np.uint32).reshape(-1, 2)))
             first, at_once = 0, at_once and once
         self._ends_at_once = at_once

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.compute import run_compute
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.reals import EXTENSION
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.render.crossing import Crossing
 from clusterviz.render.raycast import Raycaster
-from clusterviz.spmd.driver_needs import compile_checked
 from clusterviz.spmd.interpreter import Dispatch, Texture
 from clusterviz.spmd.parser import parse
+from clusterviz.spmd.source import ShaderSource
 
 Index = tuple[int, int, int]
 Bytes = NDArray[np.uint8]

@@ -50,7 +50,7 @@ def refraction_block(plan: Plan) -> NDArray[np.void]:
     inverse = np.linalg.inv(given.metric)
     for number, axis in enumerate("xyz"):
         block[f"metric_{axis}"][0, :3], block[f"inverse_{axis}"][0, :3] = given.metric[number], inverse[number]
-    has_steps = float(plan.segments.records["region"].max() > 0)
+    has_steps = float(plan.volume.segments.records["region"].max() > 0)
     block["limits"] = given.outside, has_steps, given.most_slabs, MOST_REFLECTIONS
     block["shown_begin"][0, :3], block["shown_end"][0, :3] = given.begin, given.end
     return block

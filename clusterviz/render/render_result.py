@@ -136,16 +136,16 @@ def finish_projection(plan: Plan, merged: Pixels) -> Pixels:
     hit = merged[..., 3] > 0
     pixels = merged[hit].astype(np.float64)
     if resolve in ("mean", "integral"):
-        grey = pixels[:, 0] * plan.march.slab_units if resolve == "integral" else pixels[:, 0] / pixels[:, 3]
+        grey = pixels[:, 0] * plan.volume.slab_units if resolve == "integral" else pixels[:, 0] / pixels[:, 3]
         rgba[hit] = np.append(np.repeat(np.clip(grey, 0, 1)[:, None], 3, axis=1), np.ones((len(grey), 1)), axis=1)
         return rgba
     units = pixels[:, 0]
     if resolve == "colour of run":
         units = np.where(pixels[:, 2].astype(int) & EXISTS, units, pixels[:, 1])
-    low, high = plan.transfer.domain
+    low, high = plan.volume.transfer.domain
     scalars = low * (1 - units) + high * units
-    alpha = plan.transfer.opacity(scalars)[:, None]
-    rgba[hit] = np.append(plan.transfer.colour(scalars) * alpha, alpha, axis=1)
+    alpha = plan.volume.transfer.opacity(scalars)[:, None]
+    rgba[hit] = np.append(plan.volume.transfer.colour(scalars) * alpha, alpha, axis=1)
     return rgba
 
 

@@ -8,9 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.plan.blend_mode import BlendMode
 from clusterviz.plan.plan import Plan
-from clusterviz.plan.segments import Segments
 from clusterviz.render.frame_block import voxels_a_slab
 from clusterviz.render.storage import Slot
 
@@ -53,22 +51,18 @@ def is_far_apart(plan: Plan, voxel_bytes: int) -> bool:
 
 def sizes_block(plan: Plan, slot: Slot) -> NDArray[np.void]:
     """Return the block of a draw, `SIZES` (1 + volumes,): the first record is that of the domain, or of one volume."""
-    layers = plan.content.volume_layers if plan.content else ()
-    block, unit = np.zeros(1 + len(layers), SIZES), slot.unit
-    _tell_volume(block[:1], unit, plan.segments, plan.blend_mode)
-    block["cells"][0, 3], block["groups"][0] = plan.layout.brick, (*unit.groups_zyx[::-1], slot.unit.group_words)
+    unit = slot.unit
+    block = np.zeros(1 + len(slot.parts), SIZES)
+    for record, part in zip(block, (unit, *slot.parts), strict=True):
+        _, y, x = part.samples_zyx
+        record["cells"][:3], record["words"][:2] = part.cells_zyx[::-1], (x, x * y)
+        record["first"][:2] = part.margin * (1 + x + x * y), part.margin
+    for record, layer in zip(block[slot.mixed :], plan.content.volume_layers, strict=True):
+        mode, shading, grading = layer.blend_mode, layer.blend_mode.shading, layer.blend_mode.grading
+        lights, caps = (len(shading.lights), len(shading.caps)) if shading else (0, 0)
+        record["counts"] = lights, caps, 0, len(mode.surfaces)
+        planes = max(0, len(shading.occlusion) - OCCLUSION_ROWS) if shading else 0
+        record["transfer"][:3] = layer.segments.further_starts, grading.fading if grading else 0, planes
+    block["cells"][0, 3], block["groups"][0] = plan.layout.brick, (*unit.groups_zyx[::-1], unit.group_words)
     block["words"][0, 2], block["counts"][0, 2] = unit.visibility_words, len(plan.clip)
-    for number, (layer, part) in enumerate(zip(layers, slot.parts, strict=True), 1):
-        _tell_volume(block[number : number + 1], part, layer.segments, layer.blend_mode)
     return block
-
-
-def _tell_volume(record: NDArray[np.void], slot: Slot, segments: Segments, blend_mode: BlendMode) -> None:
-    shading, grading = blend_mode.shading, blend_mode.grading
-    record["cells"][0, :3], (_, y, x) = slot.cells_zyx[::-1], slot.samples_zyx
-    record["words"][0, :2] = x, x * y
-    record["first"][0, :2] = slot.margin * (1 + x + x * y), slot.margin
-    lights, caps = (len(shading.lights), len(shading.caps)) if shading else (0, 0)
-    record["counts"][0] = lights, caps, 0, len(blend_mode.surfaces)
-    planes = max(0, len(shading.occlusion) - OCCLUSION_ROWS) if shading else 0
-    record["transfer"][0, :3] = segments.further_starts, grading.fading if grading else 0, planes

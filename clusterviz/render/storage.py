@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box, BrickLayout
-from clusterviz.plan.content import Content
+from clusterviz.plan.content import Content, VolumeLayer
 from clusterviz.plan.domain import SLACK
-from clusterviz.plan.encoding import Encoding, VoxelKind
-from clusterviz.plan.plan import March, Plan
+from clusterviz.plan.encoding import VoxelKind
+from clusterviz.plan.plan import Plan
 
 Index = tuple[int, int, int]
 HEADER_WORDS = 4  # for each volume, in front of the parts of a brick of several volumes; as in volume_layer.glsl
@@ -221,29 +221,32 @@ class Slot:
 
 
 def slot_of(plan: Plan) -> Slot:
-    """Return the slot of a plan's bricks, with a part for each of several volumes."""
-    if plan.content is None:
-        return make_slot(plan.layout, plan.encoding, plan.march)
-    parts = (
-        # The cells include the reach; it is stored so that slots of different reach differ.
-        Slot(
-            part.cut.at(part.finest).most_cells_zyx,
-            part.encoding.kind,
-            False,
-            part.cut.margin,
-            part.cut.reach,
-            part.spread,
-            has_levels=part.levels is not None,
+    """Return the slot of a plan's bricks, with a part for each volume of mixed content."""
+    content = plan.content
+    if content.mixed:
+        parts = (
+            # The cells include the reach; it is stored so that slots of different reach differ.
+            replace(_slot(part.cut.at(part.finest).most_cells_zyx, part), has_levels=part.levels is not None)
+            for part in content.volume_layers
         )
-        for part in plan.content.volume_layers
+        return Slot((1, 1, 1), "f32", False, parts=tuple(parts), mixed=True, group_box=group_box_of(content))
+    z, y, x = (int(sides.max()) for sides in plan.layout.sides_zyx)
+    return replace(
+        _slot((z, y, x), plan.volume),
+        adaptive=plan.march.adaptive_step is not None,
+        layout=None if plan.layout.edges_zyx is None else plan.layout,
     )
-    box = group_box_of(plan.content, plan.layout)
-    return Slot((1, 1, 1), "f32", False, parts=tuple(parts), mixed=True, group_box=box)
 
 
-def group_box_of(content: Content, layout: BrickLayout) -> GroupBox:
+def _slot(cells_zyx: Index, volume: VolumeLayer) -> Slot:
+    """Return the slot of a volume's bricks of at most so many cells."""
+    kind, textured = volume.encoding.kind, "hardware" in volume.filter
+    return Slot(cells_zyx, kind, textured, volume.cut.margin, volume.reach, volume.spread)
+
+
+def group_box_of(content: Content) -> GroupBox:
     """Return the groups of cells around all volumes; larger than `GROUP` cells where there would be too many."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    layout, low, high = content.layout, np.full(3, np.inf), np.full(3, -np.inf)
     for cut in (part.cut for part in content.volume_layers if min(part.cut.shape_zyx) > 1):
         matrix, offset = cut.index_from_domain[:, :3], cut.index_from_domain[:, 3]
         ends = np.array([np.full(3, -SLACK), np.array(cut.shape_zyx[::-1]) - 1 + SLACK])
@@ -262,13 +265,3 @@ def group_box_of(content: Content, layout: BrickLayout) -> GroupBox:
         (cell // brick * in_brick + (cell % brick >> shift) + more).tolist() for cell, more in ((first, 0), (end, 1))
     )
     return GroupBox((z, y, x), (z_end, y_end, x_end), shift, brick)
-
-
-def make_slot(layout: BrickLayout, encoding: Encoding, march: March) -> Slot:
-    """Return the slot of a volume's bricks, no larger than its largest brick."""
-    textured, adaptive = "hardware" in march.filter, march.adaptive_step is not None
-    sizes = None if layout.edges_zyx is None else layout
-    z, y, x = (int(sides.max()) for sides in layout.sides_zyx)
-    return Slot(
-        (z, y, x), encoding.kind, textured, layout.margin, march.reach, march.spread, (), adaptive, layout=sizes
-    )

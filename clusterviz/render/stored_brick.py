@@ -68,11 +68,8 @@ def stamp_of(plan: Plan, brick: Index | None = None) -> int:
     ----------
     brick : whose levels count, too
     """
-    encodings = [part.encoding for part in plan.content.volume_layers] if plan.content else [plan.encoding]
-    # Integers are stored unchanged, with any encoding.
-    reach = plan.content.reach if plan.content else 0
-    stored = slot_of(plan), [encoding if encoding.kind == "f32" else None for encoding in encodings], reach, plan.times
-    levels = plan.content.levels_around(brick) if plan.content and brick else ()
+    levels = plan.content.levels_around(brick) if brick else ()
+    stored = slot_of(plan), plan.content.encodings, plan.content.reach, plan.times
     return zlib.crc32(repr((stored, levels)).encode())
 
 
@@ -110,8 +107,8 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
     visible : bool (n, gz, gy, gx)
     """
     low, high = ranges
-    if plan.content is None:
-        return _visible(low, high, plan.blend_mode, plan.transfer)
+    if not plan.content.mixed:
+        low, high = low[:, None], high[:, None]
     each = enumerate(plan.content.volume_layers)
     visible = [_visible(low[:, n], high[:, n], part.blend_mode, part.transfer) for n, part in each]
     return np.asarray(np.any(visible, axis=0))
@@ -220,7 +217,7 @@ def group_doublings(ranges: Ranges, bends: NDArray[np.float32], plan: Plan) -> N
     """
     assert plan.march.adaptive_step is not None, "the step is fixed"
     known = (values.astype(np.float64).ravel() for values in (*ranges, bends[:, 0], bends[:, 1]))
-    return plan.march.adaptive_step.doublings(plan.transfer, *known).reshape(ranges[0].shape)
+    return plan.march.adaptive_step.doublings(plan.volume.transfer, *known).reshape(ranges[0].shape)
 
 
 def doubling_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,13 +16,14 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.plan.blend_mode import BlendMode, Lattice
-from clusterviz.plan.content import Content
-from clusterviz.plan.plan import Filter, Plan
+from clusterviz.plan.content import Content, Filter, VolumeLayer
+from clusterviz.plan.plan import Plan
 from clusterviz.plan.preintegration import SUM_ROWS
-from clusterviz.plan.segments import BUCKETS
+from clusterviz.plan.segments import BUCKETS, Segments, make_segments
 from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS
 from clusterviz.render.storage import HEADER_WORDS, LEVEL_WORDS, Slot
+from clusterviz.scene.transfer import TransferFunction
 
 if TYPE_CHECKING:
     from clusterviz.spmd.look import Look
@@ -65,6 +67,7 @@ def spline_file(filter: Filter, gradient: str) -> str:
     return "spline.glsl" if "cubic" in filter + gradient else "// nothing\n"
 
 
+LONE_BINDINGS = 2, 5, 4  # lighting, grading and isosurfaces of a volume alone
 VOLUMES_BINDING, ROWS_BINDING = 6, 7  # the block of all volumes, and the rows of their lighting and isosurfaces
 OWN_BINDING = 10  # on CPUs, the first of blocks with the rows of one volume
 MOST_ROWS = 1 << 12  # of a block whose size is not known when CPUs compile
@@ -113,7 +116,7 @@ CHAINED = {
 
 @dataclass(frozen=True)
 class VolumeVariant:
-    """Constants and files of one of several volumes.
+    """Constants and files of a volume.
 
     Attributes
     ----------
@@ -158,6 +161,11 @@ class VolumeVariant:
         return found | ({"surface": 2 * self.surfaces} if self.surfaces else {})
 
     @property
+    def is_graded(self) -> bool:
+        """Whether samples need the gradient."""
+        return bool(self.lights or self.fading or self.table or (self.look and self.look.uses_gradient))
+
+    @property
     def light_rows(self) -> int:
         """Rows for each light."""
         return 5 if self.near else 2
@@ -177,8 +185,7 @@ class VolumeVariant:
         pieces : as in `Lanes`
         """
         macros, chain = self._macros(number) | (self._sizes_on_cpu(number) if on_cpu else {}), chain_of(number)
-        graded = self.lights or self.fading or self.table or (self.look and self.look.uses_gradient)
-        graded = crossing or (graded and not self.of_lines)
+        graded = crossing or (self.is_graded and not self.of_lines)
         gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
         magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
         fade = "faded.glsl" if self.fading else "unfaded.glsl"
@@ -294,24 +301,30 @@ def undefine(names: Iterable[str]) -> str:
 def volume_variants(content: Content, slot: Slot) -> tuple[VolumeVariant, ...]:
     """Return the variant of each volume."""
     return tuple(
-        VolumeVariant(
-            part.interpolation,
-            part_slot,
-            part.segments.further_starts,
-            len(part.blend_mode.shading.lights) if part.blend_mode.shading else 0,
-            len(part.blend_mode.shading.caps) if part.blend_mode.shading else 0,
-            bool(part.blend_mode.shading and part.blend_mode.shading.has_places),
-            part.blend_mode.smooth,
-            part.blend_mode.grading.fading if part.blend_mode.grading else 0,
-            part.blend_mode.grading.table_holds if part.blend_mode.grading else "",
-            len(part.blend_mode.surfaces),
-            part.blend_mode.traits.absorbs,
-            part.preintegrated,
-            part.blend_mode.grading.look if part.blend_mode.grading else None,
-            len(part.blend_mode.shading.occlusion) if part.blend_mode.shading else 0,
-            part.blend_mode.of_lines,
-        )
-        for part, part_slot in zip(content.volume_layers, slot.parts, strict=True)
+        volume_variant(part, own, content.mixed)
+        for part, own in zip(content.volume_layers, slot.parts or (slot,), strict=False)
+    )
+
+
+def volume_variant(volume: VolumeLayer, slot: Slot, mixed: bool) -> VolumeVariant:
+    """Return the variant of a volume; one that is alone and shows only surfaces has at least one of them."""
+    mode, shading, grading = volume.blend_mode, volume.blend_mode.shading, volume.blend_mode.grading
+    return VolumeVariant(
+        volume.filter,
+        slot,
+        volume.segments.further_starts,
+        lights=len(shading.lights) if shading else 0,
+        caps=len(shading.caps) if shading else 0,
+        near=bool(shading and shading.has_places),
+        smooth=mode.smooth,
+        fading=grading.fading if grading else 0,
+        table=grading.table_holds if grading else "",
+        surfaces=max(len(mode.surfaces), int(mode.traits.only_surfaces and not mixed)),
+        in_volume=mode.traits.absorbs,
+        preintegrated=volume.preintegrated,
+        look=grading.look if grading else None,
+        occlusion=len(shading.occlusion) if shading else 0,
+        of_lines=mode.of_lines,
     )
 
 
@@ -374,11 +387,25 @@ def content_files(
     )
 
 
-def content_blocks(content: Content) -> list[tuple[int, NDArray[Any]]]:
-    """Return the uniform blocks of several volumes, with their bindings."""
+def volume_blocks(content: Content, on_cpu: bool = False) -> list[tuple[int, NDArray[Any]]]:
+    """Return the uniform blocks of all volumes, with their bindings.
+
+    Parameters
+    ----------
+    on_cpu : of mixed content each volume has blocks of its own, since where one of all would be divided is not known
+    """
+    if not content.mixed:
+        mode = content.volume_layers[0].blend_mode
+        bindings = [
+            n for n, part in zip(LONE_BINDINGS, (mode.shading, mode.grading, mode.surfaces), strict=True) if part
+        ]
+        return list(zip(bindings, rows_of(mode), strict=True))
+    if not content.volume_layers and not on_cpu:
+        return []
     rows = [rows for part in content.volume_layers for rows in rows_of(part.blend_mode)]
-    block = [(ROWS_BINDING, np.concatenate(rows))] if rows else []
-    return [(VOLUMES_BINDING, volumes_block(content)), *block] if content.volume_layers else []
+    if on_cpu:
+        return [(VOLUMES_BINDING, volumes_block(content)), *enumerate(rows, OWN_BINDING)]
+    return [(VOLUMES_BINDING, volumes_block(content)), *([(ROWS_BINDING, np.concatenate(rows))] if rows else [])]
 
 
 def rows_of(blend_mode: BlendMode) -> list[NDArray[np.float32]]:
@@ -412,12 +439,12 @@ def volumes_block(content: Content) -> NDArray[np.void]:
 def all_segments(plan: Plan) -> tuple[NDArray[np.void], NDArray[Any], NDArray[np.float64] | None]:
     """Return buckets, records and sums; of volumes and grids concatenated, and buckets refer to the joined records.
 
-    Records are bytes then, since there are two types of one size; sums are None if no volume has any.
+    Records of several are bytes, since there are two types of one size; sums are None if no volume has any.
     """
-    if not plan.content or not (plan.content.volume_layers or plan.content.cells):
-        return plan.segments.buckets, plan.segments.records, plan.segments.sums
     volumes, grids = plan.content.volume_layers, plan.content.cells
-    each = [*(part.segments for part in volumes), *(part.segments for part in grids)]
+    each = [*(part.segments for part in volumes), *(part.segments for part in grids)] or [_nothing()]
+    if len(each) == 1:
+        return each[0].buckets, each[0].records, each[0].sums
     buckets, sums, first = [], [], 0
     for segments in each:
         own = segments.buckets.copy()
@@ -429,3 +456,11 @@ def all_segments(plan: Plan) -> tuple[NDArray[np.void], NDArray[Any], NDArray[np
     records = np.concatenate([segments.records.view(np.uint8) for segments in each])
     has_sums = any(segments.sums is not None for segments in each)
     return np.concatenate(buckets), records, np.concatenate(sums) if has_sums else None
+
+
+@cache
+def _nothing() -> Segments:
+    """Return what shaders without a transfer function are given."""
+    return make_segments(
+        TransferFunction(np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(1), 1.0, (0.0, 1.0)), 1.0
+    )

@@ -1,32 +1,45 @@
 """Scene description: frozen values that are read from YAML or JSON, validated, completed and written back.
 
-Nothing here reads voxels, or imports OpenGL or MPI.
+Nothing here reads voxels, or imports OpenGL or MPI. The names below are found when they are asked for, since the kinds
+of content import modules of this package, and it theirs.
 """
 
 from __future__ import annotations
 
-from clusterviz.scene.background import background_rgb
-from clusterviz.scene.complete import VolumeInfo, complete_scene, transfer_function
-from clusterviz.scene.files import dump_scene, load_scene, scene_of_data, scene_schema
-from clusterviz.scene.overrides import parse_overrides
-from clusterviz.scene.transfer import TransferFunction
-from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "Camera",
-    "Cluster",
-    "ImageSettings",
-    "Quality",
-    "Scene",
-    "TransferFunction",
-    "Volume",
-    "VolumeInfo",
-    "background_rgb",
-    "complete_scene",
-    "dump_scene",
-    "load_scene",
-    "parse_overrides",
-    "scene_of_data",
-    "scene_schema",
-    "transfer_function",
-]
+if TYPE_CHECKING:
+    from clusterviz.content.volume.info import VolumeInfo as VolumeInfo
+    from clusterviz.scene.background import background_rgb as background_rgb
+    from clusterviz.scene.complete import complete_scene as complete_scene
+    from clusterviz.scene.complete import transfer_function as transfer_function
+    from clusterviz.scene.files import dump_scene as dump_scene
+    from clusterviz.scene.files import load_scene as load_scene
+    from clusterviz.scene.files import scene_of_data as scene_of_data
+    from clusterviz.scene.files import scene_schema as scene_schema
+    from clusterviz.scene.overrides import parse_overrides as parse_overrides
+    from clusterviz.scene.transfer import TransferFunction as TransferFunction
+    from clusterviz.scene.values import Camera as Camera
+    from clusterviz.scene.values import Cluster as Cluster
+    from clusterviz.scene.values import ImageSettings as ImageSettings
+    from clusterviz.scene.values import Quality as Quality
+    from clusterviz.scene.values import Scene as Scene
+    from clusterviz.scene.values import Volume as Volume
+
+HOMES = {
+    "content.volume.info": ("VolumeInfo",),
+    "scene.background": ("background_rgb",),
+    "scene.complete": ("complete_scene", "transfer_function"),
+    "scene.files": ("dump_scene", "load_scene", "scene_of_data", "scene_schema"),
+    "scene.overrides": ("parse_overrides",),
+    "scene.transfer": ("TransferFunction",),
+    "scene.values": ("Camera", "Cluster", "ImageSettings", "Quality", "Scene", "Volume"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in HOMES.items():
+        if name in names:
+            return getattr(import_module(f"clusterviz.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

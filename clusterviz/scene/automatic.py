@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from clusterviz.content.flow.section import FlowInfo
+from clusterviz.content.geometry.section import GeometryInfo, GeometrySection, LinesSection, as_sections, own_scalars
+from clusterviz.content.grid.section import GridInfo
+from clusterviz.content.volume.info import VolumeInfo
+from clusterviz.content.volume.presets import LIGHT, MAX_LABELS, PRESETS, PresetName, has_hounsfield_units
 from clusterviz.errors import SceneError
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.flows import FlowInfo
-from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection, as_sections, own_scalars
-from clusterviz.scene.grids import GridInfo
-from clusterviz.scene.presets import LIGHT, MAX_LABELS, PRESETS, PresetName, has_hounsfield_units
 from clusterviz.scene.validation_messages import scene_error
 from clusterviz.scene.values import Scene, View, Volume
-from clusterviz.scene.volume_info import VolumeInfo
 
 BACKGROUND = (0.09, 0.1, 0.12)
 BLACK = (0.0, 0.0, 0.0)

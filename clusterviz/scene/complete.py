@@ -8,14 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.scene.automatic import Info as Info
-from clusterviz.scene.automatic import automatic_scene
-from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.camera import DEFAULT_ORIENTATION, MARGIN, fitted_camera, is_completed
-from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.flow_content import FlowLines, with_flows
-from clusterviz.scene.flows import FlowInfo
-from clusterviz.scene.geometry import (
+from clusterviz.content.flow.expansion import FlowLines, with_flows
+from clusterviz.content.flow.section import FlowInfo
+from clusterviz.content.geometry.section import (
     GeometryInfo,
     GeometrySection,
     LinesSection,
@@ -25,13 +20,18 @@ from clusterviz.scene.geometry import (
     is_arrows,
     own_colours,
 )
-from clusterviz.scene.grids import GridInfo, GridSection
-from clusterviz.scene.optics import optical_function
+from clusterviz.content.grid.section import GridInfo, GridSection
+from clusterviz.content.volume.info import LARGEST, default_clim, range_around
+from clusterviz.content.volume.info import VolumeInfo as VolumeInfo
+from clusterviz.content.volume.optics import optical_function
+from clusterviz.scene.automatic import Info as Info
+from clusterviz.scene.automatic import automatic_scene
+from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.camera import DEFAULT_ORIENTATION, MARGIN, fitted_camera, is_completed
+from clusterviz.scene.colormaps import colour_points
 from clusterviz.scene.transfer import TransferFunction, opacity_points, rescale
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
 from clusterviz.scene.values import Scene, Volume
-from clusterviz.scene.volume_info import LARGEST, default_clim, range_around
-from clusterviz.scene.volume_info import VolumeInfo as VolumeInfo
 
 UNCOMPLETED = "a transfer function needs a completed volume; call complete_scene first"
 DEFAULT_CMAP = "bone"

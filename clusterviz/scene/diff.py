@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from clusterviz.content.geometry.section import GEOMETRY_SECTIONS
 from clusterviz.errors import SceneError
 from clusterviz.scene.field_types import Section
-from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 from clusterviz.scene.validation_messages import format_value
 from clusterviz.scene.values import Scene
 

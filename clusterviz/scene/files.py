@@ -12,11 +12,11 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from clusterviz.content.sections import CONTENT_SECTIONS
+from clusterviz.content.volume.presets import PRESET_DEFAULTS
 from clusterviz.errors import SceneError, guard, public_address
 from clusterviz.scene.colormaps import colour_points
-from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.overrides import apply_overrides, parse_overrides
-from clusterviz.scene.presets import PRESET_DEFAULTS
 from clusterviz.scene.transfer_2d import read_table
 from clusterviz.scene.validation_messages import KeyPath, format_value, scene_error
 from clusterviz.scene.values import Scene
@@ -183,14 +183,14 @@ def data_paths(scene: Scene) -> dict[str, str]:
     """Return the path of each volume, entry of geometry and grid by its key, such as volumes.0.path."""
     return {
         f"{name}.{number}.path": entry.path
-        for name in ("volumes", *LISTED_SECTIONS)
+        for name in CONTENT_SECTIONS
         for number, entry in enumerate(getattr(scene, name))
     }
 
 
 def change_paths(data: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
     """Return raw scene data with other paths and addresses of files; values of other types are left to validation."""
-    lists = [data.get(name) for name in ("volumes", *LISTED_SECTIONS)]
+    lists = [data.get(name) for name in CONTENT_SECTIONS]
     for entry in (entry for entries in lists if isinstance(entries, list) for entry in entries):
         if not isinstance(entry, dict):
             continue
@@ -226,7 +226,7 @@ def check_scene(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]
         scene = Scene.model_validate(data)
     except ValidationError as error:
         raise scene_error(error, where, options) from None
-    for name in ("volumes", *LISTED_SECTIONS):
+    for name in CONTENT_SECTIONS:
         for index, entry in enumerate(getattr(scene, name)):
             if isinstance(entry.cmap, str):
                 place = options.get((name, index, "cmap"), where)

@@ -14,9 +14,9 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from clusterviz.content.sections import LISTED_SECTIONS
 from clusterviz.errors import SceneError
 from clusterviz.scene.field_types import Section, current_key
-from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.transfer_2d import Transfer2d
 from clusterviz.scene.validation_messages import (
     KEY_PATHS,

@@ -8,26 +8,15 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from clusterviz.content.flow.section import Lic, Seeds, Trace
+    from clusterviz.content.geometry.section import Edges
+    from clusterviz.content.grid.section import KBuffer
+    from clusterviz.content.volume.optics import Optics
+    from clusterviz.content.volume.section import AmbientOcclusion, Detail, Scattered, Volume
     from clusterviz.scene.annotations import Annotations
     from clusterviz.scene.cluster import Cluster
-    from clusterviz.scene.flows import Lic, Seeds, Trace
-    from clusterviz.scene.geometry import Edges
-    from clusterviz.scene.grids import KBuffer
-    from clusterviz.scene.optics import Optics
     from clusterviz.scene.transfer_2d import Transfer2d
-    from clusterviz.scene.values import (
-        ABuffer,
-        AmbientOcclusion,
-        Camera,
-        Clip,
-        Detail,
-        ImageSettings,
-        LensQuality,
-        Light,
-        Quality,
-        Scattered,
-        Volume,
-    )
+    from clusterviz.scene.values import ABuffer, Camera, Clip, ImageSettings, LensQuality, Light, Quality
 
     Numbers = Sequence[float] | NDArray[Any]
     Rows = Sequence[Sequence[Any]] | NDArray[Any]

@@ -11,12 +11,12 @@ from typing import Any
 
 import yaml
 
+from clusterviz.content.flow.section import FlowSection
+from clusterviz.content.geometry.section import GeometrySection, LinesSection, PointsSection
 from clusterviz.errors import public_address, without_secrets
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.field_types import Section
 from clusterviz.scene.files import change_paths, public_data
-from clusterviz.scene.flows import FlowSection
-from clusterviz.scene.geometry import GeometrySection, LinesSection, PointsSection
 from clusterviz.scene.values import Scene, Volume
 from clusterviz.scene.yaml_text import SceneDumper, write_yaml
 

@@ -9,14 +9,14 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.flow.expansion import VectorVolume
+from clusterviz.content.geometry.section import GeometryInfo, GeometrySection, LinesSection
+from clusterviz.content.grid.section import GridInfo, GridSection
 from clusterviz.errors import public_address
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.camera import project_points
 from clusterviz.scene.colormaps import follows_clim
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, divided_infos, transfer_function
-from clusterviz.scene.flow_content import VectorVolume
-from clusterviz.scene.geometry import GeometryInfo, GeometrySection, LinesSection
-from clusterviz.scene.grids import GridInfo, GridSection
 from clusterviz.scene.values import Scene, Volume
 
 SMALL = 2.0

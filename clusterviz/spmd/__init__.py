@@ -2,6 +2,7 @@
 
 It compiles the CPU variants of the shaders (`Variant.cpu`) for `render/cpu`.
 
+- source.py        assembled shader
 - tokens.py        words and signs of an assembled shader, after macros; places in files
 - types.py         types, conversions, and the built-in functions' signatures
 - ir.py            typed program

@@ -29,7 +29,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from clusterviz.spmd.analysis import children, root
+from clusterviz.spmd.analysis import children, root, walk
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.emitter import Emitter, Part, constant
 from clusterviz.spmd.ir import Assign, BuiltIn, Declare, Expression, Function, Loop, Name, Operation, Program, Variable
@@ -104,10 +104,7 @@ def _assignments(
 
 
 def _variables(node: Any) -> Iterator[Variable]:
-    if isinstance(node, Name) and node.variable.kind != "system":
-        yield node.variable
-    for child in children(node):
-        yield from _variables(child)
+    return (one.variable for one in walk(node) if isinstance(one, Name) and one.variable.kind != "system")
 
 
 class AdversarialEmitter(Emitter):

@@ -13,7 +13,8 @@ from clusterviz.spmd.analysis import Facts
 from clusterviz.spmd.emitter import Part, constant
 from clusterviz.spmd.expressions import Expressions
 from clusterviz.spmd.ir import Call, Declare, Expression, Function, Leave, Program, Statement, Variable
-from clusterviz.spmd.variables import Binding, Cell, Key, Parts, elements_of
+from clusterviz.spmd.types import elements_of
+from clusterviz.spmd.variables import Binding, Cell, Key, Parts
 
 LARGE_PROGRAM, LARGE_FUNCTION = 60_000, 6_000
 """Cost from which a program calls functions, and cost of these: compiling each once takes less time then."""

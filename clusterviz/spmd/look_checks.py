@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
-from clusterviz.spmd.analysis import Facts, children
+from clusterviz.spmd.analysis import Facts, children, walk
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.ir import BuiltIn, Call, Declare, Element, Function, Loop, Name, Program
 from clusterviz.spmd.look import MOST_ITERATIONS, Look
 from clusterviz.spmd.parser import parse
-from clusterviz.spmd.tokens import WORD, Places, Token, tokens_of
+from clusterviz.spmd.source import ShaderSource
+from clusterviz.spmd.tokens import WORD, Places, Token, closing, tokens_of
 from clusterviz.spmd.types import FLOAT, NUMBERS, Type
 
 SIGNATURE = "vec4 look(float value, vec3 gradient, vec3 position)"
@@ -25,7 +24,7 @@ MAIN = "void main() { vec4 unused = users_look(0.0, vec3(0.0), vec3(0.0)); }\n"
 
 
 def make_look(text: str, path: str) -> Look:
-    """Return the look of a text; see `look_files.read_look`."""
+    """Return the look of a text; see `plan.look_files.read_look`."""
     text = text.replace("\r", "\n").rstrip() + "\n"
     source = ShaderSource(text, (path,))
     places = Places(source)
@@ -34,7 +33,8 @@ def make_look(text: str, path: str) -> Look:
         raise places.error("a preprocessor directive; a look has none", directive.start(), directive[0].split()[0])
     program = parse(source)
     look = _look_of(program, path)
-    nodes = list(_nodes(program))
+    bodies = [function.body for named in program.functions.values() for function in named if function.body]
+    nodes = list(walk(*bodies, *(one.value for one in program.globals if one.value is not None)))
     _check(program, nodes)
     facts = Facts({})
     assert look.body is not None, "a look with a body"
@@ -66,16 +66,6 @@ def _look_of(program: Program, path: str) -> Function:
     raise InputError("no function look", where=path, allowed=SIGNATURE)
 
 
-def _nodes(program: Program) -> Iterator[Any]:
-    """Yield all nodes of a program."""
-    waiting: list[Any] = [function.body for named in program.functions.values() for function in named if function.body]
-    waiting += [one.value for one in program.globals if one.value is not None]
-    while waiting:
-        node = waiting.pop()
-        yield node
-        waiting += children(node)
-
-
 def _check(program: Program, nodes: list[Any]) -> None:
     """Refuse what shaders may do but looks may not."""
     error = program.places.error
@@ -86,7 +76,7 @@ def _check(program: Program, nodes: list[Any]) -> None:
     for one in program.globals:
         if one.variable.kind != "const":
             raise error("a variable outside of functions, which is not const", one.at, one.variable.name)
-        if one.value is not None and any(isinstance(node, Call) for node in [one.value, *_below(one.value)]):
+        if one.value is not None and any(isinstance(node, Call) for node in walk(one.value)):
             raise error("a constant that calls a function", one.at, one.variable.name)
     numbers = 0
     for node in nodes:
@@ -98,12 +88,6 @@ def _check(program: Program, nodes: list[Any]) -> None:
             numbers += node.variable.type.parts * node.variable.type.is_array
             if numbers > MOST_NUMBERS:
                 raise error("too large arrays", node.at, f"{numbers} numbers", f"up to {MOST_NUMBERS}")
-
-
-def _below(node: Any) -> Iterator[Any]:
-    for child in children(node):
-        yield child
-        yield from _below(child)
 
 
 def _iterations(node: Any, facts: Facts) -> int | None:
@@ -130,12 +114,12 @@ def _guarded(text: str, program: Program, nodes: list[Any], tokens: list[Token],
             edits.add((node.variable.at + len(node.variable.name), 0, f" = {value}"))
         elif isinstance(node, Element) and node.index.type.element in ("i", "u"):
             begin = number[node.at]
-            end = _closing(tokens, begin)
+            end = closing(tokens, begin)
             edits.add((tokens[begin].at + 1, 0, "clamp(int("))
             edits.add((tokens[end].at, 0, f"), 0, {node.base.type.size - 1})"))
         elif isinstance(node, Loop) and counts:
             begin = number[node.at] + 1
-            end = _closing(tokens, begin)
+            end = closing(tokens, begin)
             if tokens[begin - 1].text == "for":
                 signs = [n for n in range(begin, end) if tokens[n].text == ";"]
                 begin, end = signs[0], signs[1]
@@ -145,16 +129,6 @@ def _guarded(text: str, program: Program, nodes: list[Any], tokens: list[Token],
     for at, length, new in sorted(edits, reverse=True):
         text = text[:at] + new + text[at + length :]
     return text
-
-
-def _closing(tokens: list[Token], begin: int) -> int:
-    """Return the number of the token that closes a bracket."""
-    depth = 0
-    for n in range(begin, len(tokens)):
-        depth += (tokens[n].text in "([{") - (tokens[n].text in ")]}")
-        if not depth:
-            return n
-    raise AssertionError("a bracket that the parser has not missed")
 
 
 def _zero(kind: Type, program: Program, at: int) -> str:

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import function_address, has_features, load_function, optimized_object, optimizes
 from clusterviz.spmd.ir import BUFFERS, PROFILE_BLOCK, SYSTEM_BLOCK, TEXTURES, Program
+from clusterviz.spmd.source import ShaderSource
 
 if TYPE_CHECKING:
     from clusterviz.spmd.codegen import Generator

@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any
 
-from clusterviz.spmd.checker import FOLDED
+from clusterviz.spmd.checker import OPERATORS
 from clusterviz.spmd.emitter import LLVM, Part, constant
 from clusterviz.spmd.ir import BUFFERS, TEXTURES, Expression, Memory, Operation, Program
-from clusterviz.spmd.types import BYTES
-from clusterviz.spmd.variables import Cell, Parts, Variables, elements_of
+from clusterviz.spmd.types import BYTES, elements_of, layout
+from clusterviz.spmd.variables import Cell, Parts, Variables
 
 TABLE = {"uniform": 0, "buffer": BUFFERS, "sampler": TEXTURES}
 MOST_ADDED = 64  # to indices, as part of an address
-
-
-def _offsets(kind: Any, uniform: bool) -> list[int]:
-    """Return the bytes from the begin of a value in a block to each of its scalars."""
-    if kind.fields:
-        return [kind.offset(name, uniform) + at for name, of in kind.fields for at in _offsets(of, uniform)]
-    if kind.of:
-        return [n * kind.of.stride(uniform) + at for n in range(kind.size) for at in _offsets(kind.of, uniform)]
-    return [n * BYTES[kind.element] for n in range(kind.size)]
 
 
 class Blocks(Variables):
@@ -78,7 +68,7 @@ class Blocks(Variables):
 
     def _fetch(self, node: Memory, numbers: Sequence[int]) -> Parts:
         block, (base, words) = node.block, self._place(node)
-        offsets = _offsets(node.type, block.kind == "uniform")
+        offsets = [at for _, at in layout(node.type, block.kind == "uniform")]
         is_fixed = block.kind == "uniform" or block.is_read_only
         return self._load_numbers(elements_of(node.type), base, words, offsets, numbers, is_fixed)
 
@@ -162,7 +152,7 @@ class Blocks(Variables):
         emit.line(f"call void @{name}({emit.of(part)}, {pointers} {places}, i32 4, {emit.of(self._full())})")
 
     def _put(self, node: Memory, numbers: Sequence[int], parts: Parts) -> None:
-        emit, (base, words), offsets = self.emit, self._place(node), _offsets(node.type, False)
+        emit, (base, words), offsets = self.emit, self._place(node), [at for _, at in layout(node.type)]
         for n, part in zip(numbers, parts, strict=True):
             place = self._behind(base, offsets[n] // 4)
             if words.varying:
@@ -201,7 +191,7 @@ class Blocks(Variables):
             and a.element in "iub"
             and (b.constant or sign not in "/%")
         ):
-            found = FOLDED[sign](int(a.constant), int(b.constant))
+            found = OPERATORS[sign](int(a.constant), int(b.constant))
             if a.element != "b":
                 low = 0 if a.element == "u" else -(1 << 31)
                 found = (found - low) % (1 << 32) + low

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.interpreter import DTYPES, Array, Interpreter, Mask, Value
-from clusterviz.spmd.ir import Block, Declare, Expression, Function, If, Loop, Memory, Statement, Variable
+from clusterviz.spmd.ir import Block, Declare, Expression, Function, If, Loop, Names, Statement
 from clusterviz.spmd.parser import parse, parse_expression
-from clusterviz.spmd.tokens import tokens_of
+from clusterviz.spmd.source import ShaderSource
+from clusterviz.spmd.tokens import closing, tokens_of
 from clusterviz.spmd.types import BOOL, FLOAT, Type
 
 SCALAR = re.compile(r"(?<![\w.])(?:\w+\.)*s(?![\w.(])")
@@ -48,7 +48,7 @@ class Place:
 
     statement: Statement
     function: Function
-    names: dict[str, Variable | Memory]
+    names: Names
     is_body: bool
     anchor: Statement
 
@@ -142,7 +142,7 @@ class Shader:
                 raise InputError("the watches have other types in another part of the file", where="--watch")
         return Probe(tuple(points), condition, watches, visit)
 
-    def _in_data(self, text: str, names: Mapping[str, Variable | Memory]) -> str:
+    def _in_data(self, text: str, names: Names) -> str:
         """Return an expression in which the field's scalars are values of the data."""
         if self.clim is None or ("s" in names and names["s"].type is not FLOAT):
             return text
@@ -151,10 +151,10 @@ class Shader:
 
     def _places_in(self, function: Function) -> Iterator[Place]:
         at = function.body.at if function.body else 0
-        known: dict[str, Variable | Memory] = {name: each for name, each in self.program.names.items() if each.at < at}
+        known: Names = {name: each for name, each in self.program.names.items() if each.at < at}
         known |= {each.name: each for each in function.parameters}
 
-        def visit(node: Statement, names: dict[str, Variable | Memory], is_body: bool = False) -> Iterator[Place]:
+        def visit(node: Statement, names: Names, is_body: bool = False) -> Iterator[Place]:
             if isinstance(node, Block):
                 # Variables that are declared together are not a scope of their own.
                 together = all(isinstance(each, Declare) for each in node.statements)
@@ -210,7 +210,7 @@ class Shader:
         statement = point.place.anchor
         first = self._token_at(statement)
         if isinstance(statement, Loop) and point.place.statement is statement:
-            begin, end = first + 1, self._closing(first + 1)
+            begin, end = first + 1, closing(self._tokens, first + 1)
             if self._tokens[first].text == "for":
                 begin = self._end(begin + 1)
                 end = self._end(begin + 1)
@@ -232,24 +232,15 @@ class Shader:
         """Position behind a statement."""
         first = self._token_at(statement)
         if isinstance(statement, Block):
-            return self._tokens[self._closing(first)].at + 1
+            return self._tokens[closing(self._tokens, first)].at + 1
         if isinstance(statement, If):
             return self._after(statement.otherwise or statement.then)
         return self._after(statement.body) if isinstance(statement, Loop) else self._tokens[self._end(first)].at + 1
 
-    def _closing(self, number: int) -> int:
-        """The token that closes a bracket."""
-        depth = 0
-        for n in range(number, len(self._tokens)):
-            depth += (self._tokens[n].text in "([{") - (self._tokens[n].text in ")]}")
-            if not depth:
-                return n
-        raise AssertionError("the parser has seen to that")
-
     def _end(self, number: int) -> int:
         """The next semicolon outside of brackets."""
         while self._tokens[number].text != ";":
-            number = self._closing(number) + 1
+            number = closing(self._tokens, number) + 1
         return number
 
 

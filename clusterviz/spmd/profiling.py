@@ -15,13 +15,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.kernels.objects import function_address, optimized_object, optimizes
 from clusterviz.spmd.analysis import Facts, children
 from clusterviz.spmd.codegen import CHEAP, Generator
 from clusterviz.spmd.ir import PROFILE_BLOCK, Block, Expression, Function, Leave, Loop, Program, Statement, Variable
 from clusterviz.spmd.machine_code import code_of
 from clusterviz.spmd.parser import parse
+from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.tokens import tokens_of
 from clusterviz.spmd.variables import Binding, Parts
 

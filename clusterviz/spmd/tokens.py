@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
+from clusterviz.spmd.source import ShaderSource
 
 WORD = re.compile(
     r"(?P<directive>^[ \t]*\#[^\n]*)|(?P<space>\s+|//[^\n]*|/\*.*?\*/)"
@@ -117,6 +118,16 @@ def tokens_of(source: ShaderSource) -> tuple[list[Token], Places]:
             found.append(Token(kind, text, at))
     found.append(Token("end", "the end", len(source.text)))
     return found, places
+
+
+def closing(tokens: Sequence[Token], begin: int) -> int:
+    """Return the number of the token that closes the bracket with a number."""
+    depth = 0
+    for n in range(begin, len(tokens)):
+        depth += (tokens[n].text in "([{") - (tokens[n].text in ")]}")
+        if not depth:
+            return n
+    raise AssertionError("a bracket that the parser has not missed")
 
 
 def _expanded(macro: Macro, at: int, macros: dict[str, Macro], hidden: set[str]) -> list[Token]:

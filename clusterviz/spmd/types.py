@@ -102,6 +102,23 @@ def array_of(kind: Type, size: int) -> Type:
     return Type(f"{kind.name}[{size or ''}]", size=size, of=kind)
 
 
+@cache
+def layout(kind: Type, uniform: bool = False) -> tuple[tuple[str, int], ...]:
+    """Return the element, and the offset in bytes in a block, of each scalar of a type."""
+    if kind.fields:
+        parts = ((of, kind.offset(name, uniform)) for name, of in kind.fields)
+        return tuple((element, begin + at) for of, begin in parts for element, at in layout(of, uniform))
+    if kind.of:
+        stride = kind.of.stride(uniform)
+        return tuple((element, n * stride + at) for n in range(kind.size) for element, at in layout(kind.of, uniform))
+    return tuple((kind.element, n * BYTES[kind.element]) for n in range(kind.size * bool(kind.element)))
+
+
+def elements_of(kind: Type) -> str:
+    """Return the element of each scalar of a value."""
+    return "".join(element for element, _ in layout(kind))
+
+
 def converts(given: Type, wanted: Type) -> bool:
     """Whether a value may stand for one of another type."""
     same_shape = given.size == wanted.size and given.of is None and wanted.of is None

@@ -9,6 +9,7 @@ from typing import Any
 
 from clusterviz.spmd.emitter import Emitter, Part, constant
 from clusterviz.spmd.ir import Variable
+from clusterviz.spmd.types import elements_of
 
 Key = tuple[Any, ...]
 Parts = list[Part]
@@ -25,13 +26,6 @@ class Cell:
     mask: int
     key: Key
     count: int = 0
-
-
-def elements_of(kind: Any) -> str:
-    """Return the element of each scalar of a value."""
-    if kind.fields:
-        return "".join(elements_of(of) for _, of in kind.fields)
-    return str(kind.element * kind.parts)
 
 
 class Variables:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from clusterviz.comm.placement import kernel_threads
 from clusterviz.kernels.objects import has_features
 
 
@@ -33,7 +32,6 @@ def host_width() -> Width:
     return next(width for width in WIDTHS if has_features(*_FEATURES[width.lanes]))
 
 
-def cpu_name(width: Width | None = None) -> str:
+def cpu_name(threads: int, width: Width | None = None) -> str:
     """What draws, in words: "CPU, AVX-512, 2 threads"."""
-    threads = kernel_threads()
     return f"CPU, {(width or host_width()).name}, {threads} thread{'s' * (threads > 1)}"

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.presets import PRESETS, apply_preset
 from clusterviz.errors import InputError, public_address
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.colormaps import colour_points, map_names
 from clusterviz.scene.complete import Info, VolumeInfo, box_corners, complete_scene, divided_infos
-from clusterviz.scene.presets import PRESETS, apply_preset
 from clusterviz.scene.transfer import opacity_points
 from clusterviz.scene.values import Scene
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from clusterviz.content.sections import CONTENT_SECTIONS
 from clusterviz.data import FILE_AND_DATASET
 from clusterviz.data.files import readable
 from clusterviz.data.remote import is_url
@@ -20,11 +21,10 @@ from clusterviz.data.series import files_of_pattern
 from clusterviz.errors import DataError, InputError, SceneError, public_address
 from clusterviz.input_files import require_regular_file
 from clusterviz.scene.files import change_paths
-from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.values import Scene
 from clusterviz.viewer.messages import MAX_SIDE
 
-LISTS = ("volumes", *LISTED_SECTIONS)
+LISTS = CONTENT_SECTIONS
 """Lists of a scene whose entries are shown."""
 
 

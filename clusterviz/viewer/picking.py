@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.geometry.section import GEOMETRY_SECTIONS
 from clusterviz.data.source import Grid, Source
 from clusterviz.scene.camera import camera_axes, camera_vectors
-from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 from clusterviz.scene.values import Scene
 
 SIDE = 5

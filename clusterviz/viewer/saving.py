@@ -13,11 +13,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.sections import CONTENT_SECTIONS
 from clusterviz.data import open_scene
 from clusterviz.errors import ClustervizError, without_secrets
 from clusterviz.frame.picture_file import write_picture
 from clusterviz.report.provenance import Provenance
-from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.text import commented_scene
 from clusterviz.scene.values import Scene
 from clusterviz.scene.yaml_text import write_yaml
@@ -62,7 +62,6 @@ def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
     Parameters
     ----------
     scene : completed
-    content : of the file
 
     Raises
     ------
@@ -70,7 +69,7 @@ def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
         The scene cannot be told by overrides.
     """
     first = open_scene(file.name, file.overrides, file.preset)
-    if any(len(getattr(first, name)) != len(getattr(scene, name)) for name in ("volumes", *LISTED_SECTIONS)):
+    if any(len(getattr(first, name)) != len(getattr(scene, name)) for name in CONTENT_SECTIONS):
         raise ClustervizError("entries are hidden or added, which no command line can tell: save the scene as a file")
     wanted = _drawn_part(scene)
     found: dict[str, Any] = {}

@@ -17,6 +17,7 @@ Without views, a phantom is scanned first: the renderer's additive pictures are 
 import argparse
 
 import numpy as np
+from cone_beam import WINDOWS, ConeBeam, reconstruct
 from mpi4py import MPI
 
 import clusterviz
@@ -24,7 +25,6 @@ from clusterviz import jobs
 from clusterviz.comm import agree
 from clusterviz.data import open_source
 from clusterviz.errors import ClustervizError
-from clusterviz.jobs.reconstruction import WINDOWS, ConeBeam, reconstruct
 
 LOOK = {  # of the phantom: cut open, as all within its skull has nearly the same value
     "clip": {"planes": [[(0, 0, 0), (0, 0, -1)]]},

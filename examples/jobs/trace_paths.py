@@ -12,11 +12,11 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
+from path_tracing import PathTracing, trace_paths
 
 from clusterviz import jobs, load_scene
 from clusterviz.comm import agree
 from clusterviz.errors import ClustervizError
-from clusterviz.jobs.path_tracing import PathTracing, trace_paths
 
 
 def main() -> None:

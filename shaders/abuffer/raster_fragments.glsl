@@ -1,6 +1,6 @@
 #version 430
-// Finds the fragments of the pixels that the rasteriser brings, of which a few miss the primitive; counts them, or stores them. Both by one program, as
-// another one might round otherwise. Of what is behind the nearest opaque fragment, most is not stored.
+// Finds the fragments of the pixels that the rasteriser brings, of which a few miss the primitive, and links them to the lists of their pixels. Of what
+// is behind the nearest opaque fragment, most is not stored.
 #include <CONSTANTS>
 flat in int row, kind;
 
@@ -8,9 +8,8 @@ flat in int row, kind;
 #include <FRAME>
 #include "vectors_double.glsl"
 #include "reals.glsl"
-layout(std430, binding = 3) readonly buffer OffsetsBlock { int brick_offset[]; }; // as in buffers.glsl
-layout(std430, binding = 25) buffer FoundBlock { uvec2 found_of[]; };            // of each pixel: fragments, and bits of the nearest opaque one's depth
-uniform bool stores;
+layout(std430, binding = 3) readonly buffer OffsetsBlock { int brick_offset[]; };  // as in buffers.glsl
+layout(std430, binding = 25) buffer OpaqueBlock { uint nearest_opaque[]; };       // of each pixel: bits of the depth of the nearest opaque fragment
 ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 
 #include <LATTICE>
@@ -22,15 +21,18 @@ ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = 
 #include "stored.glsl"
 #include "find.glsl"
 
-void count(int pixel, uvec2 fragment) {
-    atomicAdd(found_of[pixel].x, 1u);
-    if (SOME_OPAQUE && (int(layer[layer_of(row)].table.w) & OPAQUE) != 0) atomicMin(found_of[pixel].y, fragment.x);
-}
-
+// Fragments for which there is no room are only counted.
 void store(int pixel, uvec2 fragment) {
-    if (SOME_OPAQUE && fragment.x > found_of[pixel].y) return;
-    uint place = fragment_list[list_of(pixel)] + atomicAdd(fragment_list[list_of(pixel) + 1], 1u);
-    if (place < uint(key.length())) key[place] = fragment;
+    if (SOME_OPAQUE) {
+        bool is_opaque = (int(layer[layer_of(row)].table.w) & OPAQUE) != 0;
+        uint nearest = is_opaque ? atomicMin(nearest_opaque[pixel], fragment.x) : nearest_opaque[pixel];
+        if (fragment.x > nearest) return;
+    }
+    uint place = atomicAdd(fragment_list[TAKEN], 1u);
+    if (place >= uint(key.length())) return;
+    key[place] = fragment;
+    link[place] = atomicExchange(fragment_list[list_of(pixel)], place);
+    atomicAdd(fragment_list[list_of(pixel) + 1], 1u);
 }
 
 void main() {
@@ -39,10 +41,12 @@ void main() {
     if (ray.slabs == 0) return;
     cut(ray, false);
     face_primitives(ray);
+    uvec2 fragment;
+    if (ENTRIES && kind >= ENTRY) {
+        if (find_entry(row, fragment)) store(number_of(pixel), fragment);
+        return;
+    }
     for (int side = 0; side < (kind == TRIANGLE ? 1 : 2); ++side) {
-        uvec2 fragment;
-        if (!find(ray, row, kind, side, fragment)) continue;
-        if (stores) store(number_of(pixel), fragment);
-        else count(number_of(pixel), fragment);
+        if (find(ray, row, kind, side, fragment)) store(number_of(pixel), fragment);
     }
 }

@@ -3,7 +3,8 @@ int fragment_place, fragments_ahead; // of the next one; and how many there are,
 
 void begin_fragments(int pixel) {
     fragment_place = int(fragment_list[list_of(pixel)]);
-    fragments_ahead = int(fragment_list[list_of(pixel) + 1]);
+    // Entries into grids alone are no fragments, and may be linked.
+    fragments_ahead = PRIMITIVES ? int(fragment_list[list_of(pixel) + 1]) : 0;
 }
 
 bool has_fragment() {

@@ -1,4 +1,4 @@
-"""Programs of benchmarks/ that draw: bounds are kept, samples are drawn once, partial images are the picture."""
+"""Programs of benchmarks/ that draw: bounds are kept, partial images are the picture."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ import gpu
 import max_error_scenes
 import numpy as np
 import pytest
-from ownership import counted, random_draws
 from partial_images import draw_tube, grow_vessels, partial_images
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.frame import render_frame
-from clusterviz.gl.context import open_context
 from clusterviz.image.compare import compare
 from clusterviz.reference.over import over
 from clusterviz.scene import Scene, Volume
@@ -41,21 +39,6 @@ def test_a_bound_is_kept_or_refused(number: int, size: int | None, function: str
     assert one.function == function
     assert one.refused or one.error <= one.expected + one.known_to <= one.bound + one.known_to
     assert one.known_to < one.bound
-
-
-@pytest.mark.long
-def test_every_slab_is_drawn_once_whoever_draws_it() -> None:
-    for draw, counts in counted(random_draws(12, seed=7), None):
-        assert len(set(counts.values())) == 1, f"{draw}: {counts}"
-
-
-@pytest.mark.long
-@pytest.mark.gl
-def test_opengl_takes_the_samples_of_the_processor() -> None:
-    with open_context() as context:
-        for draw, counts in counted(random_draws(6, seed=8), context):
-            assert len(counts) == 4
-            assert len(set(counts.values())) == 1, f"{draw}: {counts}"
 
 
 def test_tube_is_full_at_its_axis_and_ends_at_its_border() -> None:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clusterviz.content.flow.section import Seeds
 from clusterviz.data import read_geometry
 from clusterviz.data.vectors import open_vectors
 from clusterviz.flow.tracing import trace
-from clusterviz.scene.flows import Seeds
 
 
 def test_lines_and_points_are_written(cli: Callable[..., Any], tmp_path: Path) -> None:

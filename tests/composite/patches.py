@@ -43,10 +43,5 @@ def patches(draw: st.DrawFn, canvas: Patch) -> Patch:
 def random_runs(rng: np.random.Generator, count: int) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
     """Which of so many pixels are active, and their runs."""
     active = rng.random(count) < rng.choice([0.1, 0.5, 0.95])
-    return active, runs_of(active)
-
-
-def runs_of(active: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """The runs of the pixels that are active."""
     begin, end = np.flatnonzero(np.diff(np.concatenate([[False], active, [False]]))).reshape(-1, 2).T
-    return np.ascontiguousarray(np.stack([begin, end - begin], axis=1).astype(np.int32))
+    return active, np.ascontiguousarray(np.stack([begin, end - begin], axis=1).astype(np.int32))

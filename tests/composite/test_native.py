@@ -21,7 +21,7 @@ BLEND = """
 import sys
 import numpy as np
 from clusterviz.codec import CODECS, Rows, pack, unpack
-from clusterviz.composite.over.blend import over_into
+from clusterviz.composite.over.blend import put_before
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.data.store import wavelet
 from clusterviz.composite.fragment import Patch
@@ -31,8 +31,8 @@ for codec in CODECS:
     image[100:300] = 7
     assert np.array_equal(unpack(pack(image, codec, Rows(0, 64)), 640, image.dtype, Rows(0, 64)), image)
 pixels, out = np.full((8, 4), 128, np.uint8), np.zeros((8, 4), np.uint8)
-over_into(out, pixels, pixels)
 patch = Patch(8, 0, 8, Rect(0, 0, 8, 1))
+put_before(out, patch, pixels, patch)
 blend_layers([Layer(patch, pixels)] * 2, patch, out)
 print(out[0, 0], "numba" in sys.modules)
 """

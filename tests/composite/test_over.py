@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from composite.cases import DTYPES, OPERATORS, random_pixels
-from composite.patches import CANVASES, line, patches, random_runs, runs_of
+from composite.patches import CANVASES, line, patches, random_runs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clusterviz.codec import open_message, pack, unpack
 from clusterviz.composite.fragment import Patch
-from clusterviz.composite.over import job
-from clusterviz.composite.over.blend import merge_runs, over, over_into, put_before, put_behind
-from clusterviz.composite.over.depth import DepthLayer, nearest, put_nearest
+from clusterviz.composite.over.blend import over, put_before, put_behind
 from clusterviz.composite.over.layers import Layer, blend_layers, plain_layers
 from clusterviz.errors import InputError
 from clusterviz.image.merge import MERGES, Operator
@@ -27,15 +25,11 @@ FLOAT = np.dtype(np.float32)
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def merged(way: str, front: np.ndarray, back: np.ndarray, operator: Operator = "over", threads: int = 1) -> np.ndarray:
+def merged(way: str, front: np.ndarray, back: np.ndarray, operator: Operator = "over") -> np.ndarray:
     """Front and back, merged in one of the compiled ways."""
     patch, made = line(len(front)), (front if way == "behind" else back).copy()
-    if way == "before":
-        put_before(made, patch, front, patch, operator=operator, threads=threads)
-    elif way == "behind":
-        put_behind(made, patch, back, patch, operator=operator, threads=threads)
-    else:
-        over_into(made := np.empty_like(front), front, back, threads=threads)
+    put, source = (put_behind, back) if way == "behind" else (put_before, front)
+    put(made, patch, source, patch, operator=operator)
     return made
 
 
@@ -58,7 +52,7 @@ def test_plain_over_rounds_all_byte_pairs_to_nearest() -> None:
     assert np.array_equal(over(front, back), np.minimum(np.floor(exact + 0.5), 255))
 
 
-@pytest.mark.parametrize("way", ["before", "behind", "into"])
+@pytest.mark.parametrize("way", ["before", "behind"])
 def test_kernels_equal_plain_over_at_all_byte_pairs(way: str) -> None:
     """Bytes that are not premultiplied do not spill into other channels."""
     for front, back in (all_bytes(), np.random.default_rng(0).integers(0, 256, (2, 10_000, 4), np.uint8)):
@@ -68,17 +62,16 @@ def test_kernels_equal_plain_over_at_all_byte_pairs(way: str) -> None:
 
 
 @pytest.mark.parametrize("kind", [*DTYPES, *OPERATORS], ids=str)
-def test_any_number_of_pixels_of_any_kind_on_any_number_of_threads(kind: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job, "PIXELS_A_THREAD", 1)
-    rng, is_over = np.random.default_rng(5), kind not in OPERATORS
-    for count, threads in ((0, 1), (1, 1), (3, 1), (4, 1), (5, 1), (700, 1), (1000, 1), (5001, 3)):
+def test_any_number_of_pixels_of_any_kind(kind: Any) -> None:
+    rng, operator = np.random.default_rng(5), kind if kind in OPERATORS else "over"
+    for count in (0, 1, 3, 4, 5, 700, 1000):
         front, back = (random_pixels(rng, count, kind) for _ in range(2))
-        wanted = over(front, back) if is_over else MERGES[kind](front, back)
-        for way in ("before", "behind", "into") if is_over else ("before", "behind"):
-            assert np.array_equal(merged(way, front, back, "over" if is_over else kind, threads), wanted), (way, count)
+        wanted = over(front, back) if operator == "over" else MERGES[kind](front, back)
+        for way in ("before", "behind"):
+            assert np.array_equal(merged(way, front, back, operator), wanted), (way, count)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data(), CANVASES, SEEDS, st.sampled_from(DTYPES))
 def test_patches_meet_where_both_have_pixels(data: st.DataObject, canvas: Patch, seed: int, dtype: Any) -> None:
     rng = np.random.default_rng(seed)
@@ -98,25 +91,6 @@ def test_patches_meet_where_both_have_pixels(data: st.DataObject, canvas: Patch,
         assert np.array_equal(made, plain_layers([Layer(canvas, wanted)], target_patch, dtype))
 
 
-@settings(max_examples=200, deadline=None)
-@given(st.integers(0, 300), st.sampled_from(DTYPES), SEEDS)
-def test_runs_over_runs_are_the_runs_of_both(count: int, dtype: np.dtype[Any], seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    front, back = (random_pixels(rng, count, dtype) for _ in range(2))
-    (near, near_runs), (far, far_runs) = (random_runs(rng, count) for _ in range(2))
-    pixels, runs = merge_runs((front[near], near_runs), (back[far], far_runs))
-    front[~near], back[~far] = 0, 0
-    assert np.array_equal(pixels, over(front, back)[near | far])
-    assert np.array_equal(runs, runs_of(near | far))
-
-
-def test_runs_that_claim_more_than_is_stored_are_cut() -> None:
-    few = np.ones((3, 4), np.float32)
-    pixels, runs = merge_runs((few, np.array([[0, 2], [5, 9]], np.int32)), (few, np.array([[2, 4]], np.int32)))
-    assert np.array_equal(pixels, np.ones((6, 4), np.float32))
-    assert runs.tolist() == [[0, 6]]
-
-
 def draw_layers(data: st.DataObject, seed: int, canvas: Patch, operator: Operator = "over") -> list[Layer]:
     """Pixels, or those of runs, of any types."""
     rng, layers = np.random.default_rng(seed), []
@@ -131,20 +105,18 @@ def draw_layers(data: st.DataObject, seed: int, canvas: Patch, operator: Operato
 
 @pytest.mark.cover
 @pytest.mark.parametrize("operator", ["over", *OPERATORS])
-@settings(max_examples=120, deadline=None)
-@given(st.data(), CANVASES, SEEDS, st.sampled_from([1, 3]), st.sampled_from(DTYPES))
+@settings(max_examples=60, deadline=None)
+@given(st.data(), CANVASES, SEEDS, st.sampled_from(DTYPES))
 def test_any_layers_of_any_patch_equal_plain_numpy(
-    operator: Operator, data: st.DataObject, canvas: Patch, seed: int, threads: int, dtype: np.dtype[Any]
+    operator: Operator, data: st.DataObject, canvas: Patch, seed: int, dtype: np.dtype[Any]
 ) -> None:
     layers, patch = draw_layers(data, seed, canvas, operator), data.draw(patches(canvas))
     split, dtype = data.draw(st.integers(0, len(layers))), dtype if operator == "over" else FLOAT
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(job, "PIXELS_A_THREAD", 1)
-        made = blended(layers, patch, dtype, split=split, operator=operator, threads=threads)
+    made = blended(layers, patch, dtype, split=split, operator=operator)
     assert np.array_equal(made, plain_layers(layers, patch, dtype, split, operator))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.data(), CANVASES, SEEDS, st.sampled_from(DTYPES))
 def test_batches_through_floats_change_no_bit(data: st.DataObject, canvas: Patch, seed: int, dtype: Any) -> None:
     layers, patch = draw_layers(data, seed, canvas), data.draw(patches(canvas))
@@ -153,9 +125,14 @@ def test_batches_through_floats_change_no_bit(data: st.DataObject, canvas: Patch
     assert np.array_equal(blended([front, *layers[cut:]], patch, dtype), blended(layers, patch, dtype))
 
 
-@pytest.mark.parametrize("alpha", ["faint", "dense", "any"])
-@pytest.mark.parametrize("count", [1, 2, 3, 8, 64])
-@pytest.mark.parametrize("dtype", DTYPES, ids=str)
+@pytest.mark.parametrize(
+    ("dtype", "count", "alpha"),
+    [
+        *((np.dtype(np.uint8), count, alpha) for count, alpha in ((1, "any"), (3, "faint"), (64, "dense"))),
+        *((np.dtype(np.float16), count, alpha) for count, alpha in ((2, "dense"), (8, "any"))),
+        *((np.dtype(np.float32), count, alpha) for count, alpha in ((1, "faint"), (3, "dense"), (64, "any"))),
+    ],
+)
 def test_bytes_are_exact_to_half_a_level_and_floats_to_rounding(dtype: np.dtype[Any], count: int, alpha: str) -> None:
     """However many layers there are."""
     rng, patch, layers, scale = np.random.default_rng(count), line(5000), [], 255 if dtype == np.uint8 else 1
@@ -243,80 +220,20 @@ def test_what_a_codec_leaves_out_is_neutral(operator: Operator) -> None:
     assert np.array_equal(MERGES[operator](blank, pixels), pixels)
 
 
-def random_depths(rng: np.random.Generator, patch: Patch, dtype: np.dtype[Any]) -> DepthLayer:
-    """Colours of one's own, few depths that often agree, and pixels with nothing in them."""
-    depths = rng.choice([1, 2, 3, np.inf], patch.count).astype(np.float32)
-    colours = rng.integers(1, 255, (patch.count, 4)).astype(dtype)
-    colours[np.isinf(depths)] = 0
-    return DepthLayer(patch, colours, depths)
-
-
-def put_on(layer: DepthLayer, canvas: Patch) -> tuple[np.ndarray, np.ndarray]:
-    near = np.repeat(1 / layer.depths[:, None], 4, axis=1)
-    # Reciprocals of depths, so that blank pixels are infinitely far.
-    with np.errstate(divide="ignore"):
-        depths = 1 / plain_layers([Layer(layer.patch, near)], canvas, FLOAT)[:, 0]
-    colours = plain_layers([Layer(layer.patch, layer.pixels.astype(FLOAT))], canvas, FLOAT)
-    return colours.astype(layer.pixels.dtype), np.rint(depths)
-
-
-def nearest_of(layers: list[DepthLayer], canvas: Patch, patch: Patch, dtype: Any) -> tuple[np.ndarray, np.ndarray]:
-    """All layers on the canvas, one by one, of which a patch is cut."""
-    result = np.zeros((canvas.count, 4), dtype), np.full(canvas.count, np.inf, np.float32)
-    for layer in layers:
-        result = nearest(result, put_on(layer, canvas))
-    return put_on(DepthLayer(canvas, *result), patch)
-
-
-@settings(max_examples=150, deadline=None)
-@given(st.data(), CANVASES, SEEDS, st.sampled_from(DTYPES), st.booleans(), st.sampled_from([1, 3]))
-def test_the_nearest_of_two_images_equals_plain_numpy(
-    data: st.DataObject, canvas: Patch, seed: int, dtype: Any, before: bool, threads: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    target, source = (random_depths(rng, data.draw(patches(canvas)), dtype) for _ in range(2))
-    source.pixels.setflags(write=False)
-    both = [source, target] if before else [target, source]
-    colours, depths = nearest_of(both, canvas, target.patch, dtype)
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(job, "PIXELS_A_THREAD", 1)
-        put_nearest(target, source, before=before, threads=threads)
-    assert np.array_equal(target.pixels, colours)
-    assert np.array_equal(target.depths, depths)
-
-
-def test_of_equal_depths_the_first_wins() -> None:
-    layers = [DepthLayer(line(40), np.full((40, 4), k, np.uint8), np.ones(40, np.float32)) for k in (1, 2, 3)]
-    put_nearest(layers[1], layers[2], before=False)
-    assert np.all(layers[1].pixels == 2)
-    put_nearest(layers[1], layers[0], before=True)
-    assert np.all(layers[1].pixels == 1)
-
-
 FEW, MORE, FLOATS = np.zeros((4, 4), np.uint8), np.zeros((5, 4), np.uint8), np.zeros((4, 4), np.float32)
-FIXED, FAR, NO_RUNS = np.zeros((4, 4), np.uint8), np.zeros(4, np.float32), np.zeros((0, 2), np.int32)
-FIXED_FAR = np.zeros(4, np.float32)
+FIXED = np.zeros((4, 4), np.uint8)
 FIXED.setflags(write=False)
-FIXED_FAR.setflags(write=False)
-TYPES, LONG = "images differ in pixel type; found", "target: the pixels do not fit their patch; allowed 4 pixels"
 
 
 def second(pixels: np.ndarray, runs: np.ndarray | None = None) -> None:
     blend_layers([Layer(line(4), FEW), Layer(line(4), pixels, runs)], line(4), np.zeros((4, 4), np.uint8))
 
 
-def put_depths(depths: np.ndarray = FAR, pixels: np.ndarray = FEW, target: np.ndarray = FAR) -> None:
-    put_nearest(DepthLayer(line(4), FEW.copy(), target), DepthLayer(line(4), pixels, depths), before=True)
-
-
 @pytest.mark.parametrize(
     ("call", "text"),
     [
-        (lambda: put_before(FLOATS, line(4), FEW, line(4)), f"{TYPES} float32, uint8"),
-        (lambda: over_into(FLOATS, FLOATS, FEW), f"{TYPES} float32, uint8"),
-        (lambda: merge_runs((FLOATS, NO_RUNS), (FEW, NO_RUNS)), f"{TYPES} float32, uint8"),
+        (lambda: put_before(FLOATS, line(4), FEW, line(4)), "images differ in pixel type; found float32, uint8"),
         (lambda: put_behind(FEW, line(4), MORE, line(4)), "layer 0: the pixels do not fit their patch; allowed 4"),
-        (lambda: over_into(FEW, FEW.copy(), MORE), "layer 1: the pixels do not fit"),
         (lambda: put_before(FIXED, line(4), FEW, line(4)), "read-only"),
         (lambda: second(MORE), "layer 1: the pixels do not fit their patch; allowed 4 pixels"),
         (lambda: second(np.zeros((4, 3), np.uint8)), "not an array of pixels"),
@@ -325,19 +242,10 @@ def put_depths(depths: np.ndarray = FAR, pixels: np.ndarray = FEW, target: np.nd
         (lambda: second(FEW, np.zeros((1, 2), np.int64)), "not an array of runs"),
         (lambda: second(FEW, np.zeros(2, np.int32)), "not an array of runs"),
         (lambda: blend_layers([], line(4), FIXED), "read-only"),
-        (lambda: blend_layers([], line(4), MORE), LONG),
-        (lambda: blend_layers([], line(4), MORE, threads=2), LONG),
+        (lambda: blend_layers([], line(4), MORE), "target: the pixels do not fit their patch; allowed 4 pixels"),
         (lambda: blend_layers([Layer(line(4), FEW)], line(4), FLOATS, operator="sum"), "the operator sum cannot merge"),
-        (lambda: put_depths(np.zeros(3, np.float32)), "not the depths of these pixels"),
-        (lambda: put_depths(np.zeros(4, np.float64)), "not the depths of these pixels"),
-        (lambda: put_depths(np.zeros(8, np.float32)[::2]), "not the depths of these pixels"),
-        (lambda: put_depths(pixels=FLOATS), "images differ in pixel type"),
-        (lambda: put_depths(target=FIXED_FAR), "read-only"),
     ],
 )
-def test_images_that_do_not_fit_are_refused(
-    call: Callable[[], None], text: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(job, "PIXELS_A_THREAD", 1)
+def test_images_that_do_not_fit_are_refused(call: Callable[[], None], text: str) -> None:
     with pytest.raises(InputError, match=text):
         call()

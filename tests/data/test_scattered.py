@@ -11,12 +11,12 @@ from data import grid_writers, mesh_writers
 from data.checks import check_source, refused
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.section import Scattered, Volume
 from clusterviz.data import open_source, open_volume, read_geometry
 from clusterviz.data.axes import Subset
 from clusterviz.data.scattered import scattered
 from clusterviz.reference.pyramid import pull_push
 from clusterviz.scene import load_scene
-from clusterviz.scene.values import Scattered, Volume
 
 
 def stations(count: int, seed: int = 0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

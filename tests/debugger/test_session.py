@@ -12,10 +12,11 @@ from clusterviz.data import open_scene
 from clusterviz.debugger.draws import Frame, by_interpreter, look
 from clusterviz.debugger.session import Session, State
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource, shader_file
+from clusterviz.gl.shader import shader_file
 from clusterviz.scene import scene_of_data
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.probe import Shader, taken_by
+from clusterviz.spmd.source import ShaderSource
 
 KEYS = ["image.size=[12,10]", "cluster.brick=8", "quality.step=2", "camera.view_angle=40", "volumes.0.opacity=0.3"]
 SCENE = scene_of_data("field:marschner-lobb:16", KEYS)

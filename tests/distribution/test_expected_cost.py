@@ -10,6 +10,7 @@ from clusterviz.data.source import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.distribution.brick_cost import expected_samples
 from clusterviz.image.partial import Rect
+from clusterviz.plan.content import KnownVolume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.scene.values import Camera, ImageSettings, Scene, Volume
 
@@ -30,7 +31,7 @@ def plan_of(camera: Camera, hidden: np.ndarray | None = None) -> Plan:
     opacity = ((0.0, 0.0), (1.0, 0.5))
     volume = Volume(path="in memory", cmap=grey, clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=4.0)
     scene = Scene(volumes=(volume,), camera=camera, image=ImageSettings(size=(80, 60)))
-    return make_plan(scene, Grid(LAYOUT.shape_zyx, SPACING), np.dtype(np.float32), LAYOUT, summary)
+    return make_plan(scene, [KnownVolume(Grid(LAYOUT.shape_zyx, SPACING), np.dtype(np.float32), LAYOUT, summary)])
 
 
 def counted(plan: Plan) -> np.ndarray:

@@ -1,8 +1,8 @@
 """clusterviz with one function that fails on one rank: failing_rank.py RANK MODULE:NAME HOW ARGUMENTS…
 
 HOW is "raise", "kill" (SIGKILL), "wait" (says so, and waits for ctrl-C), "native" (the same, in a C function, where
-Python hears of no signal), or "turn" (gives its array the other way round, and fails by nothing else). All else is the
-product as it is.
+Python hears of no signal), "delete" (in a `__del__`, where Python drops what is raised), or "turn" (gives its array the
+other way round, and fails by nothing else). All else is the product as it is.
 """
 
 from __future__ import annotations
@@ -21,14 +21,26 @@ from clusterviz.cli import main as run
 from clusterviz.cli.termination import launched_rank
 
 
+class Waiting:
+    """Object whose end waits."""
+
+    def __del__(self) -> None:
+        time.sleep(60)
+
+
 def fail(how: str, *_: Any, **__: Any) -> NoReturn:
     """Stands in place of the function."""
     if how == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
-    if how in ("wait", "native"):
+    if how in ("wait", "native", "delete"):
         print("waiting", os.getpid(), flush=True)
     if how == "wait":
         time.sleep(60)
+    if how == "delete":
+        Waiting()
+        with suppress(KeyboardInterrupt):
+            time.sleep(60)
+        print("interrupted once more", flush=True)
     if how == "native":
         end = time.monotonic() + 60
         while time.monotonic() < end:
@@ -44,9 +56,6 @@ def turned(function: Any) -> Any:
 
 def main() -> None:
     """Put `fail` in its place, then do what the command line says."""
-    # A shell that runs the tests in its background has children ignore ctrl-C; nohup, SIGHUP.
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
     rank, place, how = int(sys.argv[1]), sys.argv[2], sys.argv[3]
     if rank == (launched_rank() or 0):
         module, _, name = place.partition(":")

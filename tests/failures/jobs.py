@@ -27,6 +27,12 @@ class Ended:
     err: str
 
 
+def _hear_signals() -> None:
+    """Undo what a shell that runs the tests in its background has children ignore: ctrl-C; nohup, SIGHUP."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
 def start(ranks: int, *arguments: str, environment: dict[str, str] | None = None) -> subprocess.Popen[str]:
     """Start Python with arguments on some ranks, as leader of a process group."""
     launcher = [find_mpirun(), "-n", str(ranks)] if ranks > 1 else []
@@ -38,6 +44,7 @@ def start(ranks: int, *arguments: str, environment: dict[str, str] | None = None
         text=True,
         env=OVERSUBSCRIBE | os.environ | (environment or {}),
         start_new_session=True,
+        preexec_fn=_hear_signals,
     )
 
 

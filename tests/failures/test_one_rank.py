@@ -124,6 +124,7 @@ DRAW, COLLECT = "clusterviz.render.raycast:Raycaster.draw", "clusterviz.composit
         (None, 3, "kill", COLLECT),
         # Ctrl-C in a terminal reaches all processes of the foreground.
         ("all", 1, "native", DRAW),
+        ("all", 1, "delete", DRAW),
         ("all", 3, "wait", DRAW),
         ("all", 3, "wait", COLLECT),
         (signal.SIGINT, 3, "wait", "clusterviz.cli.instrumentation:_process_age"),  # before MPI is started
@@ -153,4 +154,5 @@ def test_a_rank_that_is_killed_or_signalled_ends_the_job(
     assert ended.status != 0
     assert ended.err.count("clusterviz: interrupted") == (number is not None)
     assert "Traceback" not in ended.err + ended.out
+    assert ("interrupted once more" in ended.out) == (how == "delete")
     assert list(tmp_path.iterdir()) == []

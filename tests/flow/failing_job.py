@@ -8,12 +8,12 @@ import sys
 from typing import Any
 
 from clusterviz.comm import open_channel
-from clusterviz.comm.all_to_all import all_to_all
+from clusterviz.comm.channel import all_to_all
+from clusterviz.content.flow.section import Seeds
 from clusterviz.data.vectors import open_vectors
 from clusterviz.errors import ClustervizError
 from clusterviz.flow import tracing
 from clusterviz.flow.tracing import trace
-from clusterviz.scene.flows import Seeds
 
 
 def main() -> int:

@@ -10,10 +10,10 @@ import pytest
 from data import grid_writers
 
 from clusterviz.comm import run_loopback
+from clusterviz.content.flow.section import Trace
 from clusterviz.errors import DataError
 from clusterviz.flow.cells import open_cells, regular_vectors
 from clusterviz.flow.tracing import trace
-from clusterviz.scene.flows import Trace
 
 POINTS = grid_writers.GRID.points.astype(np.float64)
 MIDDLE = POINTS.mean(axis=0)

@@ -16,6 +16,7 @@ from PIL import Image
 from clusterviz.annotations.contents import contents_of
 from clusterviz.annotations.picture import _with_names
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import GEOMETRY_SECTIONS
 from clusterviz.data import open_scene, open_volume, read_geometry
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
@@ -24,7 +25,6 @@ from clusterviz.frame import Options, Run, render_frame
 from clusterviz.frame.opening import open_volumes
 from clusterviz.scene import Scene
 from clusterviz.scene.camera import camera_axes, camera_vectors
-from clusterviz.scene.geometry import GEOMETRY_SECTIONS
 from clusterviz.scene.text import chosen_arrays
 
 Y, X = np.mgrid[:10, :14].astype(np.float32)

@@ -12,6 +12,7 @@ from frame.views import on_ranks, pixels
 
 from clusterviz.cli.verify import compare_with_reference
 from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.content.flow.section import FlowSection
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import ClustervizError
@@ -21,7 +22,6 @@ from clusterviz.flow.glyphs import vectors_at
 from clusterviz.frame import render_frame
 from clusterviz.image import compare
 from clusterviz.scene import Camera, Scene
-from clusterviz.scene.flows import FlowSection
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import ImageSettings
 

@@ -9,6 +9,7 @@ import pytest
 from frame.views import check_same, moving, on_ranks, pixels, so_far
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import GeometrySection, LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -20,7 +21,6 @@ from clusterviz.image import compare
 from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.plan.plan import changed_settings
 from clusterviz.reference import render_reference
-from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Camera, ImageSettings, Scene, Volume
 from clusterviz.scene.visibility import visibility_warnings

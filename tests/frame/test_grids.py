@@ -15,6 +15,7 @@ from frame.views import check_same, moving, on_ranks, pixels, so_far
 
 import clusterviz
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.content.grid.section import GridSection, KBuffer
 from clusterviz.data import open_scene, read_piece
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.data.vtk_cells import as_grid
@@ -23,7 +24,6 @@ from clusterviz.frame.opening import open_volumes
 from clusterviz.frame.run import Options, Run
 from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.files import dump_scene, load_scene
-from clusterviz.scene.grids import GridSection, KBuffer
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.text import scene_summary
 from clusterviz.scene.values import Camera, ImageSettings, Scene

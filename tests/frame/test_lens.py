@@ -12,6 +12,8 @@ from frame.views import draw_all, on_ranks, pixels
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.mpi import MpiChannel
+from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import SceneError
@@ -19,8 +21,6 @@ from clusterviz.frame import render_frame
 from clusterviz.reference import over, render_lens
 from clusterviz.reference.lens import disc_points
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.lens import lens_points
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Camera, ImageSettings, Volume

@@ -11,6 +11,7 @@ from data.checks import Pyramid, pyramid
 from frame.views import check_same, move_at_random, moving, on_ranks, pixels, so_far
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.volume.section import Detail
 from clusterviz.data.levels import LevelMap, MixedSource
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -20,7 +21,7 @@ from clusterviz.image import compare
 from clusterviz.plan import content
 from clusterviz.reference import render_reference
 from clusterviz.scene import Camera, Scene
-from clusterviz.scene.values import Cluster, Detail, ImageSettings, Quality, Volume
+from clusterviz.scene.values import Cluster, ImageSettings, Quality, Volume
 
 BOUND = 1e-5
 SHAPE = (29, 23, 34)

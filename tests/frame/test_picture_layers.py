@@ -9,13 +9,13 @@ import pytest
 from render.scenes import SHAPE, TURNED, camera_at, lights_in, scene_of, smooth
 
 from clusterviz.comm import run_loopback
+from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import Options, render_frame
 from clusterviz.image.picture import layers_of
 from clusterviz.reference import reference_layers
-from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Camera, Clip, ImageSettings, Scene, Volume
 

@@ -14,6 +14,7 @@ import yaml
 from data import grid_writers, mesh_writers, writers
 from PIL import Image
 
+from clusterviz.content.volume.section import Scattered
 from clusterviz.data import open_source, read_geometry, read_grid
 from clusterviz.data.axes import Subset
 from clusterviz.data.memory import ArraySource
@@ -23,7 +24,6 @@ from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.scene import load_scene
 from clusterviz.scene.animation import load_path
 from clusterviz.scene.transfer_2d import read_table
-from clusterviz.scene.values import Scattered
 
 FOAM = "constant/polyMesh/faces"
 PIECES = {

@@ -8,7 +8,8 @@ import pytest
 from clusterviz.errors import DeviceError
 from clusterviz.gl import shader
 from clusterviz.gl.context import compile_compute
-from clusterviz.gl.shader import ShaderSource, assemble, shader_folder
+from clusterviz.gl.shader import assemble, shader_folder
+from clusterviz.spmd.source import ShaderSource
 
 
 @pytest.fixture

@@ -26,15 +26,15 @@ from clusterviz.cli import COMMANDS, _without_flags, command_line
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.composite import ALGORITHMS, Compositor
 from clusterviz.composite.schedules.schedule import check
+from clusterviz.content.sections import CONTENT_SECTIONS
 from clusterviz.data import open_source
 from clusterviz.data.formats import mrc
 from clusterviz.errors import SceneError
+from clusterviz.plan.look_files import read_look
 from clusterviz.scene import load_scene, scene_of_data
 from clusterviz.scene.animation import load_path
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.values import Scene
-from clusterviz.spmd.look_files import read_look
 
 ROOT = Path(__file__).parents[2]
 PAGES = ["README.md", "CONTRIBUTING.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/*/*.md"))]
@@ -248,7 +248,7 @@ def check_command(words: list[str]) -> None:
         load_scene(ROOT / scene, overrides)
     elif overrides:
         keys = {"show": "streamlines"} if name == "trace" else {}
-        sections = ("flows",) if keys else ("volumes", *LISTED_SECTIONS)
+        sections = ("flows",) if keys else CONTENT_SECTIONS
         known = [_known(section, overrides, keys) for section in sections]
         assert "" in known, known
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from cone_beam import ConeBeam, reconstruct
 from numpy.typing import NDArray
 
 from clusterviz import jobs
 from clusterviz.data.field import shepp_logan_integrals
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.jobs.reconstruction import ConeBeam, reconstruct
 
 GEOMETRY: dict[str, Any] = {
     "source_to_axis": 5.0,

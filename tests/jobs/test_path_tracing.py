@@ -6,15 +6,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import path_tracing
 import pytest
+from path_tracing import PathTracing, TracedPicture, majorants, trace_paths
 
 import clusterviz
 from clusterviz import jobs
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import InputError, SceneError
-from clusterviz.jobs import path_tracing
-from clusterviz.jobs.path_tracing import PathTracing, TracedPicture, majorants, trace_paths
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.overrides import with_settings

@@ -11,6 +11,14 @@ import numpy as np
 import pytest
 import tifffile
 import yaml
+from cone_beam import (
+    ConeBeam,
+    Window,
+    load_geometry,
+    parker_weights,
+    ramp_kernel,
+    reconstruct,
+)
 from jobs.phantom import GEOMETRY, phantom_grid, phantom_scan, reconstructed
 from numpy.typing import NDArray
 
@@ -21,14 +29,6 @@ from clusterviz.data.field import shepp_logan, shepp_logan_integrals
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.errors import ClustervizError, DataError, SceneError
-from clusterviz.jobs.reconstruction import (
-    ConeBeam,
-    Window,
-    load_geometry,
-    parker_weights,
-    ramp_kernel,
-    reconstruct,
-)
 from clusterviz.reference.sample import trilinear
 
 EXAMPLE = Path(__file__).parents[2] / "examples/jobs/reconstruct_ct.py"

@@ -10,6 +10,7 @@ import pytest
 from data.cells import lattice, mixed, one_cell, tetrahedra
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.unstructured import UnstructuredGrid
@@ -20,7 +21,6 @@ from clusterviz.plan.content import SEGMENT_COST
 from clusterviz.plan.plan import Plan
 from clusterviz.reference.rays import camera_rays
 from clusterviz.render.abuffer.primitives import make_table
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 TURN = ((0.6, -0.8, 0, 3), (0.8, 0.6, 0, -2), (0, 0, -1.5, 1), (0, 0, 0, 1))
@@ -55,7 +55,6 @@ def test_the_owner_of_a_sample_holds_its_tetrahedron(volumes: int, brick: int, s
     source = ArraySource(np.ones((9, 10, 11), np.float32), Grid((9, 10, 11), (0.4,) * 3, (-1, -2, -3)))
     scene = scene_of(*SECTIONS, volumes=volumes, brick=brick, step=step)
     scene, opened, plan = planned(scene, [source][:volumes] + GRIDS)
-    assert plan.content
     domain, length = plan.content.domain, plan.march.step_world
     bricks = dict(opened.read(plan, set(visible(plan))))
     rays = camera_rays(scene.camera, scene.image.size)
@@ -93,7 +92,6 @@ def opened_tetrahedra(section: GridSection, grid: Any) -> np.ndarray:
 def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
     grid = lattice(3, 4, 5)
     _, opened, plan = planned(scene_of(GridSection(path="a", opacity=0.5), brick=1024), [grid])
-    assert plan.content
     a, b, c, d = (tetrahedra(grid).points[corner] for corner in tetrahedra(grid).corners.T)
     faces = ((a, b, c), (a, b, d), (a, c, d), (b, c, d))
     areas = sum(np.linalg.norm(np.cross(q - p, r - p), axis=1).sum() / 2 for p, q, r in faces)
@@ -104,7 +102,6 @@ def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
     _, opened, plan = planned(scene_of(GridSection(path="a", opacity=0.5), brick=16), [grid])
     everything = plan.cost > 0
     _, opened, plan = planned(scene_of(GridSection(path="a", opacity=[[9, 0], [10, 1]]), brick=16), [grid])
-    assert plan.content
     hidden = everything & (plan.cost == 0)
     assert hidden.any()
     assert (plan.cost > 0).any()
@@ -115,7 +112,6 @@ def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
 @pytest.mark.parametrize("array", ["f", "kind"])
 def test_memory_of_a_brick_is_that_of_its_arrays(array: str) -> None:
     _, opened, plan = planned(scene_of(GridSection(path="a", array=array, opacity=0.5), brick=1024), [mixed()])
-    assert plan.content
     ((index, brick),) = opened.read(plan, set(visible(plan)))
     table = make_table(plan.content.layers, [()], [brick.cells])
     assert table.cells
@@ -131,7 +127,6 @@ def test_bricks_are_as_large_as_a_few_cells(sides: tuple[int, ...], bricks: int,
     """But for few cells small enough to share; beside volumes they are as large as is asked for."""
     grid, section = lattice(*sides), GridSection(path="a", opacity=0.5)
     _, _, plan = planned(scene_of(section), [grid])
-    assert plan.content
     (layer,) = plan.content.cells
     assert layer.in_bricks[0].sum() <= times * layer.count
     assert max(plan.layout.counts_zyx) == bricks
@@ -144,7 +139,6 @@ def test_ranks_find_the_same(given: list[Any]) -> None:
     def found(channel: Channel) -> Any:
         sections = SECTIONS if len(given) > 1 else [GridSection(path="a")]
         _, opened, plan = planned(scene_of(*sections), given, channel)
-        assert plan.content
         first = dict(opened.read(plan, set(visible(plan)[channel.rank :: channel.size])))
         facts = [tuple(map(repr, vars(info).items())) for info in opened.infos]
         packed = {

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -16,7 +17,6 @@ from clusterviz.frame.run import Options, Run
 from clusterviz.reference.fragments import place
 from clusterviz.reference.intersections import intersect
 from clusterviz.reference.rays import camera_rays
-from clusterviz.scene.geometry import LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 RNG = np.random.default_rng(15)
@@ -71,7 +71,6 @@ def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) 
     given = [Geometry(**{kind: part}) for kind, part in zip(("mesh", "mesh", "lines", "points"), content, strict=True)]
     scene, several = opened(scene_of(*sections, volumes=volumes, step=step), [*sources, *given])
     plan = several.plan(scene)
-    assert plan.content
     domain, layout = plan.content.domain, plan.layout
     every = {tuple(index) for index in np.argwhere(plan.cost > 0).tolist()}
     bricks = dict(several.read(plan, every))
@@ -122,7 +121,6 @@ def test_ranks_share_the_work_and_find_the_same(monkeypatch: pytest.MonkeyPatch)
         scene, several, _ = open_volumes(run, scene_of(*sections), given)
         assert isinstance(several, OpenedContent)
         plan = several.plan(scene)
-        assert plan.content
         every = sorted(tuple(index) for index in np.argwhere(plan.cost > 0).tolist())
         first = dict(several.read(plan, set(every[channel.rank :: channel.size])))
         # One rank lacks bricks later.

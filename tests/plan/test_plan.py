@@ -7,7 +7,8 @@ from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError
-from clusterviz.plan.plan import Plan, brick_cost, make_plan
+from clusterviz.plan.content import KnownVolume, brick_cost
+from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.scene.values import Camera, Quality, Scene, Volume
 
 LAYOUT = BrickLayout((11, 6, 21), 5)  # cells 10, 5, 20: bricks 2, 1, 4
@@ -27,7 +28,7 @@ def plan_of(
     )
     camera = Camera(position=(50, 40, 30), focal_point=(0, 0, 0), view_up=(0, 0, 1))
     scene = Scene(volumes=(volume,), camera=camera, quality=Quality(**changes))
-    return make_plan(scene, Grid(LAYOUT.shape_zyx, spacing), np.dtype(np.float32), LAYOUT, summary)
+    return make_plan(scene, [KnownVolume(Grid(LAYOUT.shape_zyx, spacing), np.dtype(np.float32), LAYOUT, summary)])
 
 
 def test_cost_is_the_cells_of_a_brick_and_their_sum_those_of_the_volume() -> None:
@@ -64,9 +65,9 @@ def test_single_sample_is_one_brick_of_one_cell() -> None:
 
 def test_step_is_in_units_of_the_smallest_spacing() -> None:
     zeros = np.zeros(LAYOUT.counts_zyx)
-    march = plan_of(zeros, zeros, spacing=(3, 0.5, 2), step=0.4).march
-    assert march.step_world == pytest.approx(0.2)
-    assert march.slab_units == pytest.approx(0.05)
+    plan = plan_of(zeros, zeros, spacing=(3, 0.5, 2), step=0.4)
+    assert plan.march.step_world == pytest.approx(0.2)
+    assert plan.volume.slab_units == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +81,7 @@ def test_step_is_in_units_of_the_smallest_spacing() -> None:
 )
 def test_filter_follows_interpolation_and_quality(interpolation: str, filter: str, expected: str) -> None:
     zeros = np.zeros(LAYOUT.counts_zyx)
-    assert plan_of(zeros, zeros, interpolation=interpolation, filter=filter).march.filter == expected
+    assert plan_of(zeros, zeros, interpolation=interpolation, filter=filter).filter == expected
 
 
 def test_bricks_without_the_margin_that_is_needed_are_refused() -> None:

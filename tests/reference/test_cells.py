@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from data.cells import lattice, mixed, one_cell, tetrahedra
 
+from clusterviz.content.geometry.section import MeshSection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.geometry import Mesh
 from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
@@ -15,8 +17,6 @@ from clusterviz.reference.cells import PlacedCells, find_passages, march_cells, 
 from clusterviz.reference.fragments import Fragments
 from clusterviz.reference.rays import Rays, camera_rays
 from clusterviz.scene.complete import transfer_function
-from clusterviz.scene.geometry import MeshSection
-from clusterviz.scene.grids import GridSection
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Camera, Clip, ImageSettings, Quality, Scene, Volume
 

@@ -18,6 +18,7 @@ from clusterviz.image.merge import merge_partials
 from clusterviz.image.partial import PartialImage
 from clusterviz.partition import BrickBox, Piece, build_tree, leaf_pieces
 from clusterviz.plan.blend_mode import margin_of
+from clusterviz.plan.content import KnownVolume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.plan.shading import occlusion_reach
 from clusterviz.render.cpu.caster import VectorCaster
@@ -189,7 +190,7 @@ def prepare(
     layout = BrickLayout(source.grid.shape_zyx, brick, margin, edges)
     bricks = dict(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
-    return Prepared(make_plan(scene, source.grid, source.dtype, layout, summary), bricks)
+    return Prepared(make_plan(scene, [KnownVolume(source.grid, source.dtype, layout, summary)]), bricks)
 
 
 def draw(

@@ -41,8 +41,8 @@ def drawn(
 def test_pictures_are_those_of_the_reference(camera: str, size: tuple[int, int]) -> None:
     scene, voxels, given = prepared(camera, size)
     for oracle in (
-        distance_to_change(voxels, scene.plan.transfer, 0.01),
-        distance_by_bend(voxels, scene.plan.transfer, 0.1),
+        distance_to_change(voxels, scene.plan.volume.transfer, 0.01),
+        distance_by_bend(voxels, scene.plan.volume.transfer, 0.1),
     ):
         expected, samples = render_adaptively(given, Grid(SHAPE), voxels, oracle.distances, BLOCK, 3)
         found = drawn(scene.plan, voxels, oracle)
@@ -57,7 +57,7 @@ def test_fewer_samples_for_the_same_picture() -> None:
     every = drawn(scene.plan, voxels, SamplingOracle(np.zeros((1, 1, 1), np.float32), 64), 0)
     assert sum(every.samples) == pytest.approx(every.uniform, rel=2e-3)
     for tolerance, bound, most in ((0.03, 1e-4, 0.25), (0.3, 0.04, 0.04)):
-        oracle = distance_by_bend(voxels, scene.plan.transfer, tolerance)
+        oracle = distance_by_bend(voxels, scene.plan.volume.transfer, tolerance)
         found = drawn(scene.plan, voxels, oracle)
         along_rays = drawn(scene.plan, voxels, oracle, along_rays=True)
         assert max(np.abs(each.rgba - every.rgba).max() for each in (found, along_rays)) <= bound
@@ -83,7 +83,7 @@ def test_distances_never_reach_into_a_block_that_needs_more() -> None:
     voxels = np.zeros((25, 25, 25), np.float32)
     voxels[8, 13, 21] = 1.0
     scene, *_ = prepared()
-    found = distance_to_change(voxels, scene.plan.transfer, 0.01).distances
+    found = distance_to_change(voxels, scene.plan.volume.transfer, 0.01).distances
     assert (
         found[2, 3, 5] == found[1, 3, 5] == 0.0
     )  # voxel 8 is in the last cells of one block and the first of the next
@@ -112,7 +112,7 @@ def test_what_cannot_be_sampled_adaptively_is_refused(keys: dict[str, Any], foun
 @pytest.mark.gl
 def test_opengl_draws_the_same() -> None:
     scene, voxels, _ = prepared(size=(20, 17))
-    oracle = distance_by_bend(voxels, scene.plan.transfer, 0.1)
+    oracle = distance_by_bend(voxels, scene.plan.volume.transfer, 0.1)
     here, there = (drawn(scene.plan, voxels, oracle, 2, device) for device in ("cpu", 0))
     assert np.abs(here.rgba - there.rgba).max() <= 2e-3
     assert sum(here.samples) == pytest.approx(sum(there.samples), rel=0.01)

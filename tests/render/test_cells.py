@@ -13,6 +13,8 @@ from render import scenes
 from render.scenes import Prepared
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import MeshSection
+from clusterviz.content.grid.section import GridSection, KBuffer
 from clusterviz.data.faces import find_neighbours
 from clusterviz.data.geometry import Geometry, Mesh
 from clusterviz.data.memory import ArraySource
@@ -27,9 +29,8 @@ from clusterviz.render import raycast
 from clusterviz.render.abuffer import primitives
 from clusterviz.render.cells.table import LocalGrid, make_local_grid
 from clusterviz.render.march import March
+from clusterviz.render.raycast import Raycaster
 from clusterviz.report.kbuffer.analysis import analyse, comparisons
-from clusterviz.scene.geometry import MeshSection
-from clusterviz.scene.grids import GridSection, KBuffer
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
 CAMERAS = {
@@ -193,6 +194,24 @@ def test_opengl_draws_what_cpus_draw(name: str, camera: str, context: moderngl.C
 
 
 @pytest.mark.cover("volume, geometry, and two, one lit")
+@pytest.mark.gl
+def test_the_rasteriser_finds_the_entries_of_tile_lists(context: moderngl.Context) -> None:
+    """Before and behind the eye, at edges, and of mirrored cells."""
+    caster = None
+    for camera, section in ((camera, section) for section in (THIN, MIRRORED) for camera in CAMERAS):
+        given = prepared(scene_of(((section, HOLES),), camera), ((section, HOLES),), (), ())
+        (right,) = scenes.draw_pieces(None, given, scenes.pieces_of(given, 1))[0]
+        caster = caster or Raycaster(context, given.plan, raster=True)
+        caster.drop(given.bricks)
+        caster.load(given.plan, given.shown)
+        (found,) = caster.draw(given.plan, scenes.pieces_of(given, 1))
+        assert right.fragments.any()
+        assert np.array_equal(found.fragments, right.fragments), camera
+        assert np.abs(found.partial.rgba - right.partial.rgba).max() <= 3e-6, camera
+    assert caster
+    caster.release()
+
+
 @pytest.mark.gl
 @pytest.mark.parametrize("name", ["holes", MIXTURE])
 def test_dispatches_may_end_within_a_walk(

@@ -17,7 +17,7 @@ from clusterviz.partition import Piece, build_tree
 from clusterviz.plan.plan import Plan
 from clusterviz.render import raycast
 from clusterviz.render.raycast import Raycaster
-from clusterviz.render.storage import make_slot
+from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import variant_of
 from clusterviz.scene.values import Light
 
@@ -209,7 +209,7 @@ def test_only_what_is_shown_is_made(context: moderngl.Context, name: str) -> Non
 @pytest.mark.parametrize("name", CASES)
 def test_only_what_is_shown_is_compiled(name: str) -> None:
     case, (plan, _) = CASES[name], planned(name)
-    source = variant_of(plan, make_slot(plan.layout, plan.encoding, plan.march), 1 << 24).source
+    source = variant_of(plan, slot_of(plan), 1 << 24).source
     files = set(f"{ALWAYS} {PLAIN} {case.more}".split()) - set(case.less.split())
     assert {part.removesuffix(".glsl") for part in source.names if part.endswith(".glsl")} == files
     constants = (("LIGHTS", "lights"), ("PLANES", "clip"), ("SURFACES", "surfaces"), ("FADING_PIECES", "magnitude"))
@@ -240,11 +240,11 @@ def test_scenes_that_differ_in_numbers_share_a_program() -> None:
         parts = {"clip": {"planes": [[[1, 1, 1], normal]]}, "lights": (Light(position=tuple(normal)),)}
         scene = scene_of(VOXELS, camera_at("inside", GRID), clim=clim, step=step, shade=True, **parts)
         plan = prepare(scene, VOXELS, GRID, BRICK).plan
-        sources.add(variant_of(plan, make_slot(plan.layout, plan.encoding, plan.march), 1 << 16).source.text)
+        sources.add(variant_of(plan, slot_of(plan), 1 << 16).source.text)
     assert len(sources) == 1
 
 
 def test_tile_is_that_of_the_shader() -> None:
     plan, _ = planned("plain")
-    text = variant_of(plan, make_slot(plan.layout, plan.encoding, plan.march), 1 << 16).source.text
+    text = variant_of(plan, slot_of(plan), 1 << 16).source.text
     assert f"local_size_x = {raycast.TILE}, local_size_y = {raycast.TILE}" in text

@@ -13,6 +13,7 @@ from render import scenes
 from render.scenes import Prepared, noise
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.section import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -26,7 +27,6 @@ from clusterviz.render.abuffer import fills, on_gl, raster, tiles
 from clusterviz.render.cpu.width import WIDTHS, Width
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.render_result import RenderResult
-from clusterviz.scene.geometry import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.scene.values import Camera, Clip, Cluster, Fill, ImageSettings, Light, Quality, Resolve, Scene, Volume
 
 Entry = tuple[GeometrySection, Mesh | Lines | Points]
@@ -123,7 +123,6 @@ def drawn(
 
 
 def by_schemes(given: Prepared, fill: Fill, resolve: Resolve) -> Prepared:
-    assert given.plan.content, "there is geometry"
     content = replace(given.plan.content, fill=fill, resolve=resolve)
     return Prepared(replace(given.plan, content=content), given.bricks)
 
@@ -560,14 +559,14 @@ def test_the_rasteriser_sorts_many_fragments_and_makes_room(context: Any, monkey
         caster.release()
         assert np.array_equal(found.fragments, right.fragments)
         assert np.abs(found.partial.rgba - right.partial.rgba).max() <= 4e-6
-    assert calls[0] == 2 * 5 + 1  # and again, with room
-    assert calls[1] > 11
+    assert calls[0] == 2 * 3 + 1  # and again, with room
+    assert calls[1] > 7
 
 
 @pytest.mark.gl
 def test_a_moving_camera_sends_no_primitives(context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Six calls, and one wait; if there was no room for all fragments, both twice."""
-    monkeypatch.setattr(raster, "_ends_loops", lambda _: False)  # as on GPUs
+    """Four calls, and one wait; if there was no room for all fragments, both twice."""
+    monkeypatch.setattr(raster, "is_llvmpipe", lambda _: False)  # as on GPUs
     monkeypatch.setattr(raster, "FIRST_ROOM", 1)
     first, second = (prepared(scene_of((), camera), (), (*PLAIN, *MIXED)) for camera in ("outside", "parallel"))
     plan = replace(second.plan, content=first.plan.content)
@@ -583,7 +582,7 @@ def test_a_moving_camera_sends_no_primitives(context: Any, monkeypatch: pytest.M
     assert np.abs(drawn.partial.rgba - right.partial.rgba).max() <= 4e-6
     assert np.array_equal(drawn.work, right.work)
     assert counts[0].uploaded > 10_000
-    assert [(one.dispatches, one.waits) for one in counts] == [(12, 4), (6, 1), (6, 1)]
+    assert [(one.dispatches, one.waits) for one in counts] == [(8, 4), (4, 1), (4, 1)]
     assert counts[1].made == counts[2].made == 0
     assert max(counts[1].uploaded, counts[2].uploaded) < 2000  # the camera's numbers, and the block of the frame
     caster.release()
@@ -607,6 +606,6 @@ def test_the_device_and_the_schemes_choose_between_the_rasteriser_and_tile_lists
     assert [chosen.serves(*one) for one in asked] == [True, False, False, False, False]
     assert not raster.Rasteriser(Device(context), False).serves(given.plan, rect)
     for ends, blocks, found in ((True, 16, False), (False, 16, True), (False, 0, False)):
-        monkeypatch.setattr(raster, "_ends_loops", lambda _, ends=ends: ends)
+        monkeypatch.setattr(raster, "is_llvmpipe", lambda _, ends=ends: ends)
         monkeypatch.setitem(context.info, "GL_MAX_VERTEX_SHADER_STORAGE_BLOCKS", blocks)
         assert raster.has_rasteriser(context) == found

@@ -15,12 +15,13 @@ from render.scenes import LIT, SHAPE, TURNED, camera_at, drawn, prepare, scene_o
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.kernels import objects
+from clusterviz.plan import look_files
+from clusterviz.plan.look_files import read_look
 from clusterviz.reference import render_reference
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import variant_of
-from clusterviz.spmd import look_checks, look_files
+from clusterviz.spmd import look_checks
 from clusterviz.spmd.look_checks import SIGNATURE, make_look
-from clusterviz.spmd.look_files import read_look
 from clusterviz.spmd.tokens import WORD
 
 GRID = Grid(SHAPE, (0.05, 0.07, 0.06), (-0.61, -0.83, -0.55), TURNED)

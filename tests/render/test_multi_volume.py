@@ -395,7 +395,6 @@ def filled() -> tuple[Memory, dict[tuple[int, int, int], Stored]]:
     """The CPU's memory of the bricks of three volumes, and these."""
     parts = (BYTES, FLOATS, WORDS)
     each = prepared(scene_of(parts, brick=9), parts)
-    assert each.plan.content is not None
     slot = slot_of(each.plan)
     stored = {i: store_content(portions, each.plan.content, slot) for i, portions in each.bricks.items()}
     held = Memory(slot)

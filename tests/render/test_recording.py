@@ -16,6 +16,7 @@ from render import scenes
 from render.scenes import LIT, camera_at, clip_of, lights_in, noise, scene_of, smooth
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.flow.section import FlowSection
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray
@@ -28,7 +29,6 @@ from clusterviz.render.crossing import Crossing
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.recording import recorded, run_on
 from clusterviz.render.variant import Variant
-from clusterviz.scene.flows import FlowSection
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.ir import Declare, Variable
 from clusterviz.spmd.machine_code import function_of, object_code

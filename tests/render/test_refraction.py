@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from render.scenes import camera_at, pieces_of, prepare
 
+from clusterviz.content.volume.optics import IndexFunction
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.image.merge import merge_partials
@@ -20,7 +21,6 @@ from clusterviz.render.raycast import Raycaster
 from clusterviz.render.refraction import MOMENTUM, POSITION, STATUS, Paths
 from clusterviz.render.render_result import footprint, no_progress
 from clusterviz.render.tall_picture import draw_tall_picture
-from clusterviz.scene.optics import IndexFunction
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
 
 SHAPE = (11, 13, 15)

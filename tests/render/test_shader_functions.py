@@ -10,21 +10,22 @@ import moderngl
 import numpy as np
 import pytest
 from render.scenes import BUMP, CAMERAS, SHAPE, camera_at, noise, prepare, scene_of
+from render.variants import alone
 
 from clusterviz.data.source import Grid
 from clusterviz.gl.context import compile_compute
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
 from clusterviz.plan.plan import Plan
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.sample import nearest, trilinear
 from clusterviz.render.frame_block import frame_block
-from clusterviz.render.storage import Slot, make_slot
+from clusterviz.render.storage import Slot, slot_of
 from clusterviz.render.variant import Variant, variant_of
 from clusterviz.scene.complete import transfer_function
 from clusterviz.spmd.adversary import DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE, addresses, chosen_driver, function_of, object_code
+from clusterviz.spmd.source import ShaderSource
 
 GRID = Grid(SHAPE)
 PROBE = """
@@ -36,7 +37,7 @@ void main() {{
     if (i < {count}u) found[i] = probe(given[i]);
 }}
 """
-PLAIN = Variant("linear", Slot((16, 16, 16), "f32", False), 16, 0, 0)
+PLAIN = alone("linear", Slot((16, 16, 16), "f32", False), 16, 0, 0)
 CPU_LANES = 16, 8, 4
 Device = moderngl.Context | int
 """OpenGL, or the lanes of a CPU's vectors."""
@@ -148,13 +149,13 @@ def test_segment_of_every_scalar_is_the_last_that_starts_at_or_below_it(
 ) -> None:
     voxels = noise()
     plan = prepare(scene_of(voxels, camera_at("outside", GRID), opacity=opacity, clim=(0.0, 1.0)), voxels).plan
-    slot = make_slot(plan.layout, plan.encoding, plan.march)
-    starts = plan.segments.records["start"]
+    slot = slot_of(plan)
+    starts = plan.volume.segments.records["start"]
     below = np.nextafter(starts[1:], -1)
     below[starts[1:] == 0] = -np.finfo(np.float32).tiny  # drivers may take subnormal numbers for 0
     scalars = np.concatenate([np.linspace(-1, 2, 3001), starts[1:], below, [-1e30, 1e30]])
     variant, buffers = variant_of(plan, slot, uniform_bytes), shader_buffers(plan, slot)
-    block = np.frombuffer(plan.segments.records.tobytes().ljust(max(variant.block_bytes, 16), b"\0"), np.uint8)
+    block = np.frombuffer(plan.volume.segments.records.tobytes().ljust(max(variant.block_bytes, 16), b"\0"), np.uint8)
     found = evaluate(device, "return vec4(segment_of(x.x));", scalars.astype(np.float32), variant, u1=block, **buffers)[
         :, 0
     ]
@@ -165,7 +166,7 @@ def shader_buffers(plan: Plan, slot: Slot, box: BrickBox | None = None) -> dict[
     """The frame block and the transfer function, by binding."""
     box = box or BrickBox((0, 0, 0), plan.layout.counts_zyx)
     frame = frame_block(plan, box, Rect(0, 0, *plan.view.size), slot)
-    return {"u0": frame, "b4": plan.segments.buckets, "b5": plan.segments.records}
+    return {"u0": frame, "b4": plan.volume.segments.buckets, "b5": plan.volume.segments.records}
 
 
 @pytest.mark.cover
@@ -174,7 +175,7 @@ def test_classification_follows_the_transfer_function(device: Device, slab: floa
     voxels = noise()
     scene = scene_of(voxels, camera_at("outside", GRID), clim=(0.0, 1.0), unit=1.0, step=slab)
     plan, transfer = prepare(scene, voxels).plan, transfer_function(scene.volumes[0])
-    slot = make_slot(plan.layout, plan.encoding, plan.march)
+    slot = slot_of(plan)
     scalars = np.linspace(-0.5, 1.5, 20001).astype(np.float32)
     body = "Segment s = segment_at(x.x); return vec4(s.colour, s.opacity);"
     found = evaluate(device, body, scalars, variant_of(plan, slot, 0), **shader_buffers(plan, slot))
@@ -190,10 +191,10 @@ def test_deep_slab_of_many_colours_shows_its_front(device: Device) -> None:
     keys = {"classification": "pre-integrated", "cmap": colours, "opacity": ((0.0, 0.3), (1.0, 0.9))}
     scene = scene_of(voxels, camera_at("outside", GRID), clim=(0.0, 1.0), unit=1.0, **keys)
     plan, transfer = prepare(scene, voxels).plan, transfer_function(scene.volumes[0])
-    slot, ends = make_slot(plan.layout, plan.encoding, plan.march), rng.random((2000, 2)).astype(np.float32)
+    slot, ends = slot_of(plan), rng.random((2000, 2)).astype(np.float32)
     given = np.column_stack([ends, 10 ** rng.uniform(-1, 1.5, 2000)]).astype(np.float32)
     body = "return integrated(class_at(x.x), class_at(x.y), x.z);"
-    buffers = shader_buffers(plan, slot) | {"b0": plan.segments.sums}
+    buffers = shader_buffers(plan, slot) | {"b0": plan.volume.segments.sums}
     found = evaluate(device, body, given, variant_of(plan, slot, 0), **buffers)
     colour, depth = integrate(transfer, *given[:, :2].T.astype(float), given[:, 2].astype(float))
     expected = np.append(colour, -np.expm1(-depth)[:, None], axis=1)
@@ -208,11 +209,11 @@ def test_field_in_a_brick_is_that_of_its_samples(device: Device, dtype: str, int
     scene = scene_of(voxels, camera_at("outside", Grid(voxels.shape)), interpolation=interpolation)
     prepared = prepare(scene, voxels, brick=16)
     plan = prepared.plan
-    slot = make_slot(plan.layout, plan.encoding, plan.march)
+    slot = slot_of(plan)
     points = np.random.default_rng(2).random((4000, 3)) * (11, 8, 7)
     points[:512] = np.indices((8, 8, 8)).reshape(3, -1).T  # on samples
     points = points.astype(np.float32)
-    packed = slot.pack(plan.encoding.encode(prepared.bricks[0, 0, 0]))
+    packed = slot.pack(plan.volume.encoding.encode(prepared.bricks[0, 0, 0]))
     body = "return vec4(scalar_at(0, ivec3(x.xyz), x.xyz - floor(x.xyz)));"
     found = evaluate(device, body, points, variant_of(plan, slot, 0), b7=packed, **shader_buffers(plan, slot))[:, 0]
     sample = trilinear if interpolation == "linear" else nearest
@@ -227,7 +228,7 @@ def test_first_slab_of_a_box_is_found_from_every_camera(device: Device, camera: 
     """The estimate against a search through all slabs of the ray, for each brick as a box."""
     voxels = noise()
     plan = prepare(scene_of(voxels, camera_at(camera, GRID), step=0.7, jitter=jitter), voxels, brick=11).plan
-    slot = make_slot(plan.layout, plan.encoding, plan.march)
+    slot = slot_of(plan)
     width, height = plan.view.size
     pixels = np.indices((height, width)).reshape(2, -1).T[:, ::-1]
     body = """

@@ -12,7 +12,8 @@ import pytest
 from render.scenes import LIT, Counted, Prepared, camera_at, draw, drawn, prepare, scene_of
 
 from clusterviz.data.source import Grid
-from clusterviz.plan.plan import Plan, brick_cost
+from clusterviz.plan.content import brick_cost
+from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
 from clusterviz.render import brick_atlas, raycast
 from clusterviz.render.cpu import caster

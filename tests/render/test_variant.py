@@ -35,7 +35,7 @@ def test_plan_chooses_the_parts(dtype: str, interpolation: str, filter: str, par
     voxels = noise(dtype=np.dtype(dtype))
     scene = scene_of(voxels, camera_at("outside", Grid(SHAPE)), interpolation=interpolation, filter=filter)
     plan = prepare(scene, voxels).plan
-    slot = Slot((16, 16, 16), plan.encoding.kind, "hardware" in plan.march.filter)
+    slot = Slot((16, 16, 16), plan.volume.encoding.kind, "hardware" in plan.filter)
     names = set(variant_of(plan, slot, 1 << 16).source.names)
     chosen = {name for name in names if name.startswith(("voxel", "atlas", "linear", "nearest", "hardware", "cubic_"))}
     assert chosen == parts
@@ -45,6 +45,6 @@ def test_records_that_do_not_fit_in_a_block_go_into_storage() -> None:
     voxels = noise(dtype=np.uint8)
     plan = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE))), voxels).plan
     slot = Slot((16, 16, 16), "u8", False)
-    size = plan.segments.records.nbytes
+    size = plan.volume.segments.records.nbytes
     assert "records_uniform.glsl" in variant_of(plan, slot, size).source.names
     assert "records_storage.glsl" in variant_of(plan, slot, size - 1).source.names

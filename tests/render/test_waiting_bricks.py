@@ -13,6 +13,7 @@ from clusterviz.data.summary import summarise
 from clusterviz.gl.context import open_context
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.partition.pieces import Piece
+from clusterviz.plan.content import KnownVolume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render import brick_tables
 from clusterviz.render.brick_atlas import BrickAtlas
@@ -33,7 +34,8 @@ def planned(opacity: str, residual: float = 1 / 255) -> tuple[Plan, dict[Any, An
     bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
     info = VolumeInfo(source.grid.shape_zyx, source.grid.spacing, source.grid.corners, 0.0, 1.0, 0.01, 0.99)
-    return make_plan(complete_scene(scene, info), source.grid, source.dtype, layout, summary), bricks
+    known = KnownVolume(source.grid, source.dtype, layout, summary)
+    return make_plan(complete_scene(scene, info), [known]), bricks
 
 
 def whole(plan: Plan) -> Piece:

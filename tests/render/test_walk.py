@@ -9,11 +9,12 @@ from data.cells import lattice, tetrahedra
 from clusterviz.data.faces import NONE, find_neighbours
 from clusterviz.data.tetrahedra import Tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
-from clusterviz.gl.shader import ShaderSource, shader_file
+from clusterviz.gl.shader import shader_file
 from clusterviz.reference.cells import find_passages
 from clusterviz.reference.rays import Rays
 from clusterviz.spmd.adversary import DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE, addresses, function_of, object_code
+from clusterviz.spmd.source import ShaderSource
 
 PROGRAM = """
 layout(std430, binding = 0) readonly buffer VerticesBlock { vec4 vertices[]; };

@@ -20,17 +20,16 @@ from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.data.given import given_scene
 from clusterviz.errors import ClustervizError, DataWarning, DeviceError
 from clusterviz.frame import Options, render_frame
-from clusterviz.gl import devices, driver_record
+from clusterviz.gl import devices, driver_needs, driver_record
 from clusterviz.gl.context import open_context
+from clusterviz.gl.driver_needs import AMPLE, compile_checked
 from clusterviz.gl.driver_record import driver_of, keep_record, record_folder
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.report import self_test
 from clusterviz.report.self_test import STORED, outcomes_of
 from clusterviz.report.self_test.contents import PICTURE
 from clusterviz.report.self_test.pictures import _scene, _vectors, expected
 from clusterviz.scene.features import FEATURES, features_of
-from clusterviz.spmd import driver_needs
-from clusterviz.spmd.driver_needs import AMPLE, compile_checked
+from clusterviz.spmd.source import ShaderSource
 
 BY_NAME = {each.name: each for each in FEATURES}
 FEW = "samples of integers", "pyramid filters"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.volume.presets import PRESETS, PresetName, apply_preset
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.errors import SceneError
@@ -19,7 +20,6 @@ from clusterviz.scene import Scene, VolumeInfo, complete_scene, load_scene, scen
 from clusterviz.scene.automatic import BACKGROUND, STEP, classify_values
 from clusterviz.scene.camera import project_points
 from clusterviz.scene.complete import transfer_function, visible_corners
-from clusterviz.scene.presets import PRESETS, PresetName, apply_preset
 
 SIDE = 24
 Z, Y, X = (axis / (SIDE - 1) * 2 - 1 for axis in np.mgrid[:SIDE, :SIDE, :SIDE].astype(float))

@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clusterviz.content.volume.info import default_clim
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, Volume, VolumeInfo, complete_scene, transfer_function
 from clusterviz.scene.camera import MARGIN, Vector, bounding_sphere, project_points
 from clusterviz.scene.checks import sine
 from clusterviz.scene.complete import default_unit_distance
-from clusterviz.scene.volume_info import default_clim
 
 NAN = math.nan
 

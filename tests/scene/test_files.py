@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clusterviz.content.sections import LISTED_SECTIONS
 from clusterviz.data import open_scene
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, dump_scene, load_scene, scene_of_data, scene_schema
-from clusterviz.scene.grids import LISTED_SECTIONS
 from clusterviz.scene.transfer import PRESETS
 from clusterviz.scene.yaml_text import parse_yaml, write_yaml
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clusterviz.content.volume.optics import WAVELENGTH_SETS, Optics, optical_function
 from clusterviz.errors import SceneError
 from clusterviz.image.spectral import Fluxes, SpectralPicture, illuminant, illuminate
 from clusterviz.plan.kubelka_munk import slab
 from clusterviz.scene.materials import MATERIALS, material, material_of_colour
-from clusterviz.scene.optics import WAVELENGTH_SETS, Optics, optical_function
 
 AT = np.array(WAVELENGTH_SETS["visible-31"])
 DIRECT: dict[str, Any] = {

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.adversary import BY_ZERO, DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE, addresses, function_of, object_code
+from clusterviz.spmd.source import ShaderSource
 
 PROGRAM = """
 layout(std430, binding = 0) readonly buffer GivenBlock {{ float given[]; }};

@@ -10,11 +10,11 @@ import pytest
 from render.variants import CPU_VARIANTS, VARIANTS
 
 from clusterviz.errors import InputError
-from clusterviz.gl.shader import ShaderSource
+from clusterviz.gl.driver_needs import AMPLE, needs_of
 from clusterviz.render.variant import Lanes, Variant
 from clusterviz.spmd.codegen import Generator
-from clusterviz.spmd.driver_needs import AMPLE, needs_of
 from clusterviz.spmd.parser import parse
+from clusterviz.spmd.source import ShaderSource
 
 DISTINCT = {variant.source.names: (name, variant) for name, variant in (VARIANTS | CPU_VARIANTS).items()}
 
@@ -33,7 +33,9 @@ def test_every_combination_of_files_is_understood(name: str, variant: Variant) -
 
 def covering() -> dict[str, Variant]:
     """Few variants for CPUs, which read no textures through filters, that have all files of such variants."""
-    waiting = {name: replace(one, cpu=Lanes(8)) for name, one in DISTINCT.values() if "hardware" not in one.filter}
+    waiting = {
+        name: replace(one, cpu=Lanes(8)) for name, one in DISTINCT.values() if "hardware" not in one.volume.filter
+    }
     files = {name: {*one.source.names} for name, one in waiting.items()}
     found, missing = dict[str, Variant](), set[str]().union(*files.values())
     while missing:

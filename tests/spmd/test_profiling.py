@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clusterviz.gl.shader import ShaderSource
 from clusterviz.spmd.ir import PROFILE_BLOCK
 from clusterviz.spmd.machine_code import addresses
 from clusterviz.spmd.profiling import Mode, Site, instrument
+from clusterviz.spmd.source import ShaderSource
 
 SHADER = """layout(std430, binding = 0) readonly buffer GivenBlock { int given[]; };
 layout(std430, binding = 1) writeonly buffer FoundBlock { int found[]; };

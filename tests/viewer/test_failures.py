@@ -7,7 +7,7 @@ import os
 import re
 import signal
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +80,8 @@ def until(client: ClientConnection, **wanted: Any) -> dict[str, Any]:
         data = client.recv(timeout=PATIENCE)
         found: dict[str, Any] = json.loads(data) if isinstance(data, str) else unpack(data)[0]
         if found.get("kind") == "picture":
-            send(client, "ack", picture=found["picture"])
+            with suppress(ConnectionClosed):  # by the other side, which may have said why before
+                send(client, "ack", picture=found["picture"])
         if wanted.items() <= found.items():
             return found
 

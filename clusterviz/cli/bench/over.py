@@ -1,6 +1,6 @@
 """`clusterviz bench over`: time of the over operator relative to a copy of the same bytes.
 
-The copy is NumPy's (memcpy) on one core, as are all variants that do not say otherwise. Blending in place reads two
+The copy is NumPy's (memcpy) on one core, as are all variants. Blending in place reads two
 images and writes one; many layers are compared with as many copies. A variant runs on several sets of images in turn,
 so that no set is still in a cache. All images are slices of one pool of random premultiplied pixels.
 """
@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from clusterviz.cli.arguments import parse_size
 from clusterviz.cli.bench.report import Frames, JsonOption, write_json
 from clusterviz.composite.fragment import Patch
-from clusterviz.composite.over.blend import merge_runs, over, over_into, put_before, put_behind
-from clusterviz.composite.over.depth import DepthLayer, put_nearest
+from clusterviz.composite.over.blend import over, put_before, put_behind
 from clusterviz.composite.over.layers import Layer, blend_layers
 from clusterviz.image.partial import Rect
 
@@ -101,7 +100,7 @@ def _measure(variants: dict[str, Variant], frames: int, copy: dict[str, float] |
 def _time(variant: Variant, frames: int) -> list[float]:
     """Return seconds of each call, after one warm-up call."""
     seconds = []
-    with _one_core(not variant.threaded):
+    with _one_core():
         for number in range(1 + frames):
             started = perf_counter()
             variant.call(number % variant.sets)
@@ -110,9 +109,9 @@ def _time(variant: Variant, frames: int) -> list[float]:
 
 
 @contextmanager
-def _one_core(wanted: bool) -> Iterator[None]:
+def _one_core() -> Iterator[None]:
     """Pin this thread to one core."""
-    allowed = os.sched_getaffinity(0) if wanted and hasattr(os, "sched_getaffinity") else set()
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
     if allowed:
         os.sched_setaffinity(0, {min(allowed)})
     try:
@@ -149,17 +148,14 @@ class Variant:
     Attributes
     ----------
     call : blends set number k
-    sets : number of sets
     copies : number of images in a copy of the same bytes
     slow : whether to time a few repetitions only
-    threaded : whether it uses all cores
     """
 
     call: Callable[[int], object]
     sets: int
     copies: float = 1.0
     slow: bool = False
-    threaded: bool = False
 
 
 @dataclass(frozen=True)
@@ -198,29 +194,17 @@ def two_image_variants(pool: Pool) -> dict[str, Variant]:
 
 
 def other_variants(pool: Pool) -> dict[str, Variant]:
-    """Return variants out of place, for rectangles, for runs of active pixels, by depth and with threads."""
+    """Return variants for rectangles, and for runs of active pixels."""
     front, back, out, patch = (*(pool.images[:, index] for index in range(3)), pool.patch)
-    (width, height), cores, sets = pool.size, os.cpu_count() or 1, len(pool.images)
+    (width, height), sets = pool.size, len(pool.images)
     middle = Patch(width, 0, width * height, Rect(width // 4, 0, width // 4 + width // 2, height))
     active, runs = patch.count // (2 * RUN_PIXELS) * RUN_PIXELS, _every_second_run(patch.count)
-    depths = np.resize(np.random.default_rng(1).random((RANDOM_PIXELS,), np.float32), (sets, 2, patch.count))
     into_strip = [[Layer(patch, half[k][:active], runs) for half in (front, back)] for k in range(sets)]
-    fragments = [
-        [DepthLayer(patch, half[k], depths[k, number]) for number, half in enumerate((front, out))] for k in range(sets)
-    ]
     return {
-        "out of place": Variant(lambda k: over_into(out[k], front[k], back[k]), sets),
         "rectangle into strip": Variant(
             lambda k: put_before(out[k], patch, front[k][: middle.count], middle), sets, middle.count / patch.count
         ),
-        "runs over runs": Variant(
-            lambda k: merge_runs((front[k][:active], runs), (back[k][:active], runs)), sets, active / patch.count
-        ),
         "runs into strip": Variant(lambda k: blend_layers(into_strip[k], patch, out[k]), sets),
-        "nearest": Variant(lambda k: put_nearest(fragments[k][1], fragments[k][0], before=True), sets),
-        "in place, all cores": Variant(
-            lambda k: put_before(out[k], patch, front[k], patch, threads=cores), sets, threaded=True
-        ),
     }
 
 
@@ -230,15 +214,12 @@ def _every_second_run(count: int) -> NDArray[np.int32]:
 
 
 def multi_layer_variants(pool: Pool) -> dict[str, Variant]:
-    """Return variants for two, four and eight layers into one byte image, on one core and on all."""
-    patch, cores, sets = pool.patch, os.cpu_count() or 1, len(pool.images)
+    """Return variants for two, four and eight layers into one byte image."""
+    patch, sets = pool.patch, len(pool.images)
     out = np.zeros((sets, patch.count, 4), np.uint8)
 
-    def blend(count: int, threads: int) -> Variant:
+    def blend(count: int) -> Variant:
         layers = [[Layer(patch, image) for image in images[:count]] for images in pool.images]
-        call = lambda k: blend_layers(layers[k], patch, out[k], threads=threads)  # noqa: E731
-        return Variant(call, sets, copies=count, threaded=threads > 1)
+        return Variant(lambda k: blend_layers(layers[k], patch, out[k]), sets, copies=count)
 
-    counts = [count for count in (2, 4, 8) if count <= pool.images.shape[1]]
-    one = {f"{count} layers": blend(count, 1) for count in counts}
-    return one | {f"{counts[-1]} layers, all cores": blend(counts[-1], cores)}
+    return {f"{count} layers": blend(count) for count in (2, 4, 8) if count <= pool.images.shape[1]}

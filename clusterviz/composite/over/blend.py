@@ -1,4 +1,4 @@
-"""The over operator for two images: in place, out of place, and for runs of active pixels.
+"""The over operator for two images, in place.
 
 For floats, c = f + (1 − α_f)·b in each channel and alpha; product and sum are each rounded to float32. Half floats are
 blended in float32 and rounded. For uint8 the division by 255 is rounded to nearest exactly,
@@ -16,34 +16,18 @@ from numpy.typing import NDArray
 from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.fragment import Patch
-from clusterviz.composite.over.job import (
-    BEFORE,
-    BEHIND,
-    DTYPES,
-    INTO,
-    check_floats,
-    job_head,
-    layer_entry,
-    run,
-    runs_at,
-)
+from clusterviz.composite.over.job import BEFORE, BEHIND, DTYPES, check_floats, job_head, layer_entry, run
 from clusterviz.composite.over.native import COMMON_KERNELS, kernel
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
-from clusterviz.image.partial import Rect
 
-__all__ = ["DTYPES", "compile_kernels", "merge_runs", "over", "over_into", "put_before", "put_behind"]
-
-# Active pixels (n, 4), and their runs as in `layers.Layer`.
-Active = tuple[NDArray[Any], NDArray[np.int32]]
+__all__ = ["DTYPES", "compile_kernels", "over", "put_before", "put_behind"]
 
 
 def over(front: Pixels, back: Pixels) -> NDArray[Any]:
     """Return front over back, in plain NumPy.
 
-    Parameters
-    ----------
-    front, back : float32, float16 or uint8 (..., 4), both of one type, premultiplied
+    `front`, `back`: float32, float16 or uint8 (..., 4), both of one type, premultiplied.
     """
     if front.dtype == np.uint8:
         product = back.astype(np.uint32) * (255 - front[..., 3:].astype(np.uint32)) + 128
@@ -54,92 +38,35 @@ def over(front: Pixels, back: Pixels) -> NDArray[Any]:
 
 
 def put_before(
-    target: Pixels,
-    target_patch: Patch,
-    source: Pixels,
-    source_patch: Patch,
-    *,
-    operator: Operator = "over",
-    threads: int = 1,
+    target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, *, operator: Operator = "over"
 ) -> None:
     """Blend source over target in place, where both have pixels.
+
+    Raises InputError for arrays of different or wrong types, wrong shapes, not in C order, or a target that is
+    read-only.
 
     Parameters
     ----------
     target, source : uint8, float16 or float32 (patch.count, 4), both of one type, premultiplied, C order
-    target_patch, source_patch : patches of the canvas
     operator : merge operator of `image/merge.py`; all but over need float32
-    threads : most threads; small targets are blended by one
-
-    Raises
-    ------
-    InputError
-        Arrays of different or wrong types, wrong shapes, not in C order, or a target that is read-only.
     """
-    _put((target, target_patch), (source, source_patch), BEFORE, operator, threads)
+    _put((target, target_patch), (source, source_patch), BEFORE, operator)
 
 
 def put_behind(
-    target: Pixels,
-    target_patch: Patch,
-    source: Pixels,
-    source_patch: Patch,
-    *,
-    operator: Operator = "over",
-    threads: int = 1,
+    target: Pixels, target_patch: Patch, source: Pixels, source_patch: Patch, *, operator: Operator = "over"
 ) -> None:
     """Blend target over source in place, where both have pixels; otherwise as `put_before`."""
-    _put((target, target_patch), (source, source_patch), BEHIND, operator, threads)
+    _put((target, target_patch), (source, source_patch), BEHIND, operator)
 
 
-def _put(into: tuple[Pixels, Patch], given: tuple[Pixels, Patch], mode: int, operator: Operator, threads: int) -> None:
-    (target, target_patch), (source, source_patch) = into, given
-    _check_types(target, source)
-    check_floats(operator, target)
-    numbers = [*job_head(target, target_patch, 1, mode, operator=operator), *layer_entry(source, source_patch)]
-    run(kernel("pair_kernels", "put"), numbers, (target_patch, source_patch), threads)
-
-
-def over_into(out: Pixels, front: Pixels, back: Pixels, *, threads: int = 1) -> None:
-    """Blend front over back into `out`; all (n, 4) of one type, C order; otherwise as `put_before`."""
-    _check_types(out, front, back)
-    patch = Patch(1, 0, len(out), Rect(0, 0, 1, len(out)))
-    numbers = [*job_head(out, patch, 2, INTO), *layer_entry(front, patch), *layer_entry(back, patch)]
-    run(kernel("pair_kernels", "put"), numbers, (patch,) * 3, threads)
-
-
-def merge_runs(front: Active, back: Active) -> Active:
-    """Blend front over back, both runs of active pixels, into runs; blank pixels are not unpacked or blended.
-
-    Parameters
-    ----------
-    front, back : pixels (n, 4) of one type, and int32 (k, 2) runs, ascending and disjoint, indices in the same patch
-
-    Returns
-    -------
-    pixels, runs : pixels that are active in either; adjacent runs are joined
-
-    Raises
-    ------
-    InputError
-        As in `put_before`.
-    """
-    _check_types(front[0], back[0])
-    pixels = np.empty((len(front[0]) + len(back[0]), 4), front[0].dtype)
-    runs = np.empty((len(front[1]) + len(back[1]), 2), np.int32)
-    nowhere = Patch(0, 0, 0, Rect(0, 0, 0, 0))
-    numbers = job_head(pixels, nowhere, 2, 0, runs_at(runs)[0])
-    for active, where in (front, back):
-        numbers += layer_entry(active, nowhere, *runs_at(where))
-    count = run(kernel("pair_kernels", "merge_runs"), numbers, (nowhere,) * 3)
-    runs = runs[:count]
-    return pixels[: int(runs[:, 1].sum())], runs
-
-
-def _check_types(*images: Pixels) -> None:
-    types = {image.dtype for image in images}
+def _put(into: tuple[Pixels, Patch], given: tuple[Pixels, Patch], mode: int, operator: Operator) -> None:
+    types = {into[0].dtype, given[0].dtype}
     if len(types) > 1:
-        raise InputError("images differ in pixel type", found=", ".join(sorted(str(dtype) for dtype in types)))
+        raise InputError("images differ in pixel type", found=", ".join(sorted(map(str, types))))
+    check_floats(operator, into[0])
+    numbers = [*job_head(*into, 1, mode, operator), *layer_entry(*given)]
+    run(kernel("pair_kernels", "put"), numbers, (into[1], given[1]))
 
 
 def compile_kernels(channel: Channel) -> None:

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from inspect import Parameter, Signature
 from typing import Any
 
-import numba
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
-from numba.extending import intrinsic
 
+from clusterviz.codec.intrinsics import define_intrinsic
 from clusterviz.composite.over import vector_code
 
 # numba's functions have no type annotations.
@@ -25,44 +23,15 @@ _range: Callable[..., Any] = cgutils.for_range
 _BYTE, _INT, _WORD = ir.IntType(8), ir.IntType(32), ir.IntType(64)
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Compile a part of a kernel; divisions by zero do not raise."""
-    return numba.njit(error_model="numpy")(function)
-
-
-def define_intrinsic(numbers: int, emit: Callable[..., Any], result: Any = types.void) -> Any:
-    """Return a numba function of `numbers` int64 arguments whose LLVM code `emit(builder, *arguments)` writes."""
-
-    def define(context: Any, *given: Any) -> Any:
-        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            made = emit(builder, *args)
-            return context.get_dummy_value() if result is types.void else made
-
-        return result(*(types.int64 for _ in given)), generate
-
-    # numba takes the number of arguments from the function's signature.
-    names = ["context", *(f"number_{n}" for n in range(numbers))]
-    define.__signature__ = Signature([Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names])  # type: ignore[attr-defined]
-    return intrinsic(define)
-
-
 @dataclass(frozen=True)
 class PixelLoop:
-    """Loop over pixels, some at a time and then one after the other.
+    """Loop over pixels, some at a time and then one after the other."""
 
-    Attributes
-    ----------
-    strides : bytes of a pixel at each address; 0 for a number that stays
-    pixels : number of pixels at a time
-    emit : writes code for some pixels, `emit(builder, pixels, *addresses)`
-    """
-
-    strides: tuple[int, ...]
-    pixels: int
-    emit: Callable[..., None]
+    strides: tuple[int, ...]  # bytes of a pixel at each address; 0 for a number that stays
+    pixels: int  # number of pixels at a time
+    emit: Callable[..., None]  # writes code for some pixels, `emit(builder, pixels, *addresses)`
 
     def __call__(self, builder: Any, addresses: Sequence[Any], count: Any) -> None:
-        """Write the code for `count` pixels."""
         blocks, zero = builder.sdiv(count, ir.Constant(_WORD, self.pixels)), ir.Constant(_WORD, 0)
         rest = builder.mul(blocks, ir.Constant(_WORD, self.pixels))
         for pixels, begin, end in ((self.pixels, zero, blocks), (1, rest, count)):
@@ -95,10 +64,6 @@ def _load_alpha(builder: Any, address: Any, pixel: Any) -> Any:
     return builder.load(_pointer(builder, address, lane, ir.FloatType()))
 
 
-def _store_int(builder: Any, address: Any, index: Any, value: Any) -> None:
-    builder.store(builder.trunc(value, _INT), _pointer(builder, address, index, _INT), align=1)
-
-
 def _fill(builder: Any, address: Any, bytes_: Any) -> None:
     pointer = builder.inttoptr(address, _BYTE.as_pointer())
     kind = ir.FunctionType(ir.VoidType(), [pointer.type, _BYTE, _WORD, ir.IntType(1)])
@@ -106,27 +71,17 @@ def _fill(builder: Any, address: Any, bytes_: Any) -> None:
     builder.call(fill, [pointer, ir.Constant(_BYTE, 0), bytes_, ir.Constant(ir.IntType(1), 0)])
 
 
-def _move(builder: Any, target: Any, source: Any, bytes_: Any) -> None:
-    pointers = [builder.inttoptr(address, _BYTE.as_pointer()) for address in (target, source)]
-    kinds = [pointers[0].type, pointers[1].type, _WORD]
-    kind = ir.FunctionType(ir.VoidType(), [*kinds, ir.IntType(1)])
-    move = builder.module.declare_intrinsic("llvm.memcpy", kinds, kind)
-    builder.call(move, [*pointers, bytes_, ir.Constant(ir.IntType(1), 0)])
-
-
 # word(address, index), number(address, index): the int64 or int32 at an index of a table.
 word = define_intrinsic(2, lambda b, address, index: b.load(_pointer(b, address, index, _WORD)), types.int64)
 number = define_intrinsic(2, _load_int, types.int64)
-# set_word(address, index, value), set_number(address, index, value)
+# set_word(address, index, value)
 set_word = define_intrinsic(3, lambda b, address, index, value: b.store(value, _pointer(b, address, index, _WORD)))
-set_number = define_intrinsic(3, _store_int)
 # alpha(address, pixel): the alpha of a float pixel.
 alpha = define_intrinsic(2, _load_alpha, types.float32)
 # any_set(address): whether any bit of 64 bytes is set.
 any_set = define_intrinsic(1, lambda b, address: vector_code.any_set(b, address, 64), types.boolean)
-# clear(address, bytes), copy(target, source, bytes)
+# clear(address, bytes)
 clear = define_intrinsic(2, _fill)
-copy = define_intrinsic(3, _move)
 
 
 def scratch(bytes_: int) -> Any:

@@ -3,14 +3,14 @@
 The sum of a block of the target is kept in float32 in the L1 cache. All layers are blended behind it, front to back,
 and the sum is rounded once into the target. Blank pixels of a layer are skipped, and so are layers behind an opaque
 block.
-
-Layers are blended behind a sum, and a sum is rounded once to pixels of any type.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+from clusterviz.codec.intrinsics import jit
+from clusterviz.composite.over import job as entry
 from clusterviz.composite.over import vector_code
 from clusterviz.composite.over.geometry import block, clip, layer_at, pixel_bytes, prepare_geometry
 from clusterviz.composite.over.intrinsics import (
@@ -19,30 +19,10 @@ from clusterviz.composite.over.intrinsics import (
     any_set,
     choose_loop,
     clear,
-    compiled,
     number,
     scratch,
     set_word,
     word,
-)
-from clusterviz.composite.over.job import (
-    COUNT,
-    EXTRA,
-    FLOAT,
-    KIND,
-    LAYERS,
-    MODE,
-    OK,
-    OPERATOR,
-    OUT,
-    OVER,
-    PASSED,
-    PIXELS,
-    RUN,
-    RUN_COUNT,
-    STORED,
-    TARGET,
-    TYPE,
 )
 from clusterviz.composite.over.merging_pixels import merge_pixels
 from clusterviz.composite.over.vector_code import PIXEL_BYTES, offset
@@ -59,18 +39,17 @@ def _adder(kind: int) -> PixelLoop:
             return
         with builder.if_then(vector_code.any_set(builder, source, 64)):
             for k in range(0, pixels, 4):
-                add_some(builder, 4, offset(builder, FLOAT, total, k), offset(builder, kind, source, k))
+                add_some(builder, 4, offset(builder, entry.FLOAT, total, k), offset(builder, kind, source, k))
 
     def add_some(builder: Any, pixels: int, total: Any, source: Any) -> None:
-        front = vector_code.load(builder, FLOAT, total, pixels)
+        front = vector_code.load(builder, entry.FLOAT, total, pixels)
         back = vector_code.load(builder, kind, source, pixels)
-        vector_code.store(builder, FLOAT, total, vector_code.over(builder, front, back))
+        vector_code.store(builder, entry.FLOAT, total, vector_code.over(builder, front, back))
 
     return PixelLoop((SUM_BYTES, PIXEL_BYTES[kind]), 64 // PIXEL_BYTES[kind], emit)
 
 
 def _converter(target_kind: int, source_kind: int) -> PixelLoop:
-    """Return a loop that converts pixels of source to target."""
 
     def emit(builder: Any, pixels: int, target: Any, source: Any) -> None:
         for k in range(0, pixels, 4):
@@ -83,11 +62,11 @@ def _converter(target_kind: int, source_kind: int) -> PixelLoop:
 # add(kind, total, source, count): blend source behind the sum `total`. read(kind, total, source, count): convert source
 # to floats in total. write(kind, target, total, count): round total to pixels in target.
 add = choose_loop({kind: _adder(kind) for kind in PIXEL_BYTES})
-read = choose_loop({kind: _converter(FLOAT, kind) for kind in PIXEL_BYTES})
-write = choose_loop({kind: _converter(kind, FLOAT) for kind in PIXEL_BYTES})
+read = choose_loop({kind: _converter(entry.FLOAT, kind) for kind in PIXEL_BYTES})
+write = choose_loop({kind: _converter(kind, entry.FLOAT) for kind in PIXEL_BYTES})
 
 
-@compiled
+@jit
 def blank_pixels(source, count, size):  # type: ignore[no-untyped-def]
     """Return the number of leading pixels in blocks of 64 bytes that are zero."""
     i, step = 0, 64 // size
@@ -96,7 +75,7 @@ def blank_pixels(source, count, size):  # type: ignore[no-untyped-def]
     return i
 
 
-@compiled
+@jit
 def is_opaque(total, count):  # type: ignore[no-untyped-def]
     """Return whether all pixels are opaque."""
     for i in range(count):  # noqa: SIM110, compiled
@@ -110,38 +89,38 @@ BLOCK = 512  # pixels; two sums of 8 KiB and a block of a layer fit into the L1 
 _scratch = scratch(2 * BLOCK * SUM_BYTES)
 
 
-@compiled
+@jit
 def _skip_runs(layer, low):  # type: ignore[no-untyped-def]
     """Advance a layer to the first run that does not end before its pixel `low`."""
-    runs, run, passed = word(layer, EXTRA), word(layer, RUN), word(layer, PASSED)
-    while run < word(layer, RUN_COUNT) and number(runs, 2 * run) + number(runs, 2 * run + 1) <= low:
+    runs, run, passed = word(layer, entry.EXTRA), word(layer, entry.RUN), word(layer, entry.PASSED)
+    while run < word(layer, entry.RUN_COUNT) and number(runs, 2 * run) + number(runs, 2 * run + 1) <= low:
         passed += max(number(runs, 2 * run + 1), 0)
         run += 1
-    set_word(layer, RUN, run)
-    set_word(layer, PASSED, passed)
+    set_word(layer, entry.RUN, run)
+    set_word(layer, entry.PASSED, passed)
 
 
-@compiled
+@jit
 def _stored_span(layer, low, high):  # type: ignore[no-untyped-def]
     """Return begin and end of a layer's first stored pixels in [low, high), and their index among the stored ones."""
-    if word(layer, RUN_COUNT) < 0:
+    if word(layer, entry.RUN_COUNT) < 0:
         return low, high, low
     _skip_runs(layer, low)
-    runs, run = word(layer, EXTRA), word(layer, RUN)
-    if run >= word(layer, RUN_COUNT):
+    runs, run = word(layer, entry.EXTRA), word(layer, entry.RUN)
+    if run >= word(layer, entry.RUN_COUNT):
         return high, high, 0
     first = number(runs, 2 * run)
     begin, end = max(first, low), min(first + number(runs, 2 * run + 1), high)
-    source = word(layer, PASSED) + begin - first
+    source = word(layer, entry.PASSED) + begin - first
     # Runs with more pixels than are stored are cut, so nothing else is read.
-    return begin, min(end, begin + word(layer, STORED) - source), source
+    return begin, min(end, begin + word(layer, entry.STORED) - source), source
 
 
-@compiled
+@jit
 def _add_layer(operator, layer, total, x, y, count, nonempty):  # type: ignore[no-untyped-def]
     """Blend a layer's pixels [x, x + count) of row y behind `total`; return whether `total` is not empty."""
     low, high, begin = clip(layer, x, y, count)
-    kind, pixels = word(layer, TYPE), word(layer, PIXELS)
+    kind, pixels = word(layer, entry.TYPE), word(layer, entry.PIXELS)
     size, at = pixel_bytes(kind), total + SUM_BYTES * (begin - low)
     while low < high:
         low, end, source = _stored_span(layer, low, high)
@@ -153,7 +132,7 @@ def _add_layer(operator, layer, total, x, y, count, nonempty):  # type: ignore[n
             else:
                 if not nonempty:
                     clear(total, count * SUM_BYTES)
-                if operator == OVER:
+                if operator == entry.OVER:
                     add(kind, at + SUM_BYTES * low, pixels + source * size, end - low)
                 else:
                     there = at + SUM_BYTES * low
@@ -163,29 +142,29 @@ def _add_layer(operator, layer, total, x, y, count, nonempty):  # type: ignore[n
     return nonempty
 
 
-@compiled
+@jit
 def _add_group(job, first, last, total, x, y, count):  # type: ignore[no-untyped-def]
     """Blend the layers [first, last) into `total`; return whether it is not empty."""
-    nonempty, operator = False, word(job, OPERATOR)
+    nonempty, operator = False, word(job, entry.OPERATOR)
     for index in range(first, last):
-        if nonempty and operator == OVER and is_opaque(total, count):
+        if nonempty and operator == entry.OVER and is_opaque(total, count):
             break
         nonempty = _add_layer(operator, layer_at(job, index), total, x, y, count, nonempty)
     return nonempty
 
 
-@compiled
+@jit
 def _blend(job, target, total, x, y, count):  # type: ignore[no-untyped-def]
     """Blend one block of the target: front group over back group, rounded."""
-    kind, split, operator = word(job, KIND), word(job, MODE), word(job, OPERATOR)
+    kind, split, operator = word(job, entry.KIND), word(job, entry.MODE), word(job, entry.OPERATOR)
     behind = total + BLOCK * SUM_BYTES
     front = _add_group(job, 0, split, total, x, y, count)
     back = False
-    if not front or operator != OVER or not is_opaque(total, count):
-        back = _add_group(job, split, word(job, LAYERS), behind, x, y, count)
+    if not front or operator != entry.OVER or not is_opaque(total, count):
+        back = _add_group(job, split, word(job, entry.LAYERS), behind, x, y, count)
     if front and back:
-        if operator == OVER:
-            add(FLOAT, total, behind, count)
+        if operator == entry.OVER:
+            add(entry.FLOAT, total, behind, count)
         else:
             merge_pixels(operator, total, total, behind, count)
     if front or back:
@@ -197,11 +176,11 @@ def _blend(job, target, total, x, y, count):  # type: ignore[no-untyped-def]
 def blend_layers(job):  # type: ignore[no-untyped-def]
     """Blend all layers of a job into every pixel of the target; return the result of `prepare_geometry`."""
     fault = prepare_geometry(job)
-    if fault != OK:
+    if fault != entry.OK:
         return fault
     total, done = _scratch(), 0
-    while done < word(job + 8 * TARGET, COUNT):
+    while done < word(job + 8 * entry.TARGET, entry.COUNT):
         x, y, count = block(job, done, BLOCK)
-        _blend(job, word(job, OUT) + done * pixel_bytes(word(job, KIND)), total, x, y, count)
+        _blend(job, word(job, entry.OUT) + done * pixel_bytes(word(job, entry.KIND)), total, x, y, count)
         done += count
-    return OK
+    return entry.OK

@@ -1,4 +1,4 @@
-"""LLVM code for vectors of pixels: loading any type as floats, the over operator, depth comparison, storing.
+"""LLVM code for vectors of pixels: loading any type as floats, the over operator, storing.
 
 numba does not vectorize these loops for floats, and for bytes takes twice as long as the memory transfer. Each function
 emits code for several pixels of four floats; LLVM splits the vectors for CPUs with narrower registers. Addresses need
@@ -122,15 +122,6 @@ def over_bytes(builder: Any, front: Any, back: Any) -> Any:
     kind = ir.FunctionType(front.type, [front.type, front.type])
     add = _function(builder.module, kind, f"llvm.uadd.sat.v{bytes_}i8")
     return builder.call(add, [front, seen])
-
-
-def nearer(builder: Any, depths: tuple[Any, Any], or_equal: Any, words: int) -> Any:
-    """Return whether the second depth of each pixel is less than the first, for each 32-bit word of its colour."""
-    pixels = depths[0].type.count
-    lanes = ir.Constant(ir.VectorType(_I32, pixels * words), [lane // words for lane in range(pixels * words)])
-    there, here = (builder.shuffle_vector(depth, depth, lanes) for depth in depths)
-    less, least = builder.fcmp_ordered("<", here, there), builder.fcmp_ordered("<=", here, there)
-    return builder.select(builder.trunc(or_equal, ir.IntType(1)), least, less)
 
 
 def any_set(builder: Any, address: Any, bytes_: int) -> Any:

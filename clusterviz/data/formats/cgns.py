@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import require_file
 from clusterviz.data.formats.exodus import ORDERS
 from clusterviz.data.formats.vtkhdf import load_dataset
 from clusterviz.data.unstructured import UnstructuredGrid, joined_grids, linearised
@@ -34,16 +33,8 @@ NODES = {**ORDERS, "hexahedron27": [*range(12), *range(16, 20), *range(12, 16), 
 
 
 def read_cgns(path: Path) -> UnstructuredGrid:
-    """Read the zones of a file.
-
-    Raises
-    ------
-    DataError
-        Not CGNS in HDF5, structured zones only, polyhedra, or damaged.
-    """
     import h5py
 
-    require_file(path, (b"\x89HDF\r\n\x1a\n",))
     with h5py.File(path) as file:
         zones = [zone for base in _children(file, "CGNSBase_t") for zone in _children(base, "Zone_t")]
         grids = [_zone(zone, str(path)) for zone in zones if list(_children(zone, "Elements_t"))]

@@ -30,12 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, UnnamedPartError, select
-from clusterviz.data.files import kind_of, readable, refuse_array, require_file, start_of
-from clusterviz.data.header import check_box, check_packed, check_size, make_grid
+from clusterviz.data.files import kind_of, library, readable, refuse_array, require_file, start_of
+from clusterviz.data.header import check_box, check_packed, check_size, make_grid, stated_numbers
 from clusterviz.data.rectilinear import RectilinearSource, line_of
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.cache import CACHE, Owner
-from clusterviz.errors import DataError, installation, warn_of_data
+from clusterviz.errors import DataError, warn_of_data
 
 EXTENSIONS = (".dcm", ".dicom", ".ima")
 TAGS = (
@@ -65,7 +65,6 @@ class Slice:
     kind : of rows, columns, bits allocated, bits stored, and kind of type: u, i or f
     position : float64 (3,), world position of the first sample
     axes : float64 (3, 2), world steps from column to column and from row to row
-    scale : (slope, intercept)
     """
 
     path: Path
@@ -88,7 +87,6 @@ class DicomSource:
     _owner: Owner = field(default_factory=Owner, compare=False, repr=False)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         (z, y, x), (_, y_end, x_end) = begin_zyx, end_zyx
         if voxels.size:
@@ -104,13 +102,7 @@ def is_dicom(path: Path) -> bool:
 
 
 def open_dicom(path: Path, subset: Subset) -> Source:
-    """Open a file of several frames, or the series in its folder that a file belongs to.
-
-    Raises
-    ------
-    DataError
-        As `open_series`.
-    """
+    """Open a file of several frames, or the series in its folder that a file belongs to."""
     require_file(path)
     header = _header(path)
     if int(header.get("NumberOfFrames") or 1) > 1:
@@ -127,15 +119,7 @@ def open_series(files: Sequence[Path], subset: Subset, where: str) -> Source:
 
     Parameters
     ----------
-    files : of one or more series
     subset : its `array` names the series
-    where : the folder or file, for messages
-
-    Raises
-    ------
-    DataError
-        pydicom or a decoder is not installed, damaged files, several series and none named, no such series, colours,
-        or slices that are no even stack.
     """
     series = _members(files, subset.array, where)
     names = {uid: _names(members[0][1]) for uid, members in series.items()}
@@ -192,10 +176,7 @@ def _names(header: Any) -> list[str]:
 
 
 def _pydicom(where: str) -> Any:
-    try:
-        package: Any = import_module("pydicom")
-    except ImportError as error:
-        raise DataError("needs the pydicom package", where=where, allowed=installation("dicom")) from error
+    package = library("pydicom", "dicom", where)
     _silence(package)
     return package
 
@@ -231,7 +212,6 @@ def _header(path: Path) -> Any:
 
 
 def _frames(path: Path, header: Any) -> list[Slice]:
-    """Return the frames of a file."""
     where, count = str(path), int(header.get("NumberOfFrames") or 1)
     if "Rows" not in header or "BitsAllocated" not in header:
         raise DataError("no picture", where=where, allowed="Rows, Columns and BitsAllocated")
@@ -260,24 +240,19 @@ def _frames(path: Path, header: Any) -> list[Slice]:
                 return groups.get(group)[0].get(key)
         return header.get(key)
 
-    def numbers(value: Any, key: str, count: int) -> NDArray[np.float64]:
-        found = np.array([float(number) for number in value or ()])
-        if len(found) != count or not np.isfinite(found).all():
-            raise DataError(f"impossible {key}", where=where, found=value or "nothing", allowed=f"{count} numbers")
-        return found
-
     slices = []
     for number, frame in enumerate(frames):
         position = element(frame, "PlanePositionSequence", "ImagePositionPatient")
         turned = element(frame, "PlaneOrientationSequence", "ImageOrientationPatient")
-        spacing = numbers(element(frame, "PixelMeasuresSequence", "PixelSpacing"), "PixelSpacing", 2)
+        spacing = element(frame, "PixelMeasuresSequence", "PixelSpacing")
         scale = [
             float(value if value not in (None, "") else default)
             for key, default in (("RescaleSlope", header.get("DoseGridScaling", 1)), ("RescaleIntercept", 0))
             for value in (element(frame, "PixelValueTransformationSequence", key),)
         ]
-        axes = numbers(turned, "ImageOrientationPatient", 6).reshape(2, 3).T * spacing[::-1]
-        place = numbers(position, "ImagePositionPatient", 3)
+        turns = stated_numbers(turned, "ImageOrientationPatient", 6, where).reshape(2, 3).T
+        axes = turns * stated_numbers(spacing, "PixelSpacing", 2, where)[::-1]
+        place = stated_numbers(position, "ImagePositionPatient", 3, where)
         if len(offsets) == count:
             place += offsets[number] * _unit(np.cross(axes[:, 0], axes[:, 1]))
         slices.append(Slice(path, number, form, place, axes, (scale[0], scale[1])))

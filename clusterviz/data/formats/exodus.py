@@ -10,7 +10,6 @@ L. A. Schoof, V. R. Yarberry: EXODUS II: a finite element data model, SAND92-213
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.classic_netcdf import read_classic
-from clusterviz.data.files import require_file, start_of
+from clusterviz.data.files import library, start_of
 from clusterviz.data.grid_files import choose_step
 from clusterviz.data.unstructured import UnstructuredGrid, linearised
-from clusterviz.errors import DataError, installation
+from clusterviz.errors import DataError
 
 KINDS = {"TET": "tetra", "PYR": "pyramid", "WED": "wedge", "HEX": "hexahedron"}
 FLAT = {"SPH": "vertex", "CIR": "vertex", "BAR": "line", "BEA": "line", "TRU": "line", "ROD": "line"}
@@ -37,23 +36,7 @@ ORDERS = {
 
 
 def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read a file at a time step.
-
-    Parameters
-    ----------
-    time : number of the step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        netCDF4 is not installed, no such step, or the file is damaged or holds unsupported elements.
-    """
-    where = str(path)
-    require_file(path, (b"CDF", b"\x89HDF\r\n\x1a\n"))
-    try:
-        netcdf: Any = import_module("netCDF4")
-    except ImportError as error:
-        raise DataError("needs the netCDF4 package", where=where, allowed=installation("grids")) from error
+    where, netcdf = str(path), library("netCDF4", "grids", str(path))
     if start_of(path)[:3] == b"CDF":
         read_classic(path)  # checks its size, since the library takes zeros for what is missing
     with netcdf.Dataset(where) as file:
@@ -90,7 +73,6 @@ def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
 
 
 def _kind(stated: str, nodes: int, where: str) -> str:
-    """Return the kind of a block of elements."""
     key = stated.strip().upper()[:3]
     if key in FLAT:
         return FLAT[key]
@@ -115,6 +97,5 @@ def _values(variables: Any, key: str, old: str, row: int, step: int) -> NDArray[
 
 
 def _step(variables: Any, time: float | None, where: str) -> int:
-    """Return the number of a time step."""
     times = np.asarray(variables["time_whole"][:]) if "time_whole" in variables else np.zeros(0)
     return choose_step(times, time, where)

@@ -46,7 +46,6 @@ class PictureSource:
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         from PIL import Image
 
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
@@ -65,13 +64,6 @@ class PictureSource:
 
 
 def open_picture(path: Path, subset: Subset) -> PictureSource:
-    """Open a picture as one layer.
-
-    Raises
-    ------
-    DataError
-        Not a picture, truncated, or several channels and none named.
-    """
     from PIL import Image
 
     size = require_file(path)
@@ -110,7 +102,6 @@ class FolderSource:
     slab: Hyperslab | None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
         for layer, file in zip(voxels, self.files[z:z_end], strict=True):
@@ -128,13 +119,7 @@ class FolderSource:
 
 
 def open_folder(path: Path, subset: Subset) -> Source:
-    """Open the slices in a folder as one volume.
-
-    Raises
-    ------
-    DataError
-        No slices, slices of several kinds, or a first file that is not a slice.
-    """
+    """Open the slices in a folder as one volume."""
     where = str(path)
     with readable(path):
         held = [file for file in path.iterdir() if not file.name.startswith(".")]

@@ -23,8 +23,17 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
-from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, triangulate, triangulate_strips
+from clusterviz.data.files import read_file
+from clusterviz.data.geometry import (
+    Geometry,
+    Lines,
+    Mesh,
+    Points,
+    check_indices,
+    joined_arrays,
+    triangulate,
+    triangulate_strips,
+)
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.errors import DataError, warn_of_data
 
@@ -50,13 +59,6 @@ class _Primitive:
 
 
 def read_gltf(path: Path) -> Geometry:
-    """Read a glTF file.
-
-    Raises
-    ------
-    DataError
-        Not glTF 2.0, truncated, a required extension, nodes that are no tree, or indices out of range.
-    """
     file = _File(path)
     required = [str(name) for name in file.document.get("extensionsRequired", []) if name not in READ_EXTENSIONS]
     if required:
@@ -81,9 +83,7 @@ class _File:
 
     def __init__(self, path: Path) -> None:
         self.path, self.where = path, str(path)
-        require_file(path)
-        with readable(path):
-            content = path.read_bytes()
+        content = read_file(path)
         self.binary, text = b"", content
         if content[:4] == b"glTF":
             text = self._unpack(content)
@@ -231,7 +231,6 @@ class _File:
         return np.ndarray((count, components), dtype, data, begin + offset, (stride, dtype.itemsize))
 
     def buffer(self, number: Any) -> bytes:
-        """Return the bytes of a buffer."""
         entry = self.entry("buffers", number)
         if number in self.buffers:
             return self.buffers[number]
@@ -241,10 +240,7 @@ class _File:
         elif uri.startswith("data:"):
             data = base64.b64decode(uri.partition(",")[2], validate=True)
         else:
-            beside = self.path.parent / unquote(uri)
-            require_file(beside)
-            with readable(beside):
-                data = beside.read_bytes()
+            data = read_file(self.path.parent / unquote(uri))
         check_size(len(data), entry["byteLength"], f"{self.where}: buffer {number}")
         self.buffers[number] = data
         return data
@@ -268,9 +264,7 @@ def _matrix(node: dict[str, Any]) -> NDArray[np.float64]:
 
 def _joined(parts: list[_Primitive]) -> tuple[NDArray[Any], dict[str, NDArray[Any]], list[int]]:
     """Return vertices and attributes of all parts, and the number of vertices before each."""
-    names = set.intersection(*(set(part.attributes) for part in parts))
-    shapes = {name: {part.attributes[name].shape[1:] for part in parts} for name in sorted(names)}
-    attributes = {n: np.concatenate([part.attributes[n] for part in parts]) for n in shapes if len(shapes[n]) == 1}
+    attributes = joined_arrays([part.attributes for part in parts])
     begins = np.cumsum([0, *(len(part.vertices) for part in parts)]).tolist()
     return np.concatenate([part.vertices for part in parts]), attributes, begins[:-1]
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import read_file
 from clusterviz.data.grid_files import choose_step
 from clusterviz.data.unstructured import SECOND_ORDER, UnstructuredGrid, linearised
 from clusterviz.errors import DataError, warn_of_data
@@ -54,21 +54,8 @@ DATA, UNREAD = ("NodeData", "ElementData"), ("ElementNodeData",)
 
 
 def read_gmsh(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read a file at a time step.
-
-    Parameters
-    ----------
-    time : number of the step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        Another version, no such step, damaged or truncated, or as of `linearised`.
-    """
     where = str(path)
-    require_file(path)
-    with readable(path):
-        sections = list(_sections(path.read_bytes(), where))
+    sections = list(_sections(read_file(path), where))
     names = [name for name, _ in sections]
     if names[:1] != ["MeshFormat"]:
         raise DataError("not a mesh of Gmsh 2 or 4", where=where, found=names[:1], allowed="$MeshFormat")
@@ -147,7 +134,6 @@ class _Values:
         self._numbers: Floats | None = None
 
     def line(self) -> str:
-        """Return the next line."""
         end = self._body.find(b"\n", self._at)
         line, self._at = self._body[self._at : end], end + 1
         if end < 0:
@@ -155,7 +141,6 @@ class _Values:
         return line.decode("utf-8", "replace").strip()
 
     def count(self) -> int:
-        """Return the number that is the next line."""
         line = self.line()
         if not re.fullmatch(r"\d{1,18}", line):
             raise DataError("not a count", where=self.where, found=repr(line))
@@ -184,7 +169,6 @@ class _Values:
         return numbers_of_text(self._body[self._at :], np.int64, self.where)
 
     def sizes(self, count: int) -> list[int]:
-        """Return numbers of the type of counts."""
         found: list[int] = self.rows(1, count, kind=self.form.size)[0][0].tolist()
         return found
 
@@ -320,13 +304,7 @@ def _nodes_of(kind: int, where: str) -> int:
 
 
 def numbers_of_text(text: bytes, dtype: type[np.float64] | type[np.int64], where: str) -> NDArray[Any]:
-    """Return the numbers in text, several times as fast as from words.
-
-    Raises
-    ------
-    DataError
-        A word is no number; by old versions of NumPy numbers end there.
-    """
+    """Return the numbers in text, several times as fast as from words."""
     try:
         return np.fromstring(text, dtype, sep=" ")
     except ValueError as error:
@@ -335,12 +313,7 @@ def numbers_of_text(text: bytes, dtype: type[np.float64] | type[np.int64], where
 
 
 class NumberedRows:
-    """Rows of numbered nodes or elements.
-
-    Attributes
-    ----------
-    count : number of rows
-    """
+    """Rows of numbered nodes or elements."""
 
     def __init__(self, numbers: Ints) -> None:
         self.count = len(numbers)

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.classic_netcdf import read_classic
-from clusterviz.data.files import kind_of, readable, require_file, start_of
+from clusterviz.data.files import kind_of, start_of
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.rectilinear import Line, even_line, line_of, placed
 from clusterviz.data.source import Grid, Index, Source
@@ -69,7 +69,6 @@ class CfValues:
 
     @property
     def changes(self) -> bool:
-        """Whether any value may change."""
         return bool(self.missing) or self.valid != (-np.inf, np.inf) or self.scale != (1.0, 0.0)
 
     def decode(self, stored: NDArray[Any]) -> NDArray[Any]:
@@ -100,13 +99,7 @@ AS_STORED = CfValues((), (-np.inf, np.inf), (1.0, 0.0))
 
 @dataclass(frozen=True)
 class Hdf5Source:
-    """Volume in a dataset; `dataset` stays open as long as the source lives.
-
-    Attributes
-    ----------
-    slab : the volume's part of the dataset
-    values : conversion of stored values
-    """
+    """Volume in a dataset; `dataset` stays open as long as the source lives."""
 
     name: str
     grid: Grid
@@ -116,13 +109,10 @@ class Hdf5Source:
     values: CfValues
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
-        kept = self.slab.index.count(None)
-        spans = iter([slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True)][3 - kept :])
-        box = tuple(next(spans) if i is None else slice(i, i + 1) for i in self.slab.index)
+        box = self.slab.box(begin_zyx, end_zyx)
         check_chunks(self.dataset, box, self.name)
         try:
             voxels = self.dataset[box]
@@ -145,18 +135,8 @@ def check_chunks(dataset: Any, box: tuple[slice, ...], where: str) -> None:
 
 
 def open_hdf5(path: Path, subset: Subset) -> Source:
-    """Open the dataset that `subset` names, or the only volume.
-
-    Raises
-    ------
-    DataError
-        Neither HDF5 nor netCDF, truncated, no such dataset, several and none named, not a scalar volume, or coordinates
-        that are refused as in `clusterviz.data.rectilinear`.
-    """
-    require_file(path)
-    with readable(path):
-        start = start_of(path)
-    held = read_classic(path) if start.startswith(b"CDF") else _datasets(path, subset.array)
+    """Open the dataset that `subset` names, or the only volume."""
+    held = read_classic(path) if start_of(path).startswith(b"CDF") else _datasets(path, subset.array)
     dataset = choose_dataset(held, subset, path)
     return open_dataset(dataset, subset, f"{path}:{dataset.name}")
 

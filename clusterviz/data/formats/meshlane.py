@@ -12,13 +12,11 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
-from clusterviz.data.files import require_file
+from clusterviz.data.files import library, require_file
 from clusterviz.data.unstructured import UnstructuredGrid, grid_of_blocks
-from clusterviz.errors import DataError, installation
+from clusterviz.errors import DataError
 
 GROWTH, ROOM = 128, 1 << 27
 """Bytes of memory for a byte of a file, and for any file."""
@@ -40,21 +38,8 @@ READERS = {
 
 
 def read_meshlane(path: Path) -> UnstructuredGrid:
-    """Read a file of one of meshlane's formats.
-
-    Raises
-    ------
-    DataError
-        meshlane is not installed, or the file is damaged, holds no cells with a volume, or unsupported ones.
-    """
     where, name = str(path), READERS[path.suffix.lower()]
-    require_file(path)
-    try:
-        package: Any = import_module("meshlane")
-    except ImportError as error:
-        raise DataError("needs the meshlane package", where=where, allowed=installation("grids")) from error
-    said = io.StringIO()
-    size = path.stat().st_size
+    size, package, said = require_file(path), library("meshlane", "grids", where), io.StringIO()
     with limited_time(size, where), limited_memory(size), redirect_stdout(said), redirect_stderr(said):  # its warnings
         try:
             mesh = package._helpers.reader_map[name](where)

@@ -11,16 +11,17 @@ ITK, "MetaIO documentation", https://docs.itk.org/en/latest/learn/metaio.html
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, readable, refuse_array, require_file
-from clusterviz.data.header import check_dtype, check_packed, check_size, make_grid
+from clusterviz.data.header import check_packed, check_size, make_grid, stated_numbers
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.storage import (
     MAX_FILES,
@@ -33,7 +34,7 @@ from clusterviz.data.storage import (
     numbered_names,
     numbers_from_text,
 )
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.errors import DataError
 
 TYPES = {
@@ -56,31 +57,21 @@ ZLIB_OR_GZIP = 47
 
 
 def open_metaimage(path: Path, subset: Subset) -> StridedSource:
-    """Open the volume, or one time step and channel of several, in a MetaImage file.
-
-    Raises
-    ------
-    DataError
-        No such header or a damaged one, data missing, truncated or too long, or no such time step or channel.
-    """
-    require_file(path)
+    """Open the volume, or one time step and channel of several, in a MetaImage file."""
     refuse_array(subset.array, path)
     where = str(path)
     fields, files, begin = _read_header(path)
-    count = _numbers(fields, "NDims", 1, where, whole=True)[0]
+    count = _integers(fields, "NDims", 1, where)[0]
     if count not in LETTERS or fields.get("ObjectType", "Image") != "Image":
         found = f"ObjectType {fields.get('ObjectType', 'Image')}, NDims {count}"
         raise DataError("not an image of 2 to 4 axes", where=where, found=found)
-    sizes = _numbers(fields, "DimSize", count, where, whole=True)
-    channels = _numbers(fields, "ElementNumberOfChannels", 1, where, [1], whole=True)
+    sizes = _integers(fields, "DimSize", count, where)
+    channels = _integers(fields, "ElementNumberOfChannels", 1, where, [1])
     slab = select([*reversed(sizes), *channels], LETTERS[count] + "C", subset, where)
     stored = _stored_dtype(fields, where)
-    offset, strides = slab.strides(stored.itemsize)
-    needed = slab.samples * stored.itemsize
-    storage = _storage(fields, files, begin, needed, max(strides), stored, where)
-    grid = _grid_of(fields, count, slab.shape_zyx, where)
-    name, dtype = where + slab.label, check_dtype(stored, where)
-    return StridedSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
+    needed, keep = slab.samples * stored.itemsize, max(slab.strides(stored.itemsize)[1])
+    storage = _storage(fields, files, begin, needed, keep, stored, where)
+    return slab_source(where, slab, _grid_of(fields, count, slab.shape_zyx, where), storage, stored)
 
 
 def _read_header(path: Path) -> tuple[dict[str, str], list[Path], int]:
@@ -111,24 +102,15 @@ def _read_header(path: Path) -> tuple[dict[str, str], list[Path], int]:
     return fields, [path.parent / name for name in names], 0
 
 
-def _numbers(
-    fields: Mapping[str, str],
-    key: str,
-    count: int,
-    where: str,
-    default: Sequence[float] | None = None,
-    whole: bool = False,
-) -> list[Any]:
-    """Return the numbers of a field."""
-    words = fields[key].split() if key in fields else default
-    try:
-        numbers = [int(word) if whole else float(word) for word in words or ()]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not np.isfinite(np.array(numbers, object).astype(float)).all():
-        kind = "whole numbers" if whole else "numbers"
-        raise DataError(f"impossible {key}", where=where, found=fields.get(key, "nothing"), allowed=f"{count} {kind}")
-    return numbers
+def _numbers(fields: Mapping[str, str], key: str, count: int, where: str, default: Any = None) -> NDArray[np.float64]:
+    return stated_numbers(fields.get(key, default), key, count, where)
+
+
+def _integers(fields: Mapping[str, str], key: str, count: int, where: str, default: Any = None) -> list[int]:
+    numbers = _numbers(fields, key, count, where, default)
+    if (numbers % 1).any():
+        raise DataError(f"impossible {key}", where=where, found=fields[key], allowed=f"{count} whole numbers")
+    return [int(number) for number in numbers]
 
 
 def _is_true(fields: Mapping[str, str], key: str, default: bool = False) -> bool:
@@ -144,16 +126,10 @@ def _stored_dtype(fields: Mapping[str, str], where: str) -> np.dtype[Any]:
 
 
 def _storage(
-    fields: Mapping[str, str],
-    files: list[Path],
-    begin: int,
-    needed: int,
-    keep: int,
-    stored: np.dtype[Any],
-    where: str,
+    fields: Mapping[str, str], files: list[Path], begin: int, needed: int, keep: int, stored: np.dtype[Any], where: str
 ) -> Storage:
     """Return the storage of the `needed` bytes of samples."""
-    skip = _numbers(fields, "HeaderSize", 1, where, [0], whole=True)[0]
+    skip = _integers(fields, "HeaderSize", 1, where, [0])[0]
     packed, binary = _is_true(fields, "CompressedData"), _is_true(fields, "BinaryData", True)
     if skip < -1 or (skip == -1 and (packed or not binary)):
         raise DataError("impossible HeaderSize", where=where, found=skip, allowed="0 or more; or -1 for raw data")
@@ -164,7 +140,7 @@ def _storage(
         raise DataError("several data files", where=where, allowed="raw data in each, neither compressed nor text")
     begin, there = begin + skip, sizes[0] - begin - skip
     if packed:
-        told = _numbers(fields, "CompressedDataSize", 1, where, [there], whole=True)[0]
+        told = _integers(fields, "CompressedDataSize", 1, where, [there])[0]
         check_size(there, told, str(files[0]))
         check_packed(told, needed, "gzip", where)
         return StreamBytes(files[0], lambda file: Inflated(file, ZLIB_OR_GZIP), begin, keep)
@@ -189,13 +165,8 @@ def _grid_of(fields: Mapping[str, str], count: int, shape_zyx: Index, where: str
     spacing, origin, axes = np.ones(3), np.zeros(3), np.eye(3)
     spacing[:kept] = _numbers(fields, first("ElementSpacing", "ElementSize"), count, where, [1] * count)[:kept]
     origin[:kept] = _numbers(fields, first("Offset", "Position", "Origin"), count, where, [0] * count)[:kept]
-    rows = _numbers(
-        fields,
-        first("TransformMatrix", "Rotation", "Orientation"),
-        count * count,
-        where,
-        np.eye(count).ravel().tolist(),
-    )
+    matrix = first("TransformMatrix", "Rotation", "Orientation")
+    rows = _numbers(fields, matrix, count * count, where, np.eye(count))
     axes[:kept, :kept] = np.reshape(rows, (count, count))[:kept, :kept].T
     grid = make_grid(shape_zyx, axes * spacing, origin, where)
     known = "?" not in fields.get("AnatomicalOrientation", "?")

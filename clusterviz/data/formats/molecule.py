@@ -15,7 +15,6 @@ from __future__ import annotations
 import gzip
 import re
 from collections.abc import Sequence
-from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Any, TextIO
@@ -23,9 +22,9 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import library, readable
 from clusterviz.data.geometry import Geometry, Points
-from clusterviz.errors import DataError, installation, warn_of_data
+from clusterviz.errors import DataError, warn_of_data
 
 COLOURS = {
     "H": 0xFFFFFF, "C": 0x909090, "N": 0x3050F8, "O": 0xFF0D0D, "F": 0x90E050, "Na": 0xAB5CF2, "Mg": 0x8AFF00,
@@ -37,16 +36,9 @@ NUMBER = re.compile(rb" *[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)? *")
 
 
 def read_molecule(path: Path) -> Geometry:
-    """Read the atoms of a PDB or mmCIF file, which may be packed by gzip.
-
-    Raises
-    ------
-    DataError
-        gemmi is not installed, or the file is damaged or holds no atoms.
-    """
+    """Read the atoms of a PDB or mmCIF file, which may be packed by gzip."""
     where = str(path)
-    require_file(path)
-    gemmi = _gemmi(where)
+    gemmi = library("gemmi", "molecules", where)
     if path.name.lower().removesuffix(".gz").endswith((".pdb", ".ent")):
         _check_pdb(path)
     structure = gemmi.read_structure(where)
@@ -75,13 +67,8 @@ def atoms_of_xyz(file: TextIO, count: int, where: str) -> Geometry:
     Parameters
     ----------
     file : behind its first line, the number of atoms
-
-    Raises
-    ------
-    DataError
-        gemmi is not installed, fewer atoms, or a line that is no element, by symbol or number, and position.
     """
-    gemmi, _ = _gemmi(where), file.readline()
+    gemmi, _ = library("gemmi", "molecules", where), file.readline()
     lines = [line.split() for line in islice(file, count)]
     if len(lines) < count:
         raise DataError("truncated", where=where, found=f"{len(lines)} atoms", allowed=count)
@@ -106,21 +93,8 @@ def _attributes(elements: Sequence[Any]) -> dict[str, NDArray[Any]]:
     }
 
 
-def _gemmi(where: str) -> Any:
-    try:
-        return import_module("gemmi")
-    except ImportError as error:
-        raise DataError("needs the gemmi package", where=where, allowed=installation("molecules")) from error
-
-
 def _check_pdb(path: Path) -> None:
-    """Check that atoms have positions: gemmi takes what is no number as 0.
-
-    Raises
-    ------
-    DataError
-        One has none.
-    """
+    """Check that atoms have positions: gemmi takes what is no number as 0."""
     with readable(path), gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as file:
         for number, line in enumerate(file, 1):
             words = [line[begin : begin + 8] for begin in (30, 38, 46)]

@@ -28,13 +28,7 @@ from clusterviz.errors import DataError, warn_of_data
 
 
 def open_nifti(path: Path, subset: Subset) -> StridedSource:
-    """Open a volume, or one time step and component of several, in a NIfTI file.
-
-    Raises
-    ------
-    DataError
-        Not NIfTI, truncated, several time steps or components and none chosen, colours, or a singular affine.
-    """
+    """Open a volume, or one time step and component of several, in a NIfTI file."""
     where, packed = str(path), path.name.lower().endswith(".gz")
     size = require_file(path)
     refuse_array(subset.array, path)
@@ -68,11 +62,6 @@ def placed_volume(
     ----------
     shape : along x, y, z, time, component
     affine : float64 (4, 4), world from index
-
-    Raises
-    ------
-    DataError
-        As `select` and `make_grid`.
     """
     shape = (*shape, 1, 1, 1)[: max(3, len(shape))]
     slab = select(shape[::-1], "ZCTZYX"[-len(shape) :].rjust(len(shape), "Z"), subset, where)

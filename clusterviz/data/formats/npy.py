@@ -21,31 +21,24 @@ from clusterviz.data.files import readable, refuse_array, require_file
 from clusterviz.data.header import check_dtype, check_packed, check_size
 from clusterviz.data.source import Grid
 from clusterviz.data.storage import FileBytes, FileRange, Inflated, Storage, StreamBytes
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.errors import DataError
 
 
 def open_npy(path: Path, subset: Subset) -> StridedSource:
-    """Open an array of two to five axes in a .npy file.
-
-    Raises
-    ------
-    DataError
-        Not a .npy file, truncated or longer than its header says, or not a scalar volume.
-    """
+    """Open an array of two to five axes in a .npy file."""
     size = require_file(path)
     refuse_array(subset.array, path)
     where = str(path)
     with readable(path), path.open("rb") as file:
         shape, fortran, stored = read_header(file, where)
         begin = file.tell()
-    dtype = check_dtype(stored, where)
+    check_dtype(stored, where)
     slab = select(shape, unnamed_axes(shape, subset), subset, where)
     needed = slab.samples * stored.itemsize
     check_size(size - begin, needed, where, exact=True)
     storage = FileBytes([FileRange(path, begin, needed)])
-    offset, strides = slab.strides(stored.itemsize, fortran)
-    return StridedSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
+    return slab_source(where, slab, Grid(slab.shape_zyx), storage, stored, fortran=fortran)
 
 
 def read_header(file: Any, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
@@ -76,13 +69,7 @@ class _Member:
 
 
 def open_npz(path: Path, subset: Subset) -> StridedSource:
-    """Open one array of a .npz archive.
-
-    Raises
-    ------
-    DataError
-        Not a ZIP file, damaged or truncated, encrypted, no such array, several and none named, or not a scalar volume.
-    """
+    """Open one array of a .npz archive."""
     size = require_file(path)
     try:
         with readable(path), zipfile.ZipFile(path) as archive:
@@ -91,11 +78,10 @@ def open_npz(path: Path, subset: Subset) -> StridedSource:
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, struct.error) as error:
         raise DataError(f"truncated or damaged: {error}", where=str(path)) from error
     entry, stored, where = member.entry, member.stored, f"{path}:{name}"
-    dtype = check_dtype(stored, where)
+    check_dtype(stored, where)
     slab = select(member.shape, unnamed_axes(member.shape, subset), subset, where)
     check_size(entry.file_size, member.header_bytes + slab.samples * stored.itemsize, where, exact=True)
     check_size(size, begin + entry.compress_size, where)
-    offset, strides = slab.strides(stored.itemsize, member.fortran)
     storage: Storage
     if entry.compress_type == zipfile.ZIP_STORED:
         check_size(entry.compress_size, entry.file_size, where)
@@ -103,11 +89,11 @@ def open_npz(path: Path, subset: Subset) -> StridedSource:
     elif entry.compress_type == zipfile.ZIP_DEFLATED:
         check_packed(entry.compress_size, entry.file_size, "gzip", where)
         checksum = entry.file_size, entry.CRC
-        storage = StreamBytes(path, lambda file: Inflated(file, RAW_DEFLATE, checksum), begin, max(strides))
+        keep = max(slab.strides(stored.itemsize, member.fortran)[1])
+        storage = StreamBytes(path, lambda file: Inflated(file, RAW_DEFLATE, checksum), begin, keep)
     else:
         raise DataError("unsupported compression", where=where, found=entry.compress_type, allowed="none or deflate")
-    offset += member.header_bytes
-    return StridedSource(where + slab.label, Grid(slab.shape_zyx), dtype, storage, stored, offset, strides, slab=slab)
+    return slab_source(where, slab, Grid(slab.shape_zyx), storage, stored, member.header_bytes, member.fortran)
 
 
 def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, _Member]:

@@ -20,7 +20,7 @@ import numpy as np
 
 from clusterviz.data.axes import Subset, select, unnamed_axes
 from clusterviz.data.files import readable, refuse_array, require_file
-from clusterviz.data.header import check_dtype, check_packed, check_shape, make_grid
+from clusterviz.data.header import check_packed, check_shape, make_grid
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.storage import (
     FileBytes,
@@ -31,7 +31,7 @@ from clusterviz.data.storage import (
     numbered_names,
     numbers_from_text,
 )
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.data.units import axis_factors
 from clusterviz.errors import DataError
 
@@ -55,14 +55,7 @@ MAX_HEADER = 1 << 20
 
 
 def open_nrrd(path: Path, subset: Subset) -> StridedSource:
-    """Open the volume in an attached or detached NRRD file.
-
-    Raises
-    ------
-    DataError
-        Wrong magic, a damaged header, an unknown encoding, missing or truncated data, or not a scalar volume.
-    """
-    require_file(path)
+    """Open the volume in an attached or detached NRRD file."""
     refuse_array(subset.array, path)
     where = str(path)
     header, listed, header_bytes = _read_header(path)
@@ -77,13 +70,11 @@ def open_nrrd(path: Path, subset: Subset) -> StridedSource:
     space = [axis for axis, index in zip(kept, slab.index, strict=True) if index is None]
     orientation = _orientation(str(header.get("space", "")))
     grid = replace(_grid_of(header, space[::-1], slab.shape_zyx, where), orientation=orientation)
-    first, strides = slab.strides(stored.itemsize)
     files = _data_files(header, listed, path)
     needed = slab.samples * stored.itemsize
-    storage, offset = _storage(header, files or [path], 0 if files else header_bytes, needed, max(strides), where)
-    return StridedSource(
-        where + slab.label, grid, check_dtype(stored, where), storage, stored, offset + first, strides, slab=slab
-    )
+    keep = max(slab.strides(stored.itemsize)[1])
+    storage, begin = _storage(header, files or [path], 0 if files else header_bytes, needed, keep, where)
+    return slab_source(where, slab, grid, storage, stored, begin)
 
 
 def _orientation(space: str) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import read_file
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points, check_indices, scaled_colours, triangulate
 from clusterviz.data.storage import numbers_of_words
 from clusterviz.errors import DataError, warn_of_data
@@ -26,17 +26,7 @@ UNREAD = {b"usemtl": "materials", b"curv": "curves", b"surf": "free-form surface
 
 
 def read_obj(path: Path) -> Geometry:
-    """Read an OBJ file.
-
-    Raises
-    ------
-    DataError
-        No vertices, no numbers, too few corners, or indices out of range.
-    """
-    where = str(path)
-    require_file(path)
-    with readable(path):
-        content = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+    where, content = str(path), read_file(path).replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     rows: list[list[bytes]] = []
     unread = dict[str, None]()
     found = {key: _Elements() for key in FEWEST}

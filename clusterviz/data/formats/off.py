@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import kind_of, readable, require_file
+from clusterviz.data.files import kind_of, read_file
 from clusterviz.data.geometry import Geometry, Mesh, Points, scaled_colours, triangulate
 from clusterviz.data.header import check_packed
 from clusterviz.data.storage import numbers_of_words
@@ -28,17 +28,7 @@ COLOURS = {3: "RGB", 4: "RGBA"}
 
 
 def read_off(path: Path) -> Geometry:
-    """Read an OFF file.
-
-    Raises
-    ------
-    DataError
-        Another variant, truncated, longer than its header says, no numbers, or indices out of range.
-    """
-    where = str(path)
-    require_file(path)
-    with readable(path):
-        content = path.read_bytes()
+    where, content = str(path), read_file(path)
     lines = [line for line in re.sub(rb"#[^\n]*", b"", content).splitlines() if line.strip()]
     start = re.match(rb"\s*(C?)(N?)OFF\b(.*)", lines[0]) if lines else None
     if not start or start[3].strip() == b"BINARY":

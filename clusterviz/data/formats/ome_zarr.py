@@ -32,18 +32,12 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import MAX_LISTED, Hyperslab, Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.bricks import Box, BrickLayout
+from clusterviz.data.files import library
 from clusterviz.data.header import check_box, check_dtype, make_grid, triple
 from clusterviz.data.remote import FilePath, find_range
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import coarser, is_within
-from clusterviz.data.store.shards import (
-    PACKAGES,
-    ShardedArray,
-    description_checksum,
-    open_array,
-    read_json,
-    require_packages,
-)
+from clusterviz.data.store.shards import ShardedArray, description_checksum, open_array, read_json, require_packages
 from clusterviz.data.store.statistics import read_statistics
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.data.units import METRES, unit_factors
@@ -63,7 +57,6 @@ class OmeroChannel:
 
     Attributes
     ----------
-    label : name
     color : red, green and blue, 0 to 1; None if the file has none
     window : the values that are black, and in full colour; None if the file has none
     active : whether it is shown
@@ -83,7 +76,6 @@ class LevelSource:
     ----------
     paths : of the arrays of all levels of the store
     number : of this level in the store; coarser ones are its levels
-    brick : samples along the side of a brick
     omero : how the channels are shown
     version : another one for each description of a store
     """
@@ -105,11 +97,9 @@ class LevelSource:
 
     @property
     def levels(self) -> int:
-        """Number of levels."""
         return len(self.paths) - self.number
 
     def level(self, number: int) -> LevelSource:
-        """Return a level; see `MultilevelSource`."""
         if number == 0:
             return self
         if number not in self.opened:
@@ -122,7 +112,6 @@ class LevelSource:
         return self.opened[number]
 
     def bounds(self, number: int) -> NDArray[np.float64]:
-        """Return minimum, maximum and error of the bricks of a level; see `MultilevelSource`."""
         return self.level(number).array.statistics()
 
     def at_time(self, time: int) -> LevelSource:
@@ -162,7 +151,6 @@ class LevelSource:
         return read_statistics(self.array.summary_path, layout, self.array.has_checksums)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self.array.read(begin_zyx, end_zyx)
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]]:
@@ -183,24 +171,14 @@ class ZarrSource:
     version: str = ""
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
-        kept = self.slab.index.count(None)
-        spans = iter([slice(b, e) for b, e in zip(begin_zyx, end_zyx, strict=True)][3 - kept :])
-        box = tuple(next(spans) if i is None else slice(i, i + 1) for i in self.slab.index)
         from clusterviz.data.store.zarr_files import read_array
 
-        return np.array(read_array(self.array, box), self.dtype, order="C").reshape(shape)
+        return np.array(read_array(self.array, self.slab.box(begin_zyx, end_zyx)), self.dtype, order="C").reshape(shape)
 
 
 def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
-    """Open the finest level of a store, or the level or image that `subset` names.
-
-    Raises
-    ------
-    DataError
-        Not a store of Zarr, half written, no such array, or not a scalar volume.
-    """
+    """Open the finest level of a store, or the level or image that `subset` names."""
     path, attributes, level = find_image(path, subset.array)
     where, own = str(path), attributes.get("clusterviz")
     if own and not own.get("complete"):
@@ -213,7 +191,7 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
     described: Mapping[str, Any] = next((each for each in datasets if each["path"] == wanted), {})
     place = path / wanted
     if own:
-        require_packages(where, *PACKAGES)
+        require_packages(where)
         has_checksums = _check_description(attributes, where)
         array, shape = (
             _own_array(place, partial(_check_same, path / "zarr.json", attributes), has_checksums),
@@ -248,13 +226,7 @@ def open_ome_zarr(path: FilePath, subset: Subset) -> LevelSource | ZarrSource:
 
 
 def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, Any], str | None]:
-    """Return the folder of an image, its attributes, and the part of `array` that names its level, if any does.
-
-    Raises
-    ------
-    DataError
-        Not a store of Zarr, or it holds several images and none is named, or the name leads out of it.
-    """
+    """Return the folder of an image, its attributes, and the part of `array` that names its level, if any does."""
     check_below(array or "", str(path))
     attributes, parts = _attributes(path), (array or "").split("/")
     if attributes is None:
@@ -282,13 +254,7 @@ def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, A
 
 
 def check_below(name: object, where: str) -> None:
-    """Check that the path of an array is one below the store, so that nothing else is read in its name.
-
-    Raises
-    ------
-    DataError
-        It is absolute, or has a part "..".
-    """
+    """Check that the path of an array is one below the store, so that nothing else is read in its name."""
     plain = unquote(name).replace("\\", "/") if isinstance(name, str) else "/"
     if plain.startswith("/") or ".." in plain.split("/"):
         raise DataError("an array outside of the store", where=where, found=name, allowed="a path below it")
@@ -331,13 +297,7 @@ def _omero_channel(number: int, found: Mapping[str, Any]) -> OmeroChannel:
 
 
 def channel_sections(path: FilePath) -> list[dict[str, Any]]:
-    """Return keys of a scene's volumes, one a channel that is shown if the file says how, else one without keys.
-
-    Raises
-    ------
-    DataError
-        As of `find_image`.
-    """
+    """Return keys of a scene's volumes, one a channel that is shown if the file says how, else one without keys."""
     shown = [(n, each) for n, each in enumerate(omero_channels(find_image(path, None)[1])) if each.active]
     if len(shown) < 2 or not all(each.color and each.window for _, each in shown):
         return [{}]
@@ -366,13 +326,7 @@ def _check_same(path: FilePath, attributes: Mapping[str, Any]) -> None:
 
 
 def _check_description(attributes: Mapping[str, Any], where: str) -> bool:
-    """Check the description of a store of clusterviz; return whether its statistics have checksums.
-
-    Raises
-    ------
-    DataError
-        It was changed since it was written, or is of a version to come.
-    """
+    """Check the description of a store of clusterviz; return whether its statistics have checksums."""
     own = attributes["clusterviz"]
     version, found = own.get("version"), own.get("checksum")
     if version not in VERSIONS:
@@ -401,7 +355,7 @@ def _name(path: FilePath, wanted: str, datasets: Sequence[Any], slab: Hyperslab)
 
 
 def _open_by_zarr(path: FilePath, wanted: str) -> Any:
-    require_packages(str(path), "zarr")
+    library("zarr", "store", str(path))
     from clusterviz.data.store.zarr_files import open_zarr
 
     place, kind, is_newer = path / wanted, "", False

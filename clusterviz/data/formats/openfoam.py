@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import read_file
 from clusterviz.data.grid_files import choose_step
 from clusterviz.data.header import check_size
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, linearised
@@ -41,17 +41,6 @@ DEEPEST = 8
 
 
 def read_openfoam(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read the mesh and the fields of a case.
-
-    Parameters
-    ----------
-    time : number of the time step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        No mesh, no such step, fields that do not fit, or damaged.
-    """
     mesh = path.parent / "constant" / "polyMesh"
     points, _ = _load(mesh / "points").numbers(3)
     owners, _ = _load(mesh / "owner").numbers(1, is_label=True)
@@ -124,9 +113,7 @@ def _words(text: bytes) -> list[bytes]:
 def _load(path: Path) -> _File:
     packed = path.with_name(f"{path.name}.gz")
     path = packed if packed.exists() and not path.exists() else path
-    require_file(path)
-    with readable(path):
-        content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+    content = gzip.decompress(read_file(path)) if path.suffix == ".gz" else read_file(path)
     found = re.search(rb"FoamFile\s*\{(.*?)\}", content, re.DOTALL)
     if found is None:
         raise DataError("not a file of OpenFOAM", where=str(path), allowed="FoamFile { … }")
@@ -194,7 +181,5 @@ def _entries(path: Path, text: bytes, depth: int = 0) -> dict[bytes, bytes]:
     for name in re.findall(rb'#include\w*\s+"([^"]+)"', text) if depth < DEEPEST else ():
         case = re.sub(r"^(\$FOAM_CASE|<case>)", str(path.parent.parent), name.decode("utf-8", "replace"))
         beside = path.parent / case
-        require_file(beside)
-        with readable(beside):
-            found |= _entries(beside, beside.read_bytes(), depth + 1)
+        found |= _entries(beside, read_file(beside), depth + 1)
     return found | dict(re.findall(rb"([\w.:]+)\s+([^;{}#]*);", text))

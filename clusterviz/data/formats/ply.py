@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import readable
 from clusterviz.data.geometry import Geometry, Mesh, Points, scaled_colours, triangulate, triangulate_strips
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.data.storage import numbers_of_words
@@ -61,15 +61,7 @@ class _Element:
 
 
 def read_ply(path: Path) -> Geometry:
-    """Read a PLY file.
-
-    Raises
-    ------
-    DataError
-        Not PLY, truncated, longer than its header says, or indices out of range.
-    """
     where = str(path)
-    require_file(path, (b"ply",))
     with readable(path), path.open("rb") as file:
         content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     form, elements, begin = _header(content, where)
@@ -117,9 +109,7 @@ def _joined(columns: list[NDArray[Any]]) -> NDArray[Any]:
     return np.lib.stride_tricks.as_strided(first, (len(first), len(columns)), strides, writeable=False)
 
 
-def _offsets(
-    lists: NDArray[Any] | tuple[NDArray[np.int64], NDArray[Any]],
-) -> tuple[NDArray[np.int64], NDArray[Any]]:
+def _offsets(lists: NDArray[Any] | tuple[NDArray[np.int64], NDArray[Any]]) -> tuple[NDArray[np.int64], NDArray[Any]]:
     """Return lists as offsets (count + 1,) and items."""
     return lists if isinstance(lists, tuple) else (np.arange(len(lists) + 1) * lists.shape[1], lists.reshape(-1))
 

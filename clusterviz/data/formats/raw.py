@@ -26,7 +26,7 @@ from clusterviz.data.axes import Subset, select, unnamed_axes
 from clusterviz.data.files import refuse_array, require_file
 from clusterviz.data.header import check_dtype, check_size, make_grid, triple
 from clusterviz.data.storage import FileBytes, FileRange
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.errors import DataError
 
 KEYS = ("shape", "dtype", "byte_order", "header_bytes", "spacing", "origin", "direction")
@@ -38,13 +38,6 @@ def sidecar_of(path: Path) -> Path:
 
 
 def open_raw(path: Path, subset: Subset) -> StridedSource:
-    """Open a raw file with its sidecar.
-
-    Raises
-    ------
-    DataError
-        No sidecar, an unknown, missing or impossible key in it, or a file of another length.
-    """
     size = require_file(path)
     refuse_array(subset.array, path)
     sidecar = sidecar_of(path)
@@ -70,9 +63,7 @@ def open_raw(path: Path, subset: Subset) -> StridedSource:
     needed = slab.samples * stored.itemsize
     check_size(size, header_bytes + needed, str(path), exact=True)
     storage = FileBytes([FileRange(path, header_bytes, needed)])
-    offset, strides = slab.strides(stored.itemsize)
-    name = str(path) + slab.label
-    return StridedSource(name, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab)
+    return slab_source(str(path), slab, grid, storage, stored)
 
 
 def _read_sidecar(sidecar: Path) -> Mapping[str, Any]:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import read_file
 from clusterviz.data.geometry import Geometry, Mesh, merge_equal
 from clusterviz.data.storage import numbers_of_words
 from clusterviz.errors import DataError
@@ -29,16 +29,9 @@ END = re.compile(rb"^[ \t]*end(facet|solid)\b", FLAGS)
 
 
 def read_stl(path: Path) -> Geometry:
-    """Read an STL file; a file of exactly the size that a binary header states is binary.
-
-    Raises
-    ------
-    DataError
-        Neither binary nor ascii, truncated, or longer than its header says.
-    """
-    where, size = str(path), require_file(path)
-    with readable(path):
-        content = path.read_bytes()
+    """Read an STL file; a file of exactly the size that a binary header states is binary."""
+    where, content = str(path), read_file(path)
+    size = len(content)
     stated = int(np.frombuffer(content[HEADER - 4 : HEADER].ljust(4, b"\0"), "<u4")[0])
     attributes = {}
     if size >= HEADER and size == HEADER + stated * TRIANGLE.itemsize:

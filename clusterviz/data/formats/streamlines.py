@@ -28,13 +28,7 @@ TCK_TYPES = {"Float32LE": "<f4", "Float32BE": ">f4", "Float64LE": "<f8", "Float6
 
 
 def read_tck(path: Path) -> Geometry:
-    """Read all streamlines of MRtrix's file.
-
-    Raises
-    ------
-    DataError
-        Damaged or truncated, another type than floats, or another number of lines than the header says.
-    """
+    """Read all streamlines of MRtrix's file."""
     where, size, header, at_end = str(path), require_file(path, (b"mrtrix tracks",)), dict[str, str](), False
     with readable(path), path.open("rb") as file:
         while not at_end and (line := file.readline(MAX_LINE)):
@@ -69,13 +63,7 @@ def _check_count(stated: Any, found: int, where: str) -> None:
 
 
 def read_trk(path: Path) -> Geometry:
-    """Read all streamlines of TrackVis's file.
-
-    Raises
-    ------
-    DataError
-        Damaged or truncated, or another number of lines than the header says.
-    """
+    """Read all streamlines of TrackVis's file."""
     streamlines: Any = import_module("nibabel.streamlines")
     where, size = str(path), require_file(path, (b"TRACK",))
     _check_trk(path, size)
@@ -97,13 +85,7 @@ def read_trk(path: Path) -> Geometry:
 
 
 def _check_trk(path: Path, size: int) -> None:
-    """Check that the file holds whole lines before memory is taken for them.
-
-    Raises
-    ------
-    DataError
-        It does not.
-    """
+    """Check that the file holds whole lines before memory is taken for them."""
     content = np.memmap(path, np.uint8, "r")
     check_size(size, TRK_HEADER, str(path))
     order = "<" if int(content[996:1000].view("<i4")[0]) == TRK_HEADER else ">"

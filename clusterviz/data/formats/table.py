@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable, require_file
+from clusterviz.data.files import readable
 from clusterviz.data.formats.molecule import atoms_of_xyz
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.errors import DataError
@@ -31,15 +31,8 @@ VECTORS = ((":0", ":1", ":2"), ("_x", "_y", "_z"))
 
 
 def read_table(path: Path) -> Geometry:
-    """Read a table in text; the separator is a comma, semicolon, tab or blanks. Lines from # on are comments.
-
-    Raises
-    ------
-    DataError
-        No positions, rows of different lengths, or no numbers.
-    """
+    """Read a table in text; the separator is a comma, semicolon, tab or blanks. Lines from # on are comments."""
     where = str(path)
-    require_file(path)
     with readable(path), path.open(encoding="utf-8-sig") as file:
         lines = (line for line in map(_without_comment, file) if line.strip())
         first = next(lines, "")
@@ -87,13 +80,7 @@ def _fields(line: str, separator: str | None) -> list[str]:
 
 
 def _first_entries(rows: Sequence[str], count: int, separator: str | None, where: str) -> list[str]:
-    """Return the first entry of each column that is not empty.
-
-    Raises
-    ------
-    DataError
-        The first row has another number of columns.
-    """
+    """Return the first entry of each column that is not empty."""
     found = [""] * count
     for number, row in enumerate(rows):
         fields = _fields(row, separator)
@@ -106,15 +93,8 @@ def _first_entries(rows: Sequence[str], count: int, separator: str | None, where
 
 
 def read_npy_table(path: Path) -> Geometry:
-    """Read points from a .npy file.
-
-    Raises
-    ------
-    DataError
-        Not a .npy file, truncated, or not points.
-    """
+    """Read points from a .npy file."""
     where = str(path)
-    require_file(path, (b"\x93NUMPY",))
     array = np.load(path, mmap_mode="r", allow_pickle=False)  # the map refuses what the file is too short for
     if array.dtype.names:
         return _geometry({name: np.array(array[name]) for name in array.dtype.names}, where)
@@ -132,15 +112,8 @@ def is_npy_table(path: Path) -> bool:
 
 
 def read_npz_mesh(path: Path) -> Geometry:
-    """Read a mesh from a .npz file.
-
-    Raises
-    ------
-    DataError
-        Not a .npz file, damaged, no mesh, or indices out of range.
-    """
+    """Read a mesh from a .npz file."""
     where = str(path)
-    require_file(path, (b"PK",))
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
     if "vertices" in arrays and "faces" in arrays:

@@ -28,7 +28,7 @@ from clusterviz.data.files import require_file
 from clusterviz.data.header import check_box, check_dtype, check_packed, check_size, make_grid
 from clusterviz.data.source import Grid, Index, Source, Triple
 from clusterviz.data.storage import FileBytes, FileRange
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.strided import slab_source
 from clusterviz.data.units import axis_factors
 from clusterviz.errors import DataError
 
@@ -49,7 +49,6 @@ class TiffPages:
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         shape, index = self.slab.shape, self.slab.index
         inside = next(axis for axis in range(len(shape) + 1) if prod(shape[:axis]) == len(self.pages))
@@ -104,13 +103,7 @@ def _check_codec(page: Any, where: str) -> None:
 
 
 def open_tiff(path: Path, subset: Subset) -> Source:
-    """Open a stack of pages, or one picture as a single layer.
-
-    Raises
-    ------
-    DataError
-        Not TIFF, damaged, no such series, or several channels or time steps and none named.
-    """
+    """Open a stack of pages, or one picture as a single layer."""
     import tifffile
 
     size = require_file(path)
@@ -126,11 +119,11 @@ def open_tiff(path: Path, subset: Subset) -> Source:
             raise
         except Exception as error:  # a damaged file makes tifffile raise many kinds
             raise DataError(f"truncated or damaged: {error}", where=str(path)) from error
-        name = f"{path}:{number}" if len(file.series) > 1 else str(path)
+        where = f"{path}:{number}" if len(file.series) > 1 else str(path)
         stored = np.dtype(series.dtype).newbyteorder(file.byteorder)
-        slab = select(shape, _letters(shape, axes, subset), subset, name, names)
-        grid = replace(make_grid(slab.shape_zyx, np.diag(spacing), (0, 0, 0), name), modality="microscopy")
-        name += slab.label
+        slab = select(shape, _letters(shape, axes, subset), subset, where, names)
+        grid = replace(make_grid(slab.shape_zyx, np.diag(spacing), (0, 0, 0), where), modality="microscopy")
+        name = where + slab.label
         dtype = check_dtype(stored, name)
         if series.dataoffset is None:
             _check_codec(series.keyframe, name)
@@ -139,9 +132,8 @@ def open_tiff(path: Path, subset: Subset) -> Source:
             weakref.finalize(source, closing.pop_all().close)
             return source
         check_size(size, series.dataoffset + slab.samples * stored.itemsize, name)
-        offset, strides = slab.strides(stored.itemsize)
         storage = FileBytes([FileRange(path, int(series.dataoffset), slab.samples * stored.itemsize)])
-        return StridedSource(name, grid, dtype, storage, stored, offset, strides, slab=slab)
+        return slab_source(where, slab, grid, storage, stored)
 
 
 def _check_pages(file: Any, size: int) -> None:

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import require_file
-from clusterviz.data.header import check_box, check_dtype, check_packed, check_shape
+from clusterviz.data.header import check_box, check_packed, check_shape, stated_numbers
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.strided import StridedSource
-from clusterviz.data.vtk_ghosts import TYPE, VisibleSource, visible
-from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear
+from clusterviz.data.strided import StridedSource, slab_source
+from clusterviz.data.vtk_ghosts import VisibleSource
+from clusterviz.data.vtk_image import image_grid, open_image, rectilinear
 from clusterviz.data.vtk_xml import PACKINGS, XmlArray, XmlLayout, load_array, scan_xml, storage_of, stored_dtype
 from clusterviz.errors import DataError
 
@@ -39,12 +39,9 @@ class Piece:
     Attributes
     ----------
     source : its samples, on a grid without a place
-    array : its name
-    on_cells : whether it is cell data
     extent : int64 (3, 2), first and last point along x, y, z
     whole : extent of the dataset
     coordinates : of the points along x, y and z, in a rectilinear file; else empty
-    layout : of the file
     """
 
     source: StridedSource | VisibleSource
@@ -64,7 +61,6 @@ class PiecesSource:
     ----------
     boxes : int64 (n, 2, 3), first sample and end of each piece along z, y, x
     open_piece : function of a piece's number
-    slab : the volume's part of the stored array
     """
 
     name: str
@@ -75,7 +71,6 @@ class PiecesSource:
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         voxels, missing = np.empty(shape, self.dtype), np.ones(shape, bool)
         begins, ends = np.maximum(self.boxes[:, 0], begin_zyx), np.minimum(self.boxes[:, 1], end_zyx)
@@ -103,13 +98,7 @@ def _index(numbers: NDArray[np.int64]) -> Index:
 
 
 def open_vti(path: Path, subset: Subset) -> Source:
-    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, damaged or truncated, several pieces, no such array, several and none named, or vectors.
-    """
+    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file."""
     piece = _open_piece(path, subset, _kind(path))
     if (piece.extent != piece.whole).any():
         found, allowed = piece.extent.tolist(), piece.whole.tolist()
@@ -118,15 +107,8 @@ def open_vti(path: Path, subset: Subset) -> Source:
 
 
 def open_pvti(path: Path, subset: Subset) -> Source:
-    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file in pieces.
-
-    Raises
-    ------
-    DataError
-        As `open_vti`, no pieces, or pieces that do not fit.
-    """
+    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file in pieces."""
     where, kind = str(path), _kind(path)
-    require_file(path)
     layout = scan_xml(path, f"P{kind}")
     whole = _extent(layout.dataset, "WholeExtent", where)
     pieces = [(_extent(piece, "Extent", where), path.parent / piece.get("Source", "")) for piece in layout.pieces]
@@ -176,12 +158,7 @@ def _kind(path: Path) -> str:
 
 
 def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
-    size = require_file(path)
-    layout = scan_xml(path, kind)
-    components, noun = (3, "array of vectors") if subset.vectors else (1, "scalar array")
-    fitting = [a for a in layout.arrays if a.components == components and a.section in ("PointData", "CellData")]
-    chosen = choose_array(fitting, subset.array, noun, path)
-    where = f"{path}:{chosen.name}"
+    size, where, layout = require_file(path), str(path), scan_xml(path, kind)
     if len(layout.pieces) != 1:
         raise DataError("unsupported", where=where, found=f"{len(layout.pieces)} pieces", allowed="one piece")
     image, piece = layout.dataset, layout.pieces[0]
@@ -189,19 +166,14 @@ def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
     whole = _extent(image, "WholeExtent", where) if "WholeExtent" in image else extent
 
     def source_of(array: XmlArray, subset: Subset) -> StridedSource:
+        where = f"{path}:{array.name}"
         stored, shape = stored_dtype(layout, array, where), _samples(extent, array.on_cells, where)
         slab = select((*shape, array.components), "ZYXC", replace(subset, array=None), where)
         storage, begin = storage_of(path, size, layout, array, stored, slab.samples, where)
-        offset, strides = slab.strides(stored.itemsize)
-        name, dtype = where + slab.label, check_dtype(stored, where)
-        return StridedSource(name, Grid(shape), dtype, storage, stored, begin + offset, strides, slab=slab)
+        return slab_source(where, slab, Grid(shape), storage, stored, begin)
 
-    ghosts = [
-        (array.on_cells, source_of(array, Subset()))
-        for array in layout.arrays
-        if array.name == TYPE and array is not chosen and array.components == 1 and "Data" in array.section
-    ]
-    source = visible(source_of(chosen, subset), chosen.on_cells, ghosts)
+    fitting = [a for a in layout.arrays if "Data" in a.section and a.components in ((1, 3) if subset.vectors else (1,))]
+    chosen, source = open_image(fitting, subset, path, "scalar array", source_of)
     coordinates: tuple[NDArray[Any], ...] = ()
     if kind == "RectilinearGrid":
         arrays = [a for a in layout.arrays if a.section == "Coordinates"]
@@ -213,7 +185,7 @@ def _open_piece(path: Path, subset: Subset, kind: str) -> Piece:
 
 
 def _extent(attributes: Mapping[str, str], key: str, where: str) -> NDArray[np.int64]:
-    return _numbers(attributes, key, "", 6, where).astype(np.int64).reshape(3, 2)
+    return stated_numbers(attributes.get(key, ""), key, 6, where).astype(np.int64).reshape(3, 2)
 
 
 def _samples(extent: NDArray[np.int64], on_cells: bool, where: str) -> Index:
@@ -234,21 +206,11 @@ def _placed(
     where = source.name
     if coordinates:
         return rectilinear(source, coordinates, on_cells, spaced, where)
-    spacing = _numbers(image, "Spacing", "1 1 1", 3, where)
-    steps = _numbers(image, "Direction", "1 0 0 0 1 0 0 0 1", 9, where).reshape(3, 3) * spacing
-    origin = _numbers(image, "Origin", "0 0 0", 3, where)
+    spacing = stated_numbers(image.get("Spacing", "1 1 1"), "Spacing", 3, where)
+    direction = stated_numbers(image.get("Direction", "1 0 0 0 1 0 0 0 1"), "Direction", 9, where)
+    origin = stated_numbers(image.get("Origin", "0 0 0"), "Origin", 3, where)
+    steps = direction.reshape(3, 3) * spacing
     points = extent[:, 1] - extent[:, 0] + 1
     grid = image_grid(points, steps, origin, extent[:, 0].astype(float), on_cells, where)
     found: Source = replace(source, grid=grid)
     return found
-
-
-def _numbers(attributes: Mapping[str, str], key: str, default: str, count: int, where: str) -> NDArray[np.float64]:
-    text = attributes.get(key, default)
-    try:
-        numbers = np.array(text.split(), float)
-    except ValueError:
-        numbers = np.empty(0)
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise DataError(f"impossible {key}", where=where, found=repr(text), allowed=f"{count} numbers")
-    return numbers

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -24,14 +25,13 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Attributes, Geometry
-from clusterviz.data.header import check_dtype, check_packed, check_size
+from clusterviz.data.header import check_packed, check_size
 from clusterviz.data.source import Grid, Source
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid
 from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
-from clusterviz.data.vtk_ghosts import TYPE, visible
-from clusterviz.data.vtk_image import choose_array, image_grid, rectilinear, vector_arrays
+from clusterviz.data.vtk_image import ImageArray, image_grid, open_image, rectilinear
 from clusterviz.data.vtk_polydata import Cells, polydata
 from clusterviz.errors import DataError
 
@@ -57,17 +57,13 @@ MAX_LINE, MAX_ARRAYS = 1 << 16, 1 << 12
 
 
 @dataclass(frozen=True)
-class VtkArray:
+class VtkArray(ImageArray):
     """Array of a legacy VTK file, of `tuples` tuples at bytes `begin` to `end`."""
 
-    name: str
-    on_cells: bool
-    active: bool
-    components: int
-    kind: str
-    begin: int
-    end: int
-    tuples: int
+    kind: str = ""
+    begin: int = 0
+    end: int = 0
+    tuples: int = 0
 
 
 @dataclass
@@ -158,7 +154,6 @@ class _Scan:
             self.array(self.word(words, 0), False, self.word(words, 3), components, tuples)
 
     def metadata(self) -> None:
-        """Skip the lines up to an empty one."""
         while self.file.readline(MAX_LINE).strip():
             pass
 
@@ -178,7 +173,8 @@ class _Scan:
         """Return where an array lies, and skip it."""
         begin = self.file.tell()
         self.skip(kind, components * tuples)
-        return VtkArray(name, bool(self.on_cells), False, components, kind.lower(), begin, self.file.tell(), tuples)
+        end = self.file.tell()
+        return VtkArray(name, bool(self.on_cells), False, components, None, kind.lower(), begin, end, tuples)
 
     def array(self, name: str, active: bool, kind: str, components: int, tuples: int) -> None:
         found = self.skipped(unquote(name), kind, components, tuples)
@@ -271,34 +267,22 @@ def _kind_of(path: Path) -> list[str]:
 
 
 def open_vtk(path: Path, subset: Subset) -> Source:
-    """Open one array, or one component of one, of a legacy VTK file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, not image data, damaged or truncated, no such array, several and none named.
-    """
+    """Open one array, or one component of one, of a legacy VTK file."""
     scan = _scan(path, ("STRUCTURED_POINTS", "RECTILINEAR_GRID"), "image data")
-    arrays = vector_arrays(scan.arrays) if subset.vectors else scan.arrays
-    chosen = choose_array(arrays, subset.array, "array of vectors" if subset.vectors else "array", path)
-    where = f"{path}:{chosen.name}"
-    ghosts = [
-        (array.on_cells, _source_of(path, scan, array, Subset(), where))
-        for array in scan.arrays
-        if array.name == TYPE and array is not chosen and array.components == 1
-    ]
-    source: Source = visible(_source_of(path, scan, chosen, subset, where), chosen.on_cells, ghosts)
+    chosen, source = open_image(scan.arrays, subset, path, "array", partial(_source_of, path, scan))
     if not scan.coordinates:
-        return source
-    lines = [_load(path, scan, scan.coordinates[key]) for key in COORDINATES if key in scan.coordinates]
+        found: Source = source
+        return found
+    where, lines = f"{path}:{chosen.name}", [_load(path, scan, scan.coordinates[key]) for key in COORDINATES]
     if [len(line) for line in lines] != scan.numbers["DIMENSIONS"]:
-        found, allowed = f"{[len(line) for line in lines]}", scan.numbers["DIMENSIONS"]
-        raise DataError("the coordinates do not fit", where=where, found=found, allowed=allowed)
+        lengths, allowed = f"{[len(line) for line in lines]}", scan.numbers["DIMENSIONS"]
+        raise DataError("the coordinates do not fit", where=where, found=lengths, allowed=allowed)
     return rectilinear(source, lines, chosen.on_cells, subset.spaced, where)
 
 
-def _source_of(path: Path, scan: _Scan, array: VtkArray, subset: Subset, where: str) -> StridedSource:
+def _source_of(path: Path, scan: _Scan, array: VtkArray, subset: Subset) -> StridedSource:
     """Return the samples of an array of an image."""
+    where = f"{path}:{array.name}"
     stored = np.dtype(scan.type_of(array.kind)).newbyteorder(">" if scan.binary else "=")
     grid = _grid_of(scan, array.on_cells, where)
     slab = select((*grid.shape_zyx, array.components), "ZYXC", subset, where)
@@ -309,10 +293,7 @@ def _source_of(path: Path, scan: _Scan, array: VtkArray, subset: Subset, where: 
         check_size(end - begin, count * stored.itemsize, where, exact=True)
     else:
         storage = LoadedBytes(lambda: numbers_from_text(data.read_at(0, end - begin), stored, count, where), where)
-    offset, strides = slab.strides(stored.itemsize)
-    return StridedSource(
-        where + slab.label, grid, check_dtype(stored, where), storage, stored, offset, strides, slab=slab
-    )
+    return slab_source(where, slab, grid, storage, stored)
 
 
 def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
@@ -325,13 +306,6 @@ def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
 
 
 def read_polydata(path: Path) -> Geometry:
-    """Read polygonal data from a legacy VTK file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, not polygonal data, damaged or truncated, or indices out of range.
-    """
     scan = _scan(path, ("POLYDATA",), "polygonal data")
     points, cells, of_points, of_cells = _parts(path, scan)
     cells.pop("Cells", None)
@@ -344,13 +318,6 @@ def is_unstructured(path: Path) -> bool:
 
 
 def read_unstructured(path: Path) -> UnstructuredGrid:
-    """Read an unstructured grid from a legacy VTK file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, not an unstructured grid, damaged or truncated, or indices out of range.
-    """
     where, scan = str(path), _scan(path, ("UNSTRUCTURED_GRID",), "an unstructured grid")
     points, cells, of_points, of_cells = _parts(path, scan)
     if (scan.types is None) != ("Cells" not in cells):

@@ -12,63 +12,43 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import require_file
-from clusterviz.data.geometry import Geometry, Lines
+from clusterviz.data.geometry import Geometry, Lines, joined_arrays
 from clusterviz.data.vtk_polydata import SECTIONS, Cells, polydata
-from clusterviz.data.vtk_xml import XmlPiece, joined, scan_xml
-from clusterviz.errors import DataError
+from clusterviz.data.vtk_xml import XmlPiece, xml_pieces
 from clusterviz.image.replace import replacing
 
 
 def read_vtp(path: Path) -> Geometry:
-    """Read a .vtp file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, damaged or truncated, counts that do not fit, or indices out of range.
-    """
-    size = require_file(path)
-    layout = scan_xml(path, "PolyData")
-    if not layout.pieces:
-        raise DataError("no piece", where=str(path), allowed="<Piece …>")
-    pieces = [_Piece(path, size, layout, number) for number in range(len(layout.pieces))]
+    pieces = xml_pieces(path, "PolyData")
     points = [piece.points() for piece in pieces]
     cells: dict[str, Cells] = {}
     for section in SECTIONS:
         offsets, indices, cell_count, point_count = [np.zeros(1, np.int64)], [], 0, 0
         for piece, own in zip(pieces, points, strict=True):
-            begins, along = piece.cells_of(section)
+            begins, along = piece.cells(section, piece.count(f"NumberOf{section}"))
             offsets.append(begins + cell_count)
             indices.append(along + point_count)
             cell_count, point_count = cell_count + len(along), point_count + len(own)
         cells[section] = np.concatenate(offsets), np.concatenate(indices)
     # VTK numbers the cells piece by piece; here the sections come first.
-    order = np.concatenate([piece.cell_numbers(section) for section in SECTIONS for piece in pieces])
-    of_cells = {
-        name: array[order] for name, array in joined([piece.all_arrays("CellData") for piece in pieces]).items()
-    }
-    return polydata(
-        np.concatenate(points), cells, joined([piece.all_arrays("PointData") for piece in pieces]), of_cells, str(path)
-    )
+    order = np.concatenate([_cell_numbers(piece, section) for section in SECTIONS for piece in pieces])
+    totals = [sum(piece.count(f"NumberOf{section}") for section in SECTIONS) for piece in pieces]
+    of_cells = _joined([piece.arrays("CellData", total) for piece, total in zip(pieces, totals, strict=True)])
+    of_points = _joined([piece.arrays("PointData", len(own)) for piece, own in zip(pieces, points, strict=True)])
+    of_cells = {name: array[order] for name, array in of_cells.items()}
+    return polydata(np.concatenate(points), cells, of_points, of_cells, str(path))
 
 
-class _Piece(XmlPiece):
-    """One piece, whose cells are counted section by section."""
+def _cell_numbers(piece: XmlPiece, section: str) -> NDArray[np.int64]:
+    """Return the numbers of the section's cells in the file's cell data."""
+    begin = sum(piece.count(f"NumberOf{each}", before=True) for each in SECTIONS)
+    begin += sum(piece.count(f"NumberOf{each}") for each in SECTIONS[: SECTIONS.index(section)])
+    return np.arange(begin, begin + piece.count(f"NumberOf{section}"))
 
-    def cells_of(self, section: str) -> Cells:
-        return self.cells(section, self.count(f"NumberOf{section}"))
 
-    def cell_numbers(self, section: str) -> NDArray[np.int64]:
-        """Return the numbers of the section's cells in the file's cell data."""
-        begin = sum(self.count(f"NumberOf{each}", before=True) for each in SECTIONS)
-        begin += sum(self.count(f"NumberOf{each}") for each in SECTIONS[: SECTIONS.index(section)])
-        return np.arange(begin, begin + self.count(f"NumberOf{section}"))
-
-    def all_arrays(self, section: str) -> dict[str, NDArray[Any]]:
-        if section == "PointData":
-            return self.arrays(section, self.count("NumberOfPoints"))
-        return self.arrays(section, sum(self.count(f"NumberOf{each}") for each in SECTIONS))
+def _joined(pieces: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Return the arrays that all pieces with tuples have."""
+    return joined_arrays([piece for piece in pieces if any(map(len, piece.values()))] or pieces[:1])
 
 
 def write_vtp(path: str | Path, lines: Lines) -> None:

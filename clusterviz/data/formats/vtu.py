@@ -11,32 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import require_file
 from clusterviz.data.geometry import check_indices
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, joined_grids
 from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
-from clusterviz.data.vtk_xml import XmlPiece, scan_xml
-from clusterviz.errors import DataError
+from clusterviz.data.vtk_xml import XmlPiece, xml_pieces
 
 
 def read_vtu(path: Path) -> UnstructuredGrid:
-    """Read a .vtu file.
-
-    Raises
-    ------
-    DataError
-        Not such a file, damaged or truncated, counts that do not fit, or indices out of range.
-    """
-    grids = [_grid(piece, str(path)) for piece in _pieces(path)]
+    grids = [_grid(piece, str(path)) for piece in xml_pieces(path, "UnstructuredGrid")]
     return grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
-
-
-def _pieces(path: Path) -> list[XmlPiece]:
-    size = require_file(path)
-    layout = scan_xml(path, "UnstructuredGrid")
-    if not layout.pieces:
-        raise DataError("no piece", where=str(path), allowed="<Piece …>")
-    return [XmlPiece(path, size, layout, number) for number in range(len(layout.pieces))]
 
 
 def _grid(piece: XmlPiece, where: str) -> UnstructuredGrid:

@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import kind_of, readable, require_file, start_of
+from clusterviz.data.files import read_xml, readable, require_file
 from clusterviz.data.formats.vtkhdf import load_dataset
 from clusterviz.data.grid_files import choose_step
 from clusterviz.data.header import check_size
@@ -49,26 +49,8 @@ GEOMETRIES = {"xyz": 3, "xy": 2, "x_y_z": 3, "x_y": 2}
 
 
 def read_xdmf(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read a file at a time step.
-
-    Parameters
-    ----------
-    time : number of the step (int), or its time (float); None: the last one
-
-    Raises
-    ------
-    DataError
-        Not such a file, no such step, structured grids, damaged, or as of `linearised`.
-    """
     where = str(path)
-    require_file(path)
-    with readable(path):
-        content = path.read_bytes()
-    try:
-        root = ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
-        found = kind_of(start_of(path))
-        raise DataError(f"truncated or damaged XML: {error}", where=where, found=found, allowed="XDMF") from error
+    root = read_xml(path, "XDMF")
     file, domain = _File(path, root), root.find("Domain")
     if _tag(root) != "Xdmf" or domain is None:
         raise DataError("not XDMF", where=where, found=f"<{_tag(root)}>", allowed="<Xdmf><Domain>…")
@@ -108,12 +90,7 @@ def _kind(grid: Element) -> str:
 
 @dataclass(frozen=True)
 class _File:
-    """Parsed file.
-
-    Attributes
-    ----------
-    unread : what is left out, for a warning
-    """
+    """Parsed file."""
 
     path: Path
     root: Element
@@ -264,7 +241,6 @@ class _File:
         return [(kind, corners - base) for kind, corners in blocks]
 
     def numbers(self, item: Element) -> NDArray[Any]:
-        """Return the numbers of a DataItem."""
         item = self._resolved(item)
         kind, words = item.get("ItemType", "Uniform").lower(), item.get("Dimensions", "").split()
         if not all(word.isdecimal() and len(word) < 16 for word in words):

@@ -29,14 +29,9 @@ class Owner:
 class BrickCache:
     """Decoded bricks by key; those that were used longest ago are dropped first. Threads share it.
 
-    Parameters
-    ----------
-    limit_bytes : of bricks that are kept
-
     Attributes
     ----------
     limit_bytes : may be changed; the next brick keeps to it
-    bytes : of bricks that are kept
     bytes_read : of encoded bricks, by all threads so far
     """
 

@@ -38,8 +38,6 @@ def low_pass(read: Read, shape_zyx: Index, begin_zyx: Index, end_zyx: Index) -> 
 
     Parameters
     ----------
-    read : returns a box of samples of a level
-    shape_zyx : of this level
     begin_zyx, end_zyx : the half-open box of samples of the coarser one
 
     Returns

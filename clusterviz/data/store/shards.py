@@ -21,7 +21,6 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from threading import Lock
@@ -31,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box
+from clusterviz.data.files import library
 from clusterviz.data.header import check_box
 from clusterviz.data.remote import CONNECTIONS, FilePath, Version, read_range
 from clusterviz.data.source import Index
@@ -45,7 +45,7 @@ from clusterviz.data.store.wavelet import (
     encode_brick,
     referred_step,
 )
-from clusterviz.errors import DataError, InputError, installation
+from clusterviz.errors import DataError, InputError
 from clusterviz.image.replace import replacing
 
 SHARD_BYTES = 32 << 20
@@ -88,7 +88,7 @@ class BrickCodec:
     def require(self, where: str) -> None:
         """Check that the packages of the codec are installed."""
         if self.name == "zfp":
-            require_packages(where, "zfpy", extra="zfp")
+            library("zfpy", "zfp", where)
 
     def check(self, dtype: np.dtype[Any]) -> None:
         """Refuse a type of samples that is not packed so."""
@@ -137,11 +137,8 @@ class ShardedArray:
     Attributes
     ----------
     path : of the folder; a `RemotePath` of what is only read
-    shape_zyx : samples
     brick_zyx : samples of a brick
     shard_zyx : bricks of a shard
-    dtype : native
-    codec : of bricks
     axes : letters of the axes before z: t, c, both, or none
     counts : time steps and channels, along these axes
     index : of the volume along these axes
@@ -249,13 +246,7 @@ class ShardedArray:
         return self.path.parent / "bricks" / f"{'-'.join(map(str, ('statistics', *self.index)))}.npz"
 
     def statistics(self) -> NDArray[np.float64]:
-        """Return minimum, maximum and error of the bricks, float64 (3, z, y, x bricks); see `writer.py`.
-
-        Raises
-        ------
-        DataError
-            They are missing, damaged, or not of the array's size.
-        """
+        """Return minimum, maximum and error of the bricks, float64 (3, z, y, x bricks); see `writer.py`."""
         return self._statistics()[:3]
 
     def steps(self) -> NDArray[np.int64]:
@@ -321,7 +312,6 @@ class ShardedArray:
             file.write(index.tobytes() + checksum(index.tobytes()))
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self.read_boxes([(begin_zyx, end_zyx)])[0]
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]]:
@@ -345,13 +335,7 @@ class ShardedArray:
         return read
 
     def brick(self, brick: Index) -> NDArray[Any]:
-        """Return a decoded brick, of the full size, not to be written.
-
-        Raises
-        ------
-        DataError
-            It is missing, damaged, or ends early.
-        """
+        """Return a decoded brick, of the full size, not to be written."""
         return CACHE.get(self._owner, (*self.index, *brick), lambda: self._decoded(brick))
 
     def _decoded(self, brick: Index) -> NDArray[Any]:
@@ -425,17 +409,7 @@ def make_array(
 def open_array(
     path: FilePath, check: Callable[[], None] = lambda: None, has_checksums: bool = True
 ) -> ShardedArray | None:
-    """Return the array in a folder, at its first time step and channel; None if its layout is not one read here.
-
-    Parameters
-    ----------
-    check, has_checksums : see `ShardedArray`
-
-    Raises
-    ------
-    DataError
-        Its metadata are missing or damaged.
-    """
+    """Return the array in a folder, at its first time step and channel; None if its layout is not one read here."""
     found = read_json(path / "zarr.json")
     try:
         sharding = found["codecs"][0]["configuration"]
@@ -477,17 +451,10 @@ def array_metadata(
     }
 
 
-def require_packages(where: str, *names: str, extra: str = "store") -> None:
-    """Check that packages are installed.
-
-    Raises
-    ------
-    DataError
-        One is not.
-    """
-    for name in names:
-        if find_spec(name) is None:
-            raise DataError(f"needs the {name} package", where=where, allowed=installation(extra))
+def require_packages(where: str) -> None:
+    """Check that the packages of bricks are installed."""
+    for name in PACKAGES:
+        library(name, "store", where)
 
 
 def description_checksum(attributes: Mapping[str, Any]) -> str:
@@ -497,13 +464,6 @@ def description_checksum(attributes: Mapping[str, Any]) -> str:
 
 
 def read_json(path: FilePath) -> dict[str, Any]:
-    """Return what a JSON file holds.
-
-    Raises
-    ------
-    DataError
-        Missing, or not an object of JSON.
-    """
     try:
         found = json.loads(read_range(path)[0])
     except ValueError as error:
@@ -514,7 +474,6 @@ def read_json(path: FilePath) -> dict[str, Any]:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2))

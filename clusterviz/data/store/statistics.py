@@ -41,11 +41,6 @@ def read_statistics(path: FilePath, layout: BrickLayout, has_checksum: bool = Tr
     Parameters
     ----------
     has_checksum : not in stores of version 1
-
-    Raises
-    ------
-    DataError
-        Missing, damaged, or of another volume.
     """
     most = WHOLE_FILE_BYTES + 64 * (math.prod(layout.counts_zyx) + math.prod(block_counts(layout.shape_zyx)))
     data, _ = read_range(path, most=most)
@@ -76,7 +71,6 @@ def _arrays(values: Any) -> dict[str, Any]:
 
 
 def _checksum(arrays: Mapping[str, Any]) -> int:
-    """Return the checksum of arrays and their names."""
     parts = []
     for name, values in sorted((name, np.asarray(each)) for name, each in arrays.items() if name != "checksum"):
         parts += [f"{name} {values.dtype.str} {values.shape} ".encode(), values.tobytes()]

@@ -98,7 +98,6 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0, effort: int = EFFORT
     ----------
     samples : any integer or float type of up to 64 bits, three axes, each at least 1
     error : largest difference between a sample and the decoded one; 0: bit for bit
-    effort : level of zstd, 1 to 22
     """
     samples = np.ascontiguousarray(samples)
     if error > 0 and samples.dtype.kind == "f":
@@ -198,13 +197,7 @@ def compress(numbers: NDArray[Any], effort: int, repeats: bool = True) -> bytes:
 
 
 def decompress(frame: memoryview, size: int, where: str) -> bytes:
-    """Return the bytes of a frame of zstd.
-
-    Raises
-    ------
-    DataError
-        It does not hold `size` bytes, or is damaged.
-    """
+    """Return the bytes of a frame of zstd."""
     import zstandard
 
     try:
@@ -288,7 +281,6 @@ def _padded(count: int, width: int) -> int:
 
 
 def _split(numbers: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return the byte planes of numbers."""
     if numbers.itemsize == 1:
         return numbers.view(np.uint8)
     size, planes = max(4, numbers.itemsize), np.empty(numbers.nbytes, np.uint8)
@@ -307,7 +299,6 @@ def _joined(planes: NDArray[Any]) -> NDArray[Any]:
 
 
 def _space(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the space that a transform needs."""
     _, y, x = shape
     coarse = sum(math.prod(-(-side // apart) for side in shape) for apart in (2, 4))
     return _reused("space", coarse + 3 * y * (x + 1), dtype)

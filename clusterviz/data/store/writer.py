@@ -39,7 +39,6 @@ from clusterviz.data.series import Series
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.store.levels import Read, coarser, difference, is_within, largest_difference, low_pass
 from clusterviz.data.store.shards import (
-    PACKAGES,
     BrickCodec,
     ShardedArray,
     description_checksum,
@@ -68,10 +67,6 @@ class StoreWriter:
 
     Attributes
     ----------
-    source : the volume
-    path : of the store
-    codec : of bricks
-    brick : samples along the side of a brick
     rank, size : of this process, and their number; files are shared evenly
     series : time steps and channels of which the volume is one; None: it is the only one
     index : of the volume among them; those of earlier time steps must be complete
@@ -337,7 +332,7 @@ def write_store(
     OutputError
         The store cannot be written, or is another one.
     """
-    require_packages(str(path), *PACKAGES)
+    require_packages(str(path))
     series = source if isinstance(source, Series) else Series((source,))
     several = series if series.axes else None
     first = StoreWriter(series.sources[0], path, codec, brick, rank, size, several, series.indices[0])

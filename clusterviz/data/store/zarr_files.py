@@ -38,13 +38,7 @@ _INSTALL = {"imagecodecs": "imagecodecs", "pcodec": "pcodec", "zfpy": "zfpy", "w
 
 
 def open_zarr(path: FilePath, zarr_format: Literal[2, 3]) -> Array[Any]:
-    """Open an array for reading.
-
-    Raises
-    ------
-    DataError
-        Not an array, a codec that is not installed, or chunks too large to be read.
-    """
+    """Open an array for reading."""
     where = str(path)
     files = ZarrFiles(path)
     try:
@@ -104,13 +98,7 @@ class _Packing:
     is_first: bool = False
 
     def check(self, data: bytes, is_part: bool, where: str) -> None:
-        """Check what is read of a file: all of it, or a part, which is a chunk or the index of a shard.
-
-        Raises
-        ------
-        DataError
-            A chunk is larger than the array says.
-        """
+        """Check what is read of a file: all of it, or a part, which is a chunk or the index of a shard."""
         if not self.shard or is_part:
             if self.codecs and len(data) != self.shard:
                 self._check_chunk(data, where)
@@ -265,19 +253,15 @@ class ZarrFiles(Store):
     async def get_partial_values(
         self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, Any]]
     ) -> list[Buffer | None]:
-        """Return the bytes of parts of files."""
         return list(await asyncio.gather(*(self.get(key, prototype, wanted) for key, wanted in key_ranges)))
 
     async def exists(self, key: str) -> bool:
-        """Return whether there is a file."""
         return await self.get(key, byte_range=RangeByteRequest(0, 1)) is not None
 
     async def set(self, key: str, value: Buffer) -> None:
-        """Refuse to write."""
         self._check_writable()
 
     async def delete(self, key: str) -> None:
-        """Refuse to write."""
         self._check_writable()
 
     def list(self) -> AsyncIterator[str]:
@@ -285,9 +269,7 @@ class ZarrFiles(Store):
         raise NotImplementedError("files of a server are not listed")
 
     def list_prefix(self, prefix: str) -> AsyncIterator[str]:
-        """Refuse to list files."""
         return self.list()
 
     def list_dir(self, prefix: str) -> AsyncIterator[str]:
-        """Refuse to list files."""
         return self.list()

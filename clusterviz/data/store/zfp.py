@@ -32,7 +32,6 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0) -> bytes:
 
     Parameters
     ----------
-    samples : of one of `DTYPES`, three axes
     error : largest difference between a sample and the decoded one, for floats; 0: bit for bit, as with samples that
         zfp does not keep within it
     """
@@ -48,13 +47,7 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0) -> bytes:
 
 
 def decode_brick(data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
-    """Return the samples of a brick.
-
-    Raises
-    ------
-    DataError
-        Not a brick of this shape and type.
-    """
+    """Return the samples of a brick."""
     import zfpy
 
     try:

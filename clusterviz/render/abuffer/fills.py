@@ -85,7 +85,7 @@ def with_fill(plan: Plan, pools: Pools) -> Plan:
     This is the fixed scheme, which has one pass, if it would have taken at most twice the memory of the dynamic one for
     the last rectangle, else that. Both store the fragments of a pixel side by side.
     """
-    if plan.content is None or plan.content.fill != "auto":
+    if plan.content.fill != "auto":
         return plan
     fill: Fill = "fixed" if pools.most <= MEMORY_RATIO * (pools.mean + EARLY) else "dynamic"
     return replace(plan, content=replace(plan.content, fill=fill))

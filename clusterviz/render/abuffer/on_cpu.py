@@ -42,7 +42,7 @@ def compiled_pass(variant: FindVariant) -> Callable[[int], None]:
 def prepare_passes(plan: Plan, lanes: int) -> None:
     """Compile what a plan needs."""
     variants = find_variants(plan, lanes)
-    if plan.content and plan.content.layers:
+    if plan.content.layers:
         prepare_tiles(plan)
     for variant in variants:
         compiled_pass(variant)
@@ -87,7 +87,6 @@ def find_fragments(
     ManyFragmentsError
         The rectangle should be divided.
     """
-    assert plan.content, "there is geometry"
     fill = plan.content.fill
     own: Blocks = {GEOMETRY_BINDING: tiles.block}
     buffers: Blocks = {12: tiles.vertices, 13: tiles.corners, 14: table.layers, 15: table.attributes}

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.errors import DeviceError
+from clusterviz.gl.context import is_llvmpipe
 from clusterviz.gl.device import Device
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.staging import Bytes
 from clusterviz.image.partial import Rect
 from clusterviz.plan.content import Content
@@ -33,7 +35,6 @@ from clusterviz.render.abuffer.program import (
 from clusterviz.render.abuffer.resolves import classified, counts_of, is_sorted
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, TileLists, make_lists, prepare_tiles
 from clusterviz.render.cells.table import CELLS_BINDING, GRIDS_BINDING, grids_block
-from clusterviz.spmd.driver_needs import compile_checked
 
 LLVMPIPE_ITERATIONS = 65535
 """Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""
@@ -51,7 +52,7 @@ Programs = dict[FindVariant, moderngl.ComputeShader]
 def compile_passes(context: moderngl.Context, plan: Plan) -> dict[FindVariant, moderngl.ComputeShader]:
     """Compile the programs of a plan."""
     variants = find_variants(plan)
-    if plan.content and plan.content.layers:
+    if plan.content.layers:
         prepare_tiles(plan)
     return {variant: compile_checked(context, variant.source) for variant in variants}
 
@@ -64,13 +65,7 @@ def list_primitives(
     limits: NDArray[np.float32] | None,
     last: TileLists | None,
 ) -> TileLists:
-    """Return the primitives of each tile of a rectangle of pixels; parameters as for `make_lists`.
-
-    Raises
-    ------
-    DeviceError
-        llvmpipe would leave out primitives.
-    """
+    """Return the primitives of each tile of a rectangle of pixels; parameters as for `make_lists`."""
     shading, threads = lit_layer(plan), kernel_threads()
     lights = len(shading.lights) if shading else 0
     tiles = make_lists(plan, table, rect, lights, GPU_TILE, _pool(), threads, limits, last)
@@ -95,15 +90,7 @@ def bind_fragments(
     programs : those that are compiled, and then others; the uniform blocks of the frame and of clipping are bound
     tiles : of the rectangle
     pools : of fragments
-
-    Raises
-    ------
-    ManyFragmentsError
-        The rectangle should be divided.
-    DeviceError
-        llvmpipe would leave out fragments, or there is no memory.
     """
-    assert plan.content, "there is geometry"
     _bind_primitives(device, plan, table, tiles)
     if plan.content.kbuffer:
         return _counted_by_kbuffer(device, plan.content, tiles, rect)
@@ -155,18 +142,23 @@ def _bind_primitives(device: Device, plan: Plan, table: PrimitiveTable, tiles: T
         15: table.attributes,
         LEFT_OUT_BINDING: tiles.left_out,
     }
-    if table.cells:
-        assert plan.content, "there are grids"
-        given[CELLS_BINDING] = table.cells.words
-        device.give(GRIDS_BINDING, grids_block(plan.content, table.cells), "uniform")
-        most, found = int(device.context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]), table.cells.words.nbytes
-        if found > most:
-            raise DeviceError(
-                f"too large a buffer for {table.cells.tetrahedra} tetrahedra; found {found} bytes; allowed {most}; "
-                "more ranks have fewer each, and CPUs draw any number (--device cpu)"
-            )
     for binding, data in given.items():
         device.give(binding, data)
+    bind_cells(device, plan, table)
+
+
+def bind_cells(device: Device, plan: Plan, table: PrimitiveTable) -> None:
+    """Bind the tetrahedra of a table, if it has grids."""
+    if not table.cells:
+        return
+    most, found = int(device.context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]), table.cells.words.nbytes
+    if found > most:
+        raise DeviceError(
+            f"too large a buffer for {table.cells.tetrahedra} tetrahedra; found {found} bytes; allowed {most}; "
+            "more ranks have fewer each, and CPUs draw any number (--device cpu)"
+        )
+    device.give(GRIDS_BINDING, grids_block(plan.content, table.cells), "uniform")
+    device.give(CELLS_BINDING, table.cells.words)
 
 
 def _counted_by_kbuffer(device: Device, content: Content, tiles: TileLists, rect: Rect) -> Fragments:
@@ -188,7 +180,7 @@ def _counted_by_kbuffer(device: Device, content: Content, tiles: TileLists, rect
 
 def check_loops(context: moderngl.Context, found: int, iterations: int, of: str) -> None:
     """Refuse what llvmpipe would not draw to the end."""
-    if "llvmpipe" in context.info["GL_RENDERER"] and found * iterations > LLVMPIPE_ITERATIONS:
+    if is_llvmpipe(context.info["GL_RENDERER"]) and found * iterations > LLVMPIPE_ITERATIONS:
         allowed = f"{LLVMPIPE_ITERATIONS // iterations}; CPUs draw any number (--device cpu)"
         raise DeviceError(f"too many {of} for llvmpipe; found {found}; allowed {allowed}")
 

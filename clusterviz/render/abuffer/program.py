@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from clusterviz.content.grid.section import KBuffer
 from clusterviz.data.primitives import Kind
 from clusterviz.gl.layout import glsl_array, glsl_rows
-from clusterviz.gl.shader import ShaderSource, assemble
+from clusterviz.gl.shader import assemble
 from clusterviz.plan.blend_mode import Lattice
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
@@ -23,7 +24,7 @@ from clusterviz.render.cells.table import GRID, GRIDS_BINDING
 from clusterviz.render.frame_block import FRAME_BLOCK
 from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
 from clusterviz.render.volume_layers import LATTICES, MOST_ROWS, chain_of, define, light_files, undefine
-from clusterviz.scene.grids import KBuffer
+from clusterviz.spmd.source import ShaderSource
 
 LIGHTING_BINDING, COUNTED_BINDING, INTEGRALS_BINDING = 2, 16, 24
 MOST_SORTED = 256
@@ -176,12 +177,13 @@ class GeometryVariant:
 
 def kinds_of(plan: Plan) -> tuple[Kind, ...]:
     """Return the kinds of a plan's primitives, in alphabetical order."""
-    return tuple(sorted({layer.kind for layer in plan.content.geometry})) if plan.content else ()
+    return tuple(sorted({layer.kind for layer in plan.content.geometry}))
 
 
 def kind_constants(kinds: tuple[Kind, ...]) -> str:
     """Return GLSL constants that say which kinds of primitives there are."""
-    return f"const bool TRIANGLES = {_bool('triangle' in kinds)}, TUBES = {_bool('tube' in kinds)};\n"
+    flags = {"PRIMITIVES": bool(kinds), "TRIANGLES": "triangle" in kinds, "TUBES": "tube" in kinds}
+    return "".join(f"const bool {name} = {_bool(flag)};\n" for name, flag in flags.items())
 
 
 def _bool(flag: bool) -> str:
@@ -190,13 +192,12 @@ def _bool(flag: bool) -> str:
 
 def lit_layer(plan: Plan) -> Shading | None:
     """Return the shading of the first layer that is lit; the lights of all are the same."""
-    layers = plan.content.layers if plan.content else ()
-    return next((layer.shading for layer in layers if layer.shading), None)
+    return next((layer.shading for layer in plan.content.layers if layer.shading), None)
 
 
 def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None:
     """Return what a plan needs; None without geometry and unstructured grids."""
-    if plan.content is None or not plan.content.layers:
+    if not plan.content.layers:
         return None
     shading = lit_layer(plan)
     rows = 0 if shading is None else 7 + shading.light_rows * len(shading.lights)
@@ -210,16 +211,16 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
     """Return the programs that find a plan's fragments, in the order in which they run; none without any layers."""
-    layers = plan.content.layers if plan.content else ()
+    layers = plan.content.layers
     opaque = {isinstance(layer, GeometryLayer) and layer.opaque for layer in layers}
     which: Literal["no", "some", "all"] = "all" if opaque == {True} else "some" if True in opaque else "no"
     planes = min(1, len(plan.clip)) if lanes else len(plan.clip)
     brick = 0 if lanes else plan.layout.brick
     in_order, discards = bool(layers) and is_sorted(plan.content), plan.march.discard_margin is not None
-    grids = bool(plan.content and plan.content.cells)
+    grids = bool(plan.content.cells)
     common = plan.march.lattice, planes, kinds_of(plan), which, brick, in_order, lanes, discards, grids
-    finds = plan.content and layers and not plan.content.kbuffer
-    return [FindVariant(step, *common) for step in (PASSES[plan.content.fill] if plan.content and finds else ())]
+    finds = layers and not plan.content.kbuffer
+    return [FindVariant(step, *common) for step in (PASSES[plan.content.fill] if finds else ())]
 
 
 @dataclass(frozen=True)

@@ -2,21 +2,19 @@
 
 The rasteriser only says which pixels a primitive may cover. Whether it does, and at which depth, is decided by the same
 program text as for tile lists, so that pictures and counts of fragments are the same. Positions stay on the device. A
-rectangle takes five calls, without a wait between them:
+rectangle takes three calls, without a wait between them:
 
 1. vertices are moved to the camera's coordinates, and the lists are emptied;
-2. the fragments of each pixel are counted;
-3. each pixel gets places for them, side by side;
-4. they are stored there;
-5. and brought in order.
+2. fragments are linked to the lists of their pixels;
+3. those of each pixel get places side by side, and come in order. Grids alone do without: the few entries of a ray into
+   a grid are looked for in any order.
 
-When to use: on GPUs. When not: software rasterisers prefer tile lists; fill schemes with linked lists, resolve schemes
-without a stored order, early fragment discarding and unstructured grids have tile lists anyway.
+When to use: on GPUs. When not: software rasterisers prefer tile lists; fill schemes that a scene names, resolve schemes
+without a stored order, early fragment discarding and k-buffers have tile lists anyway.
 
 References
 ----------
-S. Lindholm, M. Falk, E. Sundén, A. Bock, A. Ynnerman, T. Ropinski, Hybrid Data Visualization Based on Depth Complexity
-Histogram Analysis, 2014, section 4 (dynamic fragment buffer).
+J. C. Yang, J. Hensley, H. Grün, N. Thibieroz, Real-Time Concurrent Linked List Construction on the GPU, 2010.
 """
 
 from __future__ import annotations
@@ -29,8 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import DeviceError
-from clusterviz.gl.device import Device
+from clusterviz.gl.context import is_llvmpipe
+from clusterviz.gl.device import LEAST_BYTES, Device
 from clusterviz.gl.drawing import compile_program
+from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.layout import glsl_block
 from clusterviz.gl.shader import assemble
 from clusterviz.gl.staging import Bytes
@@ -38,21 +38,20 @@ from clusterviz.image.partial import Rect
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer import fills
-from clusterviz.render.abuffer.fills import FRAGMENT, HEAD, LEAST_SIDE, SLACK, WORD, ManyFragmentsError
+from clusterviz.render.abuffer.fills import FRAGMENT, HEAD, LEAST_SIDE, PAGE_SHIFT, SLACK, WORD, ManyFragmentsError
 from clusterviz.render.abuffer.fragments import Fragments
-from clusterviz.render.abuffer.on_gl import DRAW_ITERATIONS, check_loops, sort_long
+from clusterviz.render.abuffer.on_gl import DRAW_ITERATIONS, bind_cells, check_loops, sort_long
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, FindVariant, find_variants, lit_layer
 from clusterviz.render.abuffer.resolves import is_sorted
 from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, camera_block, lens_of
 from clusterviz.render.frame_block import FRAME_BLOCK
-from clusterviz.spmd.driver_needs import compile_checked
 
 RASTER = np.dtype(
     [
         ("eye", "f8", 4),  # its depth, its place to the right and up, and pixels a unit
         ("centre", "f8", 4),  # column and row of the line of sight, 1 for perspective, the largest slope of a ray
-        ("counts", "i4", 4),  # vertices, words of `fragment_list`, layers
+        ("counts", "i4", 4),  # vertices, words of `fragment_list`, layers, logarithm of a page
     ]
 )
 RASTER_BINDING = 12
@@ -60,8 +59,8 @@ MOVE = np.dtype(
     [("right", "f8", 4), ("up", "f8", 4), ("forward", "f8", 4), ("unit", "f8", 4), ("words", "i4", 4), ("pad", "i4", 4)]
 )
 """As `Move` in raster_begin.glsl."""
-MOVES, WORDS, LISTS, VERTICES, CORNERS, LAYERS, ATTRIBUTES, LINKS, BOXES, FOUND, KEYS = (
-    *(9, 10, 11, 12, 13, 14, 15, 16, 18, 25, 8),
+MOVES, WORDS, LISTS, VERTICES, CORNERS, LAYERS, ATTRIBUTES, LINKS, BOXES, OPAQUE, KEYS, LINKED = (
+    *(9, 10, 11, 12, 13, 14, 15, 16, 18, 25, 8, 26),
 )
 """Bindings of storage buffers."""
 TAKEN, GROUP, ROW = 2, 64, 1 << 15
@@ -70,19 +69,17 @@ LEAST_BLOCKS, FIRST_ROOM = 8, 4
 """Storage blocks that a stage needs; fragments of a pixel for which the first frame has room."""
 ROUNDED = 0.04
 """Pixels by which the vertex shader's sums may be off, with a margin."""
-Programs = tuple[moderngl.ComputeShader, moderngl.Program, moderngl.ComputeShader, moderngl.ComputeShader]
+LINKED_SHIFT, JOINED_SHIFT = PAGE_SHIFT["lists"], PAGE_SHIFT["dynamic"]
+Programs = tuple[moderngl.ComputeShader, moderngl.Program, moderngl.ComputeShader]
 
 
 def has_rasteriser(context: moderngl.Context) -> bool:
     """Return True if a context draws on a GPU whose stages all write storage buffers."""
-    if not isinstance(context, moderngl.Context) or _ends_loops(context):  # a draw is recorded, or a CPU draws
+    # A draw is recorded, or a CPU draws.
+    if not isinstance(context, moderngl.Context) or is_llvmpipe(context.info["GL_RENDERER"]):
         return False
     blocks = (context.info.get(f"GL_MAX_{stage}_SHADER_STORAGE_BLOCKS", 0) for stage in ("VERTEX", "FRAGMENT"))
     return all(count >= LEAST_BLOCKS for count in blocks)
-
-
-def _ends_loops(context: moderngl.Context) -> bool:
-    return "llvmpipe" in context.info["GL_RENDERER"]
 
 
 class Rasteriser:
@@ -96,12 +93,13 @@ class Rasteriser:
     Attributes
     ----------
     device : the same
+    is_used : whether it is used, if it serves
     """
 
     def __init__(self, device: Device, forced: bool | None = None) -> None:
         self.device = device
-        self._is_used = has_rasteriser(device.context) if forced is None else forced
-        self._most_sorted = MOST_SORTED if _ends_loops(device.context) else 0
+        self.is_used = has_rasteriser(device.context) if forced is None else forced
+        self._most_sorted = MOST_SORTED if is_llvmpipe(device.context.info["GL_RENDERER"]) else 0
         self._programs: dict[FindVariant, Programs] = {}
         self._table: PrimitiveTable | None = None
         self._arrays: dict[int, NDArray[np.generic]] = {}
@@ -111,25 +109,13 @@ class Rasteriser:
     def serves(self, plan: Plan, rect: Rect) -> bool:
         """Return True if fragments of a plan's primitives are found here, and not by tile lists."""
         content = plan.content
-        if not self._is_used or content is None or content.cells or plan.march.discard_margin is not None:
+        if not self.is_used or content.kbuffer or plan.march.discard_margin is not None:
             return False
         sides = self.device.context.info["GL_MAX_VIEWPORT_DIMS"]
         return is_sorted(content) and rect.width <= sides[0] and rect.height <= sides[1]
 
     def find(self, plan: Plan, table: PrimitiveTable, rect: Rect, *, waits: bool) -> Fragments:
-        """Find fragments and bind them for drawing; the blocks of the frame and of clipping are bound.
-
-        Parameters
-        ----------
-        waits : as for `FragmentFinder.find`
-
-        Raises
-        ------
-        ManyFragmentsError
-            The rectangle should be divided.
-        DeviceError
-            There is no memory, or llvmpipe would leave out fragments.
-        """
+        """Find fragments and bind them for drawing; `waits` and errors as of `FragmentFinder.find`."""
         self._room = max(self._room, FIRST_ROOM * rect.pixels)
         lists = self.queue(plan, table, rect)
         head = lists, 0, WORD * (HEAD + 2 * rect.pixels)
@@ -161,20 +147,22 @@ class Rasteriser:
 
     def queue(self, plan: Plan, table: PrimitiveTable, rect: Rect) -> moderngl.Buffer:
         """Queue all calls for a rectangle, and return the lists, whose word `TAKEN` may be beyond the room."""
-        device = self.device
-        begin, draw, places, sort = self._compiled(plan)
+        device, (begin, draw, sort) = self.device, self._compiled(plan)
         vertices, size = table.vertices, (rect.width, rect.height)
         words = HEAD + 2 * rect.pixels + (-(-rect.width // GPU_TILE)) * (-(-rect.height // GPU_TILE))
-        self._give(plan, table, rect, words)
-        lists = device.reserve(LISTS, 4 * words)
-        for binding, count in ((VERTICES, 16 * vertices), (BOXES, 16 * vertices), (FOUND, 8 * rect.pixels), (LINKS, 4)):
+        has_order = _has_order(plan)
+        self._give(plan, table, rect, words, JOINED_SHIFT if has_order else LINKED_SHIFT)
+        lists = device.reserve(LISTS, WORD * words)
+        for binding, count in ((VERTICES, 16 * vertices), (BOXES, 16 * vertices), (OPAQUE, WORD * rect.pixels)):
             device.reserve(binding, count)
-        device.reserve(KEYS, FRAGMENT * self._room)
+        device.reserve(LINKS, WORD * self._room)
+        linked = device.reserve(LINKED if has_order else KEYS, FRAGMENT * self._room)
+        linked.bind_to_storage_buffer(KEYS, size=max(LEAST_BYTES, FRAGMENT * self._room))
         device.dispatch(begin, _groups(max(vertices, words)))
-        for stores in (False, True):
-            draw["stores"] = stores
-            device.draw(draw, 3 * len(table.corners), size)
-            device.dispatch(sort if stores else places, _groups(rect.pixels))
+        device.draw(draw, 3 * len(table.corners), size)
+        if has_order:
+            device.reserve(KEYS, FRAGMENT * self._room)
+            device.dispatch(sort, _groups(rect.pixels))
         return lists
 
     def release(self) -> None:
@@ -184,7 +172,7 @@ class Rasteriser:
                 program.release()
         self._programs.clear()
 
-    def _give(self, plan: Plan, table: PrimitiveTable, rect: Rect, words: int) -> None:
+    def _give(self, plan: Plan, table: PrimitiveTable, rect: Rect, words: int, page: int) -> None:
         """Bind what shaders read: the camera's numbers, and the primitives, which are sent once."""
         shading = lit_layer(plan)
         block = camera_block(plan, len(shading.lights) if shading else 0)
@@ -196,11 +184,12 @@ class Rasteriser:
         lens = lens_of(plan, block, rect)
         record = np.zeros(1, RASTER)
         record["eye"], record["centre"] = lens[:4], lens[4:8]
-        record["counts"][0, :3] = table.vertices, words, len(self._words)
+        record["counts"] = table.vertices, words, len(self._words), page
         self.device.give(RASTER_BINDING, record, "uniform")
         self.device.give(MOVES, _moves(plan, block, self._words))
         for binding, data in self._arrays.items():
             self.device.give(binding, data)
+        bind_cells(self.device, plan, table)
 
     def _compiled(self, plan: Plan) -> Programs:
         """Return the programs of a plan, compiled when they are first needed."""
@@ -210,10 +199,10 @@ class Rasteriser:
             snapped = f"const float SNAPPED = {2.0 ** -context.info['GL_SUBPIXEL_BITS'] + ROUNDED};\n"
             slots = variant.slots | {"RASTER": _common(), "SNAPPED": snapped}
             draw = (assemble(f"raster_{stage}.glsl", slots) for stage in ("vertices", "fragments"))
-            begin, places, sort = (
-                compile_checked(context, assemble(f"raster_{step}.glsl", slots)) for step in ("begin", "places", "sort")
+            begin, sort = (
+                compile_checked(context, assemble(f"raster_{step}.glsl", slots)) for step in ("begin", "sort")
             )
-            self._programs[variant] = begin, compile_program(context, *draw), places, sort
+            self._programs[variant] = begin, compile_program(context, *draw), sort
         return self._programs[variant]
 
     def _grow(self, needed: int, rect: Rect) -> None:
@@ -225,6 +214,11 @@ class Rasteriser:
             of = f"the fragments of {rect.width} x {rect.height} pixels"
             raise DeviceError(f"no memory for {of}; needed {FRAGMENT * needed} bytes; allowed {most}")
         self._room = min(int(SLACK * needed), most // FRAGMENT)
+
+
+def _has_order(plan: Plan) -> bool:
+    """Return True if the fragments of a pixel are needed in order, unlike entries into grids alone."""
+    return bool(plan.content.geometry)
 
 
 def _groups(invocations: int) -> tuple[int, int]:
@@ -262,12 +256,12 @@ def _resident(table: PrimitiveTable) -> tuple[NDArray[np.int32], dict[int, NDArr
 
 def _moves(plan: Plan, block: NDArray[np.void], words: NDArray[np.int32]) -> NDArray[np.void]:
     """Return how the positions of each layer become the camera's coordinates; `MOVE` (layers,)."""
-    assert plan.content, "there is geometry"
     found = np.zeros(max(1, len(words)), MOVE)
     for record, layer, own in zip(found, plan.content.layers, words, strict=False):
-        assert isinstance(layer, GeometryLayer), "grids have tile lists"
         for name in ("right", "up", "forward"):
             record[name] = block[name][0, :3] @ layer.index_from_file
             record[name][3] += block[name][0, 3]
-        record["unit"], record["words"] = 1 / plan.content.domain.spacing, own
+        is_geometry = isinstance(layer, GeometryLayer)
+        record["unit"][:2] = (1 / plan.content.domain.spacing, 0) if is_geometry else (1, 1)
+        record["words"] = own
     return found

@@ -31,9 +31,9 @@ DRAWN_CLASS = 3
 """Word of the lists' head with the class of tiles that a program draws."""
 
 
-def is_sorted(content: Content | None) -> bool:
+def is_sorted(content: Content) -> bool:
     """Return whether the stored fragments of a pixel are in order."""
-    return bool(content and content.resolve == "static" and content.fill not in ("lists", "pages"))
+    return content.resolve == "static" and content.fill not in ("lists", "pages")
 
 
 def class_of(counts: NDArray[Any]) -> NDArray[np.int64]:
@@ -68,7 +68,7 @@ def sizes_of(content: Content, most: NDArray[np.integer[Any]]) -> NDArray[np.int
     return np.where(most > 0, own, own[most > 0].min())
 
 
-def classified(content: Content | None, lists: Lists, counts: NDArray[np.int32], tile: int) -> tuple[Lists, list[int]]:
+def classified(content: Content, lists: Lists, counts: NDArray[np.int32], tile: int) -> tuple[Lists, list[int]]:
     """Return lists with the classes of tiles, and the sizes that occur.
 
     Parameters

@@ -84,7 +84,6 @@ class TileLists:
 
 def prepare_tiles(plan: Plan) -> None:
     """Compile the kernels that a plan needs, or load them."""
-    assert plan.content, "there is geometry"
     types = [layer.position_type for layer in plan.content.geometry] + [
         layer.point_type for layer in plan.content.cells
     ]
@@ -98,7 +97,6 @@ def camera_block(plan: Plan, lights: int) -> NDArray[np.void]:
 
     The camera's coordinates are relative to the point of the domain that is nearest to the eye, on every rank.
     """
-    assert plan.content, "there is geometry"
     view, block = plan.view, np.zeros(1, GEOMETRY)
     eye = np.array(view.eye)
     centre = np.clip(eye, 0.0, plan.extent)
@@ -117,7 +115,6 @@ def lens_of(plan: Plan, block: NDArray[np.void], rect: Rect) -> Floats:
     Depth of the eye, and its place to the right and up; pixels a unit; column and row of the line of sight; 1 for
     perspective; the largest slope of a ray; and 0, which is 1 for corners of cells.
     """
-    assert plan.content, "there is geometry"
     view = plan.view
     pixels = (plan.content.domain.spacing if view.parallel else 1.0) / view.pixel
     column, row = view.centre[0] - 0.5 - rect.x_begin, view.centre[1] - 0.5 - rect.y_begin
@@ -149,7 +146,7 @@ def make_lists(
     moved = (last.block, last.vertices, last.boxes) if last else _moved(plan, table, rect, lights, threads, count)
     block, vertices, boxes = moved
     corners = table.corners
-    if plan.content and plan.content.kbuffer:
+    if plan.content.kbuffer:
         corners = corners[sorted_order(vertices[corners[:, :3], 2].sum(axis=1), count)]
     shift = 0 if _are_small(table, boxes, rect) else tile.bit_length() - 1
     across, down = ((side - 1 >> shift) + 1 for side in (rect.width, rect.height))
@@ -192,7 +189,6 @@ def _moved(
     plan: Plan, table: PrimitiveTable, rect: Rect, lights: int, threads: Executor, count: int
 ) -> tuple[NDArray[np.void], NDArray[np.float32], NDArray[np.float32]]:
     """Return the block, the vertices in the camera's coordinates, and their pixels."""
-    assert plan.content, "there is geometry"
     block = camera_block(plan, lights)
     lens = lens_of(plan, block, rect)
     camera = np.stack([block[name][0] for name in ("right", "up", "forward")])

@@ -137,9 +137,9 @@ def make_cell_table(grids: Sequence[LocalGrid], vertices: int) -> tuple[CellTabl
     return CellTable(tetrahedra, np.concatenate(words), tuple(first_values)), boundaries
 
 
-def walk_planes(content: Content | None) -> int:
+def walk_planes(content: Content) -> int:
     """Return the numbers that OpenGL keeps of the walks of each pixel, as in walks_kept.glsl."""
-    return 2 + 4 * len(content.cells) if content and content.cells else 0
+    return 2 + 4 * len(content.cells) if content.cells else 0
 
 
 def grids_block(content: Content, table: CellTable) -> NDArray[np.void]:

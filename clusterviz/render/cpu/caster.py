@@ -112,7 +112,7 @@ class VectorCaster:
     @property
     def renderer(self) -> str:
         """What draws, in words."""
-        return cpu_name(self._width)
+        return cpu_name(self._threads, self._width)
 
     @property
     def driver(self) -> str:
@@ -223,18 +223,18 @@ class VectorCaster:
         Of several volumes extinctions are added, so that pieces give the opacity of unit lengths.
         """
         if self._width.lanes < MOST:
-            return [None] * max(1, len(self.slot.parts))
-        mode, several = plan.blend_mode, plan.content
-        apart = plan.march.preintegrated or mode.grading is not None or mode.blending != "composite"
-        asked = [None if apart else (plan.transfer, plan.march.slab_units)]
-        if several:
-            asked = [None if _is_apart(layer) else (layer.transfer, 1.0) for layer in several.volume_layers]
+            return [None] * len(plan.content.volume_layers)
+        content = plan.content
+        asked = [
+            None if _is_apart(layer, content.mixed) else (layer.transfer, 1.0 if content.mixed else layer.slab_units)
+            for layer in content.volume_layers
+        ]
         known, self._pieces = self._pieces, {}
         for one in filter(None, asked):
             key = id(one[0]), one[1]
             self._pieces[key] = known[key] if key in known else (one[0], pieces_of(*one))
         found = [self._pieces[id(one[0]), one[1]][1] if one else None for one in asked]
-        return [one if one and one.fitted else None for one in found] if several else found
+        return [one if one and one.fitted else None for one in found] if content.mixed else found
 
     def _shown_by(self, plan: Plan, piece: Piece) -> _Shown:
         """Return the bricks of a piece, as its windows show them."""
@@ -258,9 +258,7 @@ class VectorCaster:
             buffers,
             textures(plan),
             variant,
-            self._tables.table(
-                plan.content.layers if plan.content else (), bricks, self.pool.primitives, self.pool.cells
-            ),
+            self._tables.table(plan.content.layers, bricks, self.pool.primitives, self.pool.cells),
         )
 
     def _draw_parts(
@@ -366,7 +364,7 @@ class VectorCaster:
         pixels = sums[0]
         buffers, fragments = shown.buffers | {1: sums, 2: state}, np.zeros((0, 0), np.int32)
         assert shown.variant, "there are bricks"
-        variants, kbuffer = [shown.variant], plan.content and plan.content.kbuffer
+        variants, kbuffer = [shown.variant], plan.content.kbuffer
         tiles: TileLists | None = None
         if hidden:
             hidden.begin()
@@ -453,13 +451,7 @@ class VectorCaster:
 
         They are kept until the transfer function changes.
         """
-        parts = plan.content.volume_layers if plan.content else ()
-        shown = (
-            plan.blend_mode,
-            plan.march.adaptive_step,
-            plan.transfer,
-            *(one for p in parts for one in (p.blend_mode, p.transfer)),
-        )
+        shown = plan.march.adaptive_step, *plan.content.shown_by
         if self._shown is None or any(a is not b for a, b in zip(self._shown, shown, strict=True)):
             self._skips, self._shown = {}, shown
         if (found := self._skips.get((box, bricks.tobytes()))) is not None:
@@ -493,10 +485,12 @@ def _whole_squares(inside: Rect, rect: Rect) -> Rect:
     return replace(inside, x_begin=rect.x_begin + x, y_begin=rect.y_begin + y)
 
 
-def _is_apart(layer: VolumeLayer) -> bool:
-    """Return whether pieces do not give the opacity of one of several volumes."""
-    grading = layer.blend_mode.grading
-    return layer.preintegrated or bool(grading and (grading.table is not None or grading.look))
+def _is_apart(layer: VolumeLayer, mixed: bool) -> bool:
+    """Return whether pieces do not give the opacity of a volume."""
+    mode, grading = layer.blend_mode, layer.blend_mode.grading
+    if mixed:
+        return layer.preintegrated or bool(grading and (grading.table is not None or grading.look))
+    return layer.preintegrated or grading is not None or mode.blending != "composite"
 
 
 def variant_for(plan: Plan, lanes: int, pieces: Sequence[Pieces | None]) -> Variant:
@@ -507,7 +501,7 @@ def variant_for(plan: Plan, lanes: int, pieces: Sequence[Pieces | None]) -> Vari
     pieces : of each volume's transfer function, if registers hold it
     """
     capacities, pitched = [one.capacity if one else 0 for one in pieces], plan.layout.edges_zyx is not None
-    if plan.content:
+    if plan.content.mixed:
         return cpu_variant_of(plan, slot_of(plan), Lanes(lanes, volumes=tuple(capacities)))
     fitted = bool(pieces[0] and pieces[0].fitted)
     return cpu_variant_of(plan, slot_of(plan), Lanes(lanes, capacities[0], fitted, pitched=pitched))

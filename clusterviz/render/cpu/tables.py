@@ -16,15 +16,7 @@ from clusterviz.render.cpu.pieces import MOST, ROWS, Pieces
 from clusterviz.render.frame_block import ONLY, WIDEST_BATCH, frame_block, slabs_in_batch, voxels_a_slab
 from clusterviz.render.sizes import SIZES_BINDING, sizes_block
 from clusterviz.render.storage import Slot
-from clusterviz.render.volume_layers import (
-    OWN_BINDING,
-    TABLES_BINDING,
-    VOLUMES_BINDING,
-    all_segments,
-    content_tables,
-    rows_of,
-    volumes_block,
-)
+from clusterviz.render.volume_layers import all_segments, content_tables, volume_blocks
 from clusterviz.spmd.machine_code import texture_block
 
 LONGEST_BATCH = 32  # slabs
@@ -37,13 +29,7 @@ def uniform_blocks(plan: Plan, slot: Slot) -> Blocks:
     found: Blocks = {SIZES_BINDING: sizes_block(plan, slot)}
     if len(plan.clip):
         found[3] = np.ascontiguousarray(plan.clip)
-    if plan.content is not None:
-        rows = [rows for layer in plan.content.volume_layers for rows in rows_of(layer.blend_mode)]
-        return found | {VOLUMES_BINDING: volumes_block(plan.content)} | dict(enumerate(rows, OWN_BINDING))
-    shading, grading, surfaces = plan.blend_mode.shading, plan.blend_mode.grading, plan.blend_mode.surfaces
-    found |= {2: shading.block()} if shading else {}
-    found |= {4: plan.blend_mode.surface_block()} if surfaces else {}
-    return found | ({5: grading.block()} if grading else {})
+    return found | dict(volume_blocks(plan.content, on_cpu=True))
 
 
 def brick_buffers(plan: Plan, table: BrickTable, groups: NDArray[Any], pieces: Sequence[Pieces | None]) -> Blocks:
@@ -66,10 +52,7 @@ def brick_buffers(plan: Plan, table: BrickTable, groups: NDArray[Any], pieces: S
 
 def textures(plan: Plan) -> Blocks:
     """Return the 2-D transfer functions."""
-    grading, tables = plan.blend_mode.grading, content_tables(plan.content) if plan.content else []
-    if not plan.content and grading and grading.table is not None:
-        tables = [(TABLES_BINDING, grading.table)]
-    return {binding: texture_block(table.astype(np.float32)) for binding, table in tables}
+    return {binding: texture_block(table.astype(np.float32)) for binding, table in content_tables(plan.content)}
 
 
 def frame_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.void]:
@@ -77,7 +60,7 @@ def frame_of(plan: Plan, box: BrickBox, rect: Rect, slot: Slot) -> NDArray[np.vo
     frame = frame_block(plan, box, rect, slot)
     frame["first_box"], frame["first_dispatch"] = ONLY, 1
     voxels = [(slot, voxels_a_slab(plan))]
-    if plan.content is not None:
+    if slot.mixed:
         layers = zip(slot.parts, plan.content.volume_layers, strict=True)
         voxels = [(part, voxels_a_slab(plan, layer.cut)) for part, layer in layers]
     if not voxels:

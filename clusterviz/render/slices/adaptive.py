@@ -110,7 +110,7 @@ def draw_adaptively(
     view, planes = plan.view, plan.slice_planes
     width, height = view.size
     spans, uniform = _spans(plan)
-    domain = plan.transfer.domain
+    domain = plan.volume.transfer.domain
     field = in_units_of_clim(voxels.astype(np.float64), *domain).astype(np.float32)
     sides = [(-(-height // 2**level), -(-width // 2**level)) for level in range(coarsest + 1)]
     pyramid = [np.zeros((*side, 2), np.float32) for side in sides]
@@ -118,7 +118,7 @@ def draw_adaptively(
     passed = np.zeros((height, width, 2), np.float32)
     passed[..., 1] = -1.0
     rgba = np.zeros((height, width, 4), np.float32)
-    table, low, per_bin = _table(plan.transfer)
+    table, low, per_bin = _table(plan.volume.transfer)
     # A distance of 1 is that of planes or of rays, whichever is longer, anywhere in the volume.
     cell = _cell_world(plan)
     farthest = 1.0 if view.parallel else (planes.first + _count(plan)) * planes.distance
@@ -142,7 +142,13 @@ def draw_adaptively(
                     (low, per_bin),
                     (level, level_of_slice, coarsest, int(along_rays)),
                 ),
-                *(float(number), depth, planes.distance / plan.transfer.unit_distance, 1 / oracle.block, cell / unit),
+                *(
+                    float(number),
+                    depth,
+                    planes.distance / plan.volume.transfer.unit_distance,
+                    1 / oracle.block,
+                    cell / unit,
+                ),
             )
     return AdaptivePicture(rgba, tuple(int(each.sum()) for each in samples), uniform)
 
@@ -151,7 +157,7 @@ def _check(plan: Plan, voxels: NDArray[Any]) -> None:
     """Refuse what is not one composited volume on slices."""
     mode = plan.blend_mode
     problems = {
-        "several volumes or geometry": plan.content is not None,
+        "several volumes or geometry": plan.content.mixed,
         f"blending: {mode.blending}": not mode.traits.absorbs,
         "light, isosurfaces or opacity by the gradient": bool(mode.shading or mode.surfaces or mode.grading),
         "clipping planes": len(plan.clip) > 0,

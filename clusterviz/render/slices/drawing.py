@@ -223,7 +223,7 @@ class SliceDrawing:
             switch(CLIP_DISTANCE + plane)
 
     def _compiled(self) -> moderngl.Program:
-        segments = self._plan.segments
+        segments = self._plan.volume.segments
         constants = [
             f"const bool COUNTED = {str(self._counted).lower()};",
             f"const bool CLIPPED = {str(self._generator == TEMPLATE).lower()};",
@@ -236,7 +236,7 @@ class SliceDrawing:
         return compile_program(self._context, vertices, fragments)
 
     def _texture(self, samples: NDArray[np.generic]) -> moderngl.Texture3D:
-        units = in_units_of_clim(samples.astype(np.float64), *self._plan.transfer.domain).astype(np.float32)
+        units = in_units_of_clim(samples.astype(np.float64), *self._plan.volume.transfer.domain).astype(np.float32)
         return self._context.texture3d(samples.shape[::-1], 1, units.tobytes(), dtype="f4")
 
     def _template_vertices(self) -> NDArray[np.float32]:

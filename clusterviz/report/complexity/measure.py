@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure
+from clusterviz.content.geometry.section import GeometrySection, as_sections
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.frame.opening import Given
 from clusterviz.frame.work import DrawnFrame, Rendered
@@ -24,7 +25,6 @@ from clusterviz.image.partial import Rect
 from clusterviz.render.abuffer.fills import FRAGMENT, bytes_of, room_for
 from clusterviz.render.abuffer.resolves import LARGEST, MOST_SIZE, SMALLEST, class_of
 from clusterviz.scene.animation import scenes_along
-from clusterviz.scene.geometry import GeometrySection, as_sections
 from clusterviz.scene.values import Fill, Scene
 
 TRANSPARENT = 1 - 2.0**-20
@@ -123,11 +123,8 @@ class Report:
     ----------
     scene : completed
     picture : float (h, w, 4), premultiplied
-    ranks : number of ranks
-    renderer : what drew
     degrees : angle of the orbit; None without one
     counts : int32 (h, w), fragments of the pixels of the first frame
-    frames : of the orbit, or a single one
     """
 
     scene: Scene

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.grid.section import Entries, KBuffer
 from clusterviz.data import read_grid
 from clusterviz.data.faces import find_neighbours
 from clusterviz.data.tetrahedra import make_tetrahedra
@@ -28,7 +29,6 @@ from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer.analysis import KBufferNeeds, analyse, comparisons
 from clusterviz.report.kbuffer_counts import KBufferCounts
 from clusterviz.scene.camera import fitted_camera, point_along
-from clusterviz.scene.grids import Entries, KBuffer
 from clusterviz.scene.values import Camera, Scene
 
 DRAWN = (2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -57,7 +57,6 @@ class Drawing:
     ----------
     k : entries; 0: exact
     entries : sorted or unsorted; "" of exact
-    integration : exact, or table
     cpu_seconds : CPU time of drawing, all threads, mean of the views
     seconds : time of drawing, mean of the views
     counts : of all views; None of exact
@@ -88,10 +87,7 @@ class Report:
     ----------
     scene : completed
     picture : float32 (h, w, 4), premultiplied, exact, of the first view
-    renderer : what drew
-    tetrahedra, faces, boundary : numbers
     views : 14
-    drawings : exact first
     """
 
     scene: Scene

@@ -34,7 +34,6 @@ class RankProfile:
     ----------
     maps : (h, w) of the whole picture: those of `PieceProfile`, and "iterations" and "left_out", slabs behind the point
         where the ray was opaque
-    bricks : number of bricks drawn
     memory : bricks and blocks that were sampled, their bytes, and bytes fetched by samples
     """
 
@@ -56,10 +55,7 @@ class Report:
     ----------
     scene : completed
     picture : float (h, w, 4), premultiplied
-    renderer, clock : what drew, and what its ticks are
     block_side : cells; memory is counted in such blocks
-    whole : of all ranks
-    ranks : by rank
     code : None on GPUs
     """
 
@@ -142,7 +138,7 @@ def _joined(plan: Plan, pieces: list[PieceProfile], voxel_bytes: int) -> RankPro
     side, sampled = pieces[0].block_side, np.logical_or.reduce([piece.sampled for piece in pieces])
     count, cell_bytes = int(sampled.sum()), side**3 * voxel_bytes
     corners = np.argwhere(sampled) * side // plan.layout.brick
-    fetched = int(maps["samples"].sum()) * FOOTPRINTS[plan.march.filter] * voxel_bytes
+    fetched = int(maps["samples"].sum()) * FOOTPRINTS[plan.filter] * voxel_bytes
     memory = {
         "bricks_sampled": len(np.unique(corners, axis=0)),
         "blocks_sampled": count,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.flow.section import Lic
 from clusterviz.data.given import given_scene
 from clusterviz.data.vectors import VectorArray
 from clusterviz.flow.lic import LicSource, line_weights, noise_of
@@ -25,7 +26,6 @@ from clusterviz.reference.line_integral_convolution import Lines, line_integral_
 from clusterviz.reference.pyramid import convolve
 from clusterviz.report.self_test.contents import CONTENTS, PICTURE, SIZE, field
 from clusterviz.scene.features import Feature
-from clusterviz.scene.flows import Lic
 from clusterviz.scene.values import Scene
 
 Picture = NDArray[Any]

@@ -36,16 +36,16 @@ def opacities(table: np.ndarray, s: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("step", [0.1, 0.5, 1.0, 3.0])
 def test_polynomials_are_as_good_as_chords(step: float) -> None:
     plan = plan_of(opacity=RAMP, unit=1.0, step=step)
-    pieces = pieces_of(plan.transfer, plan.march.slab_units)
+    pieces = pieces_of(plan.volume.transfer, plan.volume.slab_units)
     assert pieces is not None
     assert pieces.fitted
     table = pieces.table
     # What lies below is never looked up.
-    s = np.linspace(plan.segments.transparent_below, 1.5, 4001).astype(np.float32)
-    exact = -np.expm1(plan.march.slab_units * np.log1p(-plan.transfer.opacity(s.astype(np.float64))))
+    s = np.linspace(plan.volume.segments.transparent_below, 1.5, 4001).astype(np.float32)
+    exact = -np.expm1(plan.volume.slab_units * np.log1p(-plan.volume.transfer.opacity(s.astype(np.float64))))
     assert np.abs(opacities(table, s) - exact).max() <= 1e-6
     # Far fewer than chords, of which there are so many.
-    assert step == 1.0 or len(plan.segments.records) > 5 * MOST
+    assert step == 1.0 or len(plan.volume.segments.records) > 5 * MOST
 
 
 @pytest.mark.parametrize(("points", "capacity"), [(2, 4), (6, 8), (11, 16)])
@@ -54,7 +54,7 @@ def test_few_pieces_are_found_in_few_steps(points: int, capacity: int) -> None:
     values = np.linspace(0.5, 1.0, points)
     opacity = ((0.0, 0.0), (0.1, 0.0), (0.2, 0.0), (0.3, 0.0), *((float(x), 0.1 * k) for k, x in enumerate(values)))
     plan = plan_of(opacity=opacity, cmap=((0.0, 1.0, 0.1, 0.0), (1.0, 0.0, 0.25, 1.0)), unit=1.0)
-    pieces = pieces_of(plan.transfer, plan.march.slab_units)
+    pieces = pieces_of(plan.volume.transfer, plan.volume.slab_units)
     assert pieces is not None
     assert pieces.capacity == capacity
     assert pieces.table[START, 0] == np.float32(0.5)
@@ -62,7 +62,7 @@ def test_few_pieces_are_found_in_few_steps(points: int, capacity: int) -> None:
 
 def test_many_pieces_are_not_held_in_registers() -> None:
     points = tuple((float(x), 0.3) for x in np.linspace(0, 1, MOST + 4))
-    assert pieces_of(plan_of(opacity=points).transfer, 1.0) is None
+    assert pieces_of(plan_of(opacity=points).volume.transfer, 1.0) is None
     assert DEGREE > 1
 
 
@@ -86,7 +86,7 @@ def test_few_and_many_pieces_give_the_same_picture(opacity: Any, unit: float) ->
     for cmap in (colours, mixed):
         scene = scene_of(VOXELS, camera, clim=(0.0, 1.0), opacity=opacity, cmap=cmap, unit=unit, step=0.6)
         prepared = prepare(scene, VOXELS, grid)
-        pieces = pieces_of(prepared.plan.transfer, prepared.plan.march.slab_units)
+        pieces = pieces_of(prepared.plan.volume.transfer, prepared.plan.volume.slab_units)
         assert (pieces is None) == (cmap is mixed)
         assert pieces is None or pieces.fitted == (unit < 20.0)
         found = whole(draw(None, prepared).partial, scene.image.size)

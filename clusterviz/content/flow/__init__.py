@@ -1,0 +1,1 @@
+"""Flows: vector fields, which become volumes, lines and points."""

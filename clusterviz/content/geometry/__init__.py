@@ -1,0 +1,1 @@
+"""Geometry: meshes, lines and points."""

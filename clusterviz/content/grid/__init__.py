@@ -1,0 +1,1 @@
+"""Unstructured grids: tetrahedra, hexahedra, wedges and pyramids."""

@@ -1,0 +1,1 @@
+"""Volumes: samples on a regular grid."""
