@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
 from clusterviz.content.flow.expansion import with_flows, without_flows
+from clusterviz.content.geometry.bricks import KnownGeometry
 from clusterviz.content.geometry.section import GeometrySection
+from clusterviz.content.grid.bricks import KnownCells
 from clusterviz.content.grid.section import GridSection
 from clusterviz.data import format_of, open_first_parts, open_time_step, override_grid, read_geometry, read_piece
 from clusterviz.data.axes import warn_of_choices
@@ -40,10 +42,8 @@ from clusterviz.frame.run import Run
 from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
-from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.plan.content import ContentBrick, KnownVolume, VolumeLayer, brick_cost, is_mixed
-from clusterviz.plan.geometry_bricks import KnownGeometry
-from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.plan.plan import Plan, domain_bricks, make_plan
 from clusterviz.plan.refinement import VolumeLevels, field_error, with_detail
 from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
@@ -171,9 +171,13 @@ class OpenedContent:
         return True
 
     def plan(self, scene: Scene) -> Plan:
-        """Plan a frame."""
+        """Plan a frame; collective with geometry or grids, of which the ranks look for what each brick holds."""
         known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary, levels_of(v.source)) for v in self.volumes]
-        return self.with_detail(make_plan(scene, known, self.geometry, self.grids), scene)
+        infos = [one.info for one in self.geometry], [one.info for one in self.grids]
+        bricks, lights = domain_bricks(scene, known, *infos), scene.lights
+        geometry = [one.layer(own, lights, bricks) for own, one in zip(scene.geometry, self.geometry, strict=True)]
+        grids = [one.layer(own, lights, bricks) for own, one in zip(scene.grids, self.grids, strict=True)]
+        return self.with_detail(make_plan(scene, known, bricks, geometry, grids), scene)
 
     def with_detail(self, plan: Plan, scene: Scene) -> Plan:
         """Return a plan with the levels of volumes that its view needs, and the bounds of their errors."""

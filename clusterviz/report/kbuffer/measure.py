@@ -24,7 +24,7 @@ from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.gl.devices import Device
-from clusterviz.plan.brick_search import world_from_file
+from clusterviz.plan.domain import world_from_file
 from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer.analysis import KBufferNeeds, analyse, comparisons
 from clusterviz.report.kbuffer_counts import KBufferCounts

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.loopback import LoopbackChannel
+from clusterviz.content.geometry.bricks import part_of
 from clusterviz.data import open_volume, read_geometry, read_grid
 from clusterviz.errors import ClustervizError
 from clusterviz.flow.content import geometry_with_flows, open_flows
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.image import compare
-from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_lens
 from clusterviz.reference.cells import place_cells
 from clusterviz.report.tradeoff.knobs import exact_settings
