@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.content.geometry.section import GeometryInfo
 from clusterviz.content.grid.section import GridInfo, KBuffer
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.levels import LevelMap, mixed_type
 from clusterviz.data.source import Grid, Index, MultilevelSource
@@ -43,7 +44,6 @@ from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.plan.spectrum import Spectrum
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Fill, Resolve, Scene, Volume
 

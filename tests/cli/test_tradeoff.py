@@ -81,8 +81,9 @@ def jobs(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
 
 
 def complete(scene: Scene) -> Scene:
+    from clusterviz.content.complete import complete_scene
     from clusterviz.data import open_source
-    from clusterviz.scene import VolumeInfo, complete_scene
+    from clusterviz.scene import VolumeInfo
 
     grid = open_source(scene.volumes[0].path, None).grid
     return complete_scene(scene, VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0))

@@ -40,7 +40,7 @@ from clusterviz.data.store.wavelet import decode_brick, encode_brick
 from clusterviz.data.store.writer import StoreWriter, write_store
 from clusterviz.data.summary import kept_summary, summarise
 from clusterviz.errors import DataError, InputError, OutputError, RankError
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.scene.values import Scene, Volume
 
@@ -537,7 +537,7 @@ def test_ranks_that_open_different_stores(tmp_path: Path) -> None:
 
     def open_on(channel: LoopbackChannel, *names: str) -> None:
         source = open_source(tmp_path / f"{names[channel.rank]}.ome.zarr")
-        open_volumes(Run(channel, Options()), scene, source)
+        open_content(Run(channel, Options()), scene, source)
 
     run_loopback(2, lambda channel: open_on(channel, "a", "a"))
     for names in (("a", "b"), ("a", "a", "c")):

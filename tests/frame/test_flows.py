@@ -12,12 +12,12 @@ from frame.views import on_ranks, pixels
 
 from clusterviz.cli.verify import compare_with_reference
 from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.content.flow.opening import open_flow
 from clusterviz.content.flow.section import FlowSection
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import ClustervizError
 from clusterviz.flow.cells import Cells
-from clusterviz.flow.content import open_flow
 from clusterviz.flow.glyphs import vectors_at
 from clusterviz.frame import render_frame
 from clusterviz.image import compare

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.complete import complete_scene
 from clusterviz.content.geometry.section import MeshSection
 from clusterviz.data import open_source
 from clusterviz.errors import InputError
@@ -53,7 +54,7 @@ from clusterviz.report.tradeoff.rating import (
     with_front_numbers,
 )
 from clusterviz.report.tradeoff.survey import Survey
-from clusterviz.scene import Cluster, Quality, Scene, Volume, VolumeInfo, complete_scene, scene_of_data
+from clusterviz.scene import Cluster, Quality, Scene, Volume, VolumeInfo, scene_of_data
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.validation_messages import KEY_PATHS
 from clusterviz.scene.values import ImageSettings

@@ -47,7 +47,7 @@ def covering() -> dict[str, Variant]:
 COVERING = covering()
 
 
-@pytest.mark.cover
+@pytest.mark.cover("linear u16, isosurface, 16 surfaces, 0 lights")
 @pytest.mark.parametrize(("name", "variant"), COVERING.items(), ids=COVERING)
 def test_every_file_becomes_code_for_cpus(name: str, variant: Variant) -> None:
     llvmlite.binding.parse_assembly(Generator(parse(variant.source), 8, {}).text("f")).verify()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree
 from clusterviz.content.brick_search import BrickSearch, brick_boxes
+from clusterviz.content.facts import range_around
 from clusterviz.content.geometry.section import (
     GeometryInfo,
     GeometrySection,
@@ -25,7 +26,6 @@ from clusterviz.content.geometry.section import (
     is_arrows,
     own_scalars,
 )
-from clusterviz.content.volume.info import range_around
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.glyphs import ARROW_TRIANGLES, arrows
 from clusterviz.data.primitives import (

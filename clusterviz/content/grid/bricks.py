@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from clusterviz.comm import Channel, agree, all_to_all
 from clusterviz.content.brick_search import key_of, of_all_bricks, received_members, sent_keys
 from clusterviz.content.grid.section import GridInfo, GridSection, KBuffer
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.axes import Choice, Subset, first_parts, warn_of_choices
 from clusterviz.data.faces import find_neighbours
 from clusterviz.data.geometry import CHUNK, STEP, hashes, merge_equal
@@ -33,7 +34,6 @@ from clusterviz.plan.domain import BrickGrid, world_from_file
 from clusterviz.plan.integration_table import make_integration_table
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.shading import make_geometry_shading
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Light
 

@@ -14,7 +14,7 @@ from clusterviz.data.given import given_scene
 from clusterviz.data.vectors import VectorArray
 from clusterviz.flow.lic import LicSource, line_weights, noise_of
 from clusterviz.frame import Options, render_frame
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Run
 from clusterviz.gl.devices import Device
 from clusterviz.image.pyramid.executor import apply_filter
@@ -55,7 +55,7 @@ def expected(feature: Feature) -> Picture:
     if feature.content in FIELDS:
         return FIELDS[feature.content][1]()
     scene, sources = _scene(feature)
-    scene, _, _ = open_volumes(Run(LoopbackChannel(), Options(device="cpu")), scene, sources)
+    scene, _, _ = open_content(Run(LoopbackChannel(), Options(device="cpu")), scene, sources)
     volumes, rest = sources[: len(scene.volumes)], sources[len(scene.volumes) :]
     grids = [each.grid for each in volumes]
     voxels = [each.read((0, 0, 0), each.grid.shape_zyx) for each in volumes]

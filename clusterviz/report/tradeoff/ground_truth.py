@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.loopback import LoopbackChannel
+from clusterviz.content.flow.opening import geometry_with_flows, open_flows
 from clusterviz.content.geometry.bricks import part_of
 from clusterviz.data import open_volume, read_geometry, read_grid
 from clusterviz.errors import ClustervizError
-from clusterviz.flow.content import geometry_with_flows, open_flows
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.image import compare
 from clusterviz.reference import render_lens
@@ -62,10 +62,7 @@ class GroundTruth:
     ----------
     picture : float64 (h, w, 4), premultiplied
     source : "reference" (float64 NumPy) or "renderer"
-    why : reason for the source
     step : step in voxels
-    max, rms : estimates of its own error
-    halvings : changes by each halving of the step
     checked : (max, rms, step, width) of the difference between renderer and reference at a small size; None for the
         reference itself, or if it cannot draw the scene
     """
@@ -93,7 +90,6 @@ def converge(draw: Callable[[float], NDArray[Any]], budget_seconds: float) -> tu
 
     Returns
     -------
-    picture : the picture with the shortest step
     halvings : at least one halving
     """
     started, step = perf_counter(), COARSEST
@@ -116,7 +112,6 @@ def find_ground_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> Gr
     ----------
     scene : a completed scene; settings with an error of their own are replaced by exact ones, so that renderer and
         reference differ by the step only
-    renderer : draws a scene
     budget_seconds : approximate time limit
     """
     scene = with_settings(scene, exact_settings())

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from clusterviz.content.flow.section import FlowInfo
+from clusterviz.content.facts import Facts
 from clusterviz.content.geometry.section import GeometryInfo, GeometrySection, LinesSection, as_sections, own_scalars
-from clusterviz.content.grid.section import GridInfo
 from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.content.volume.presets import LIGHT, MAX_LABELS, PRESETS, PresetName, has_hounsfield_units
 from clusterviz.errors import SceneError
@@ -43,11 +42,10 @@ OPT_OUT_KEYS = (
 )
 """Keys of a volume without a preset that turn automatic settings off: such a scene gets the defaults of scene files."""
 
-Info = VolumeInfo | GeometryInfo | GridInfo | FlowInfo
 GEOMETRY_KEYS = {"color": (0.93, 0.9, 0.84), "ambient": 0.12, "diffuse": 0.85, "specular": 0.15, "specular_power": 20.0}
 
 
-def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequence[GeometryInfo] = ()) -> Scene:
+def automatic_scene(scene: Scene, facts: Sequence[Facts]) -> Scene:
     """Return a scene whose unset keys are chosen by the presets of its volumes.
 
     With `automatic: true`, volumes that name no preset get one by the class of their values; light, background, step
@@ -56,13 +54,17 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
     Parameters
     ----------
     scene : as a user has written it
-    infos, geometry : information on each volume, and on each of `scene.geometry`
+    facts : on its entries
 
     Raises
     ------
     SceneError
         A preset that a volume names excludes another key of the scene.
     """
+    if not (scene.automatic or any(volume.preset for volume in scene.volumes)):
+        return scene
+    infos = [info for info in facts if isinstance(info, VolumeInfo)]
+    geometry = [info for info in facts if isinstance(info, GeometryInfo)]
     own = [volume for volume in scene.volumes if volume.preset is None and not volume.of_flow]
     automatic = scene.automatic and not any(key in volume.model_fields_set for volume in own for key in OPT_OUT_KEYS)
     names = [
@@ -91,6 +93,16 @@ def automatic_scene(scene: Scene, infos: Sequence[VolumeInfo], geometry: Sequenc
         image = _with_defaults(scene.image, {"background": BLACK if is_projection else BACKGROUND})
         chosen = chosen.model_copy(update={"image": image})
     return chosen
+
+
+def with_chosen_labels(asked: Scene, completed: Scene) -> Scene | None:
+    """Return a scene with the labels that presets chose, to be opened again; None if they chose none."""
+    volumes = [
+        own.model_copy(update={"labels": found.labels})
+        for own, found in zip(asked.volumes, completed.volumes, strict=False)  # flows add volumes
+    ]
+    same = all(own.labels == found.labels for own, found in zip(asked.volumes, volumes, strict=True))
+    return None if same else asked.model_copy(update={"volumes": tuple(volumes)})
 
 
 def face_on(infos: Sequence[VolumeInfo], geometry: Sequence[GeometryInfo]) -> dict[str, Any]:

@@ -4,55 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from clusterviz.content.geometry.section import GEOMETRY_SECTIONS
+from clusterviz.content.table import KINDS, entries_of
 from clusterviz.errors import SceneError
 from clusterviz.scene.field_types import Section
 from clusterviz.scene.validation_messages import format_value
 from clusterviz.scene.values import Scene
-
-OPENED = ("path", "array", "channel", "detail", "labels", "spacing", "origin", "direction")
-"""Keys of a volume that frames share, like all keys of the cluster. The other ones may differ between frames, and so do
-all keys of camera, picture, lights, clip and quality, as far as bricks have the margins that they need."""
-GEOMETRY_CHANGING = (
-    "color",
-    "cmap",
-    "clim",
-    "opacity",
-    "culling",
-    "edges",
-    "ambient",
-    "diffuse",
-    "specular",
-    "specular_power",
-)
-"""Keys of meshes, lines and points that may differ between frames: those on which neither bricks nor their primitives
-depend, as they do on radius, transform, scalars and shading."""
-
-GRID_CHANGING = (
-    "cmap",
-    "clim",
-    "opacity",
-    "opacity_unit_distance",
-    "ambient",
-    "diffuse",
-    "specular",
-    "specular_power",
-    "visibility",
-)
-"""Keys of unstructured grids that may differ between frames."""
-FLOW_CHANGING = (
-    "cmap",
-    "clim",
-    "opacity",
-    "speed_opacity",
-    "opacity_unit_distance",
-    "color",
-    "ambient",
-    "diffuse",
-    "specular",
-    "specular_power",
-)
-"""Keys of flows that may differ between frames."""
 
 
 def differences(before: Any, after: Any, key: str = "") -> list[str]:
@@ -87,29 +43,23 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
     """
     if not is_same_volume(first, scene):
         found = differences(_shared_part(first), _shared_part(scene))
-        allowed = f"another view or quality, or keys of a volume but {', '.join(OPENED)}"
-        allowed += f", or {', '.join(GEOMETRY_CHANGING)} of geometry" if scene.geometry else ""
-        allowed += f", or {', '.join(GRID_CHANGING)} of grids" if scene.grids else ""
-        allowed += f", or {', '.join(FLOW_CHANGING)} of flows" if scene.flows else ""
-        raise SceneError("frames differ in more than they can", found=found[0], allowed=allowed)
+        allowed = ["another view or quality"]
+        for kind in KINDS:
+            if kind.opened:
+                allowed.append(f"keys of a {kind.name.removesuffix('s')} but {', '.join(kind.opened)}")
+            elif getattr(scene, kind.name):
+                allowed.append(f"{', '.join(kind.changing)} of {kind.name}")
+        raise SceneError("frames differ in more than they can", found=found[0], allowed=", or ".join(allowed))
 
 
 def _shared_entries(scene: Scene) -> dict[str, list[tuple[Section, list[str]]]]:
     """Return the entries of each list of a scene, with the keys that all frames share."""
-    geometry = {name: getattr(scene, name) for name in GEOMETRY_SECTIONS}
-    return {
-        "volumes": [(volume, list(OPENED)) for volume in scene.volumes],
-        **{
-            name: [(each, _other_keys(each, GEOMETRY_CHANGING)) for each in entries]
-            for name, entries in geometry.items()
-        },
-        "grids": [(grid, _other_keys(grid, GRID_CHANGING)) for grid in scene.grids],
-        "flows": [(flow, _other_keys(flow, FLOW_CHANGING)) for flow in scene.flows],
-    }
-
-
-def _other_keys(section: Section, changing: tuple[str, ...]) -> list[str]:
-    return [key for key in type(section).model_fields if key not in changing]
+    found: dict[str, list[tuple[Section, list[str]]]] = {name: [] for kind in KINDS for name in kind.sections}
+    for entry in entries_of(scene):
+        kind, known = entry.kind, type(entry.section).model_fields
+        keys = list(kind.opened) or [key for key in known if key not in kind.changing]
+        found[entry.key.partition("[")[0]].append((entry.section, keys))
+    return found
 
 
 def _shared_values(scene: Scene) -> list[object]:

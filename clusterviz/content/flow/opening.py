@@ -1,12 +1,13 @@
 """What flows of a scene become when they are opened: volumes of line integral convolution, lines, and arrows.
 
-`scene.flow_content` says how they are shown. The volumes are computed box by box when bricks are read; lines are traced
-once, by all ranks together, which then all hold them.
+`content.flow.expansion` says how they are shown. The volumes are computed box by box when bricks are read; lines
+are traced once, by all ranks together, which then all hold them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -28,6 +29,8 @@ from clusterviz.flow.cells import Cells, open_cells, regular_vectors
 from clusterviz.flow.glyphs import glyphs
 from clusterviz.flow.lic import LicSource
 from clusterviz.flow.lic_lines import LicOverRanks
+from clusterviz.frame.run import Run
+from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.scene.values import Scene
 
 if TYPE_CHECKING:
@@ -55,6 +58,11 @@ class OpenedFlow:
         if self.lic is None or isinstance(self.vectors, Cells):
             return []
         return [*(ComponentSource(self.vectors, axis) for axis in range(3)), self.lic]
+
+    def drawn(self, channel: Channel) -> list[Any]:
+        """Return the volumes, or the lines or arrows, that the flow becomes, in their order; collective."""
+        geometry = self.geometry(channel)
+        return self.sources() if geometry is None else [geometry]
 
     def geometry(self, channel: Channel) -> Geometry | None:
         """Return the lines or arrows that the flow becomes, on every rank, or None; collective."""
@@ -134,6 +142,15 @@ def open_flows(scene: Scene, given: Sequence[Any], channel: Channel) -> list[Ope
     """Open the flows of a scene, of which some may be given; collective. Raises as `open_flow`."""
     pairs = zip(scene.flows, given, strict=True)
     return [open_flow(flow, each, f"flows[{number}]", channel) for number, (flow, each) in enumerate(pairs)]
+
+
+def open_all(
+    run: Run, scene: Scene, keyed: Sequence[tuple[str, FlowSection]], given: Sequence[Any]
+) -> list[OpenedFlow]:
+    """Open the flows of a scene on the device of a run; collective. Raises as `open_flow`."""
+    device = run.options.device
+    with run.local("open", "load"), nullcontext() if device is None else on_device(devices_of([device])[0]):
+        return open_flows(scene, given, run.channel)
 
 
 def geometry_with_flows(
