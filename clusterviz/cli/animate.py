@@ -112,7 +112,6 @@ class FrameFiles:
         Parameters
         ----------
         scene : the completed scene
-        frames : number of frames
         path : orbit and key frames, as JSON values
 
         Raises

@@ -175,8 +175,6 @@ class _Bar:
 
     Parameters
     ----------
-    terminal : the stream to write to
-    steps : the names of the steps in order
     weights : relative durations of the steps; empty for a bar of one step at a time
     """
 

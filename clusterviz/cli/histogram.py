@@ -23,15 +23,7 @@ MARKED = (1.0, 25.0, 50.0, 75.0, 99.0)
 
 @dataclass(frozen=True)
 class Histogram:
-    """Histogram of one array.
-
-    Attributes
-    ----------
-    name : of the array
-    low, high : ends of the bins
-    counts : in equal bins
-    percentiles : value by percentile
-    """
+    """Histogram of one array."""
 
     name: str
     low: float

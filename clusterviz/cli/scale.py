@@ -153,7 +153,6 @@ class MpirunJob:
 
     Attributes
     ----------
-    frames : number of timed frames
     threads : threads of each rank; "" to use the environment's
     folder : folder for files exchanged with the jobs
     """

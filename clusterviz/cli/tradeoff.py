@@ -78,7 +78,6 @@ class MpirunJob:
 
     Attributes
     ----------
-    ranks : number of ranks
     folder : folder for files exchanged with the jobs
     """
 

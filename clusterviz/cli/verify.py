@@ -89,10 +89,6 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
 
     The difference is caused by float32 pixels, `quality.filter` and `quality.early_termination` only. A lens is
     replaced by a pinhole, and its own error measured apart.
-
-    Parameters
-    ----------
-    scene : a scene with content
     """
     width, height = scene.image.size
     most = BENT_WIDTH if _bends(scene) else WIDTH
@@ -221,11 +217,9 @@ class Result:
     Attributes
     ----------
     check : "picture" or "ownership"
-    configuration : the configuration compared
     max, rms : maximum and root mean square of the difference; for ownership relative to the brightest pixel
     tolerance : the largest difference allowed
     first_wrong_pixel : (row, column), or None if no pixel exceeds the tolerance
-    samples : field samples of all ranks
     problem : the problem found, or ""
     """
 

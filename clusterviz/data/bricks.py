@@ -160,7 +160,6 @@ def with_margin(layout: Boxes, index: Index, samples: NDArray[Any]) -> NDArray[A
 
 
 def _read_layer(source: Source, boxes: dict[Index, Box]) -> dict[Index, NDArray[Any]]:
-    """Read the bricks of one z index."""
     if (read := read_boxes(source, list(boxes.values()))) is not None:
         return dict(zip(boxes, read, strict=True))
     begins, ends = (np.array([box[side] for box in boxes.values()]) for side in (0, 1))

@@ -113,11 +113,9 @@ class MixedSource:
         return own if levels.is_uniform and levels.levels.flat[0] <= self.level else np.result_type(own, np.float32)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self.read_boxes([(begin_zyx, end_zyx)])[0]
 
     def read_boxes(self, boxes: list[Box]) -> list[NDArray[Any]]:
-        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
         return _sampled(self, boxes, self.level)
 
 

@@ -133,7 +133,6 @@ class RectilinearSource(DerivedSource):
         return np.result_type(self.source.dtype, np.float32)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)

@@ -166,7 +166,6 @@ class _Part:
     most: int
 
     def check(self, size: int, where: str) -> None:
-        """Refuse more bytes than may be read."""
         if size > self.most:
             raise DataError("too large a file, or part of one", where=where, allowed=f"up to {self.most} bytes")
 
@@ -248,7 +247,6 @@ def _repeated(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
 
 
 def _fetch_http(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
-    """Read a range by one request."""
     urllib3, where, headers = library("urllib3", "store", str(path)), str(path), {"Accept-Encoding": "identity"}
     parts = urlsplit(path.url)
     if parts.username:
@@ -374,7 +372,6 @@ def _proxy(address: str) -> str | None:
 
 @cache
 def _pool(proxy: str | None) -> Any:
-    """Return connections that are kept open."""
     import urllib3
 
     options: dict[str, Any] = {"retries": False, "maxsize": CONNECTIONS}

@@ -126,7 +126,6 @@ class VisibleSource(DerivedSource):
         return found
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         samples: NDArray[Any] = self.source.read(begin_zyx, end_zyx).astype(self.dtype)
         for each in self.hidden:
             samples[each.read(begin_zyx, end_zyx)] = np.nan

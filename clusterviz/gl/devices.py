@@ -88,8 +88,8 @@ def has_gpu() -> bool:
         return False
 
 
-def prefers_cpu(device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
-    """Return True if a rank prefers the CPU ray caster to OpenGL.
+def preferred_renderer(device: Device = None, environment: Mapping[str, str] | None = None) -> str:
+    """Return the ray caster that a rank prefers, "CPU" or "OpenGL", and why, in a few words.
 
     Parameters
     ----------
@@ -98,8 +98,15 @@ def prefers_cpu(device: Device = None, environment: Mapping[str, str] | None = N
     """
     variables = os.environ if environment is None else environment
     if isinstance(device, int) or (device is None and variables.get(ENVIRONMENT, "").strip()):
-        return False
-    return device == "cpu" or not has_gpu()
+        return "OpenGL, asked for"
+    if device == "cpu":
+        return "CPU, asked for"
+    return "OpenGL, as there is a GPU" if has_gpu() else "CPU, as there is no GPU"
+
+
+def prefers_cpu(device: Device = None, environment: Mapping[str, str] | None = None) -> bool:
+    """Return True if a rank prefers the CPU ray caster to OpenGL; parameters as for `preferred_renderer`."""
+    return preferred_renderer(device, environment).startswith("CPU")
 
 
 def egl_device(device: Device) -> int | None:

@@ -188,7 +188,7 @@ class Content:
     mixed: bool = True
     geometry: tuple[GeometryLayer, ...] = ()
     reach: int = 0
-    fill: Fill = "auto"
+    fill: Fill = "fixed"
     resolve: Resolve = "static"
     cells: tuple[CellLayer, ...] = ()
 

@@ -35,6 +35,8 @@ RECORD = np.dtype(
     ]
 )
 BUCKET = np.dtype([("next_start", "f4"), ("first", "u4")])
+NORMAL = 0x40000000
+"""Added to `first`: shaders load a bucket as one float64, which is then a normal one, that no driver makes 0."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class Segments:
     Attributes
     ----------
     records : RECORD (n,), ascending starts
-    buckets : BUCKET (BUCKETS,): a segment that starts at or before each bucket, and the start of the next one
+    buckets : BUCKET (BUCKETS,): `NORMAL` and a segment that starts at or before each bucket, and the start
+        of the next one
     low, per_unit : scalar at the start of bucket 0, and buckets per unit of the scalar
     further_starts : the largest stride (a power of two, or 0) of a search for later segments of one bucket
     transparent_below : scalar below which everything is transparent
@@ -170,7 +173,7 @@ def indexed(
     edges = low + width * np.arange(BUCKETS) / BUCKETS - margin
     buckets = np.zeros(BUCKETS, BUCKET)
     first = (np.searchsorted(stored["start"], edges, side="right") - 1).clip(0)
-    buckets["first"] = first
+    buckets["first"] = NORMAL + first
     buckets["next_start"] = np.append(stored["start"], FAR)[first + 1]
     last = np.searchsorted(stored["start"], edges + width / BUCKETS + 2 * margin, side="right") - 1
     most = int((last - first).max())

@@ -14,9 +14,9 @@ S. Woop, C. Benthin, I. Wald: Watertight ray/triangle intersection, JCGT 2(1), 2
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,21 @@ Indices = NDArray[np.int64]
 PAIRS = 1 << 13  # of rays and primitives that are tested without dividing them further
 
 
+class Columns:
+    """Base of dataclasses whose fields are arrays of one length."""
+
+    def some(self, chosen: NDArray[Any]) -> Self:
+        """Return the rows of a mask, or with some numbers."""
+        return type(self)(*(getattr(self, one.name)[chosen] for one in fields(self)))  # type: ignore[arg-type]
+
+    def joined(self, parts: Sequence[Self]) -> Self:
+        """Return the rows of this and of parts behind it."""
+        names = [one.name for one in fields(self)]  # type: ignore[arg-type]
+        return type(self)(*(np.concatenate([getattr(one, name) for one in (self, *parts)]) for name in names))
+
+
 @dataclass(frozen=True)
-class Hits:
+class Hits(Columns):
     """Intersections of rays with primitives, (k,) each.
 
     Attributes
@@ -44,10 +57,6 @@ class Hits:
     t: Floats
     normal: Floats
     weights: Floats
-
-    def some(self, kept: NDArray[np.bool_]) -> Hits:
-        """Return those of a mask (k,)."""
-        return Hits(self.ray[kept], self.primitive[kept], self.t[kept], self.normal[kept], self.weights[kept])
 
 
 class Primitives(Protocol):
@@ -72,13 +81,9 @@ class Primitives(Protocol):
 def intersect(rays: Rays, primitives: Primitives) -> Hits:
     """Return all intersections with t ≥ 0, in no order."""
     found = [primitives.meet(rays, *pair) for pair in near_pairs(rays, primitives.low, primitives.high)]
-    whole = Hits(
-        np.concatenate([np.empty(0, np.int64), *(hits.ray for hits in found)]),
-        np.concatenate([np.empty(0, np.int64), *(hits.primitive for hits in found)]),
-        np.concatenate([np.empty(0), *(hits.t for hits in found)]),
-        np.concatenate([np.empty((0, 3)), *(hits.normal for hits in found)]),
-        np.concatenate([hits.weights for hits in found]) if found else np.empty((0, 1)),
-    )
+    nothing = np.empty(0, np.int64)
+    count = found[0].weights.shape[1] if found else 1
+    whole = Hits(nothing, nothing, np.empty(0), np.empty((0, 3)), np.empty((0, count))).joined(found)
     return whole.some(whole.t >= 0)
 
 
@@ -264,7 +269,7 @@ class Segments:
             normal = point - (begin[0, j] + (share * length[0, j])[:, None] * axis[0, j])
             hits = Hits(ray[i], which, at, normal, np.stack([1 - share, share], axis=1))
             parts.append(hits.some(surface))
-        return Hits(*(np.concatenate([getattr(p, name) for p in parts]) for name in Hits.__dataclass_fields__))
+        return parts[0].joined(parts[1:])
 
     def _hidden(self, point: Floats, which: Indices, cap: int) -> NDArray[np.bool_]:
         """Return which points (k, 3) on segments lie in a neighbour; the cap between two belongs to the first."""

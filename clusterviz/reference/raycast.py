@@ -1,7 +1,7 @@
 """Reference ray caster in float64 NumPy, with which every fast path is compared.
 
 It follows the definition of the picture (docs/, frames and units: the optical model, the sampling lattice) and shares
-no code with the renderer, only the scene's values and transfer function, and the grid.
+no code with the renderer, only the scene's values and the grid.
 
 It has no early ray termination, hardware texture filter or float32 pixels, as it measures their errors. A ray stops
 only when its transmittance is at most 2⁻⁶⁰, below the last bit of float64.
@@ -26,7 +26,7 @@ from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, gradient_normals, layers_of
 from clusterviz.reference.lighting import lit
 from clusterviz.reference.multi_volume import PlacedVolume, march_mixture
-from clusterviz.reference.preintegrated import march_preintegrated
+from clusterviz.reference.preintegrated import is_ramped, march_preintegrated
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import (
     Floats,
@@ -131,7 +131,7 @@ def render_reference(
             jittered = scene.quality.jitter and not has_surfaces
             some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
             most, passed = 2 * min(grid.spacing), met and met.part(part)
-            length = min(length, most) if _is_preintegrated(scene) else length
+            length = min(length, most) if is_ramped(volume, scene) else length
             if scene.quality.renderer == "slices" and not has_surfaces:
                 last = np.array(voxels.shape[::-1]) - 1.0
                 some = on_slices(some, placed.direction[part], last, grid.corners, length, scene)
@@ -139,7 +139,7 @@ def render_reference(
                 # Surfaces alone are the same, however long slabs are.
                 each = most if volume.blending == "isosurface" else min(length, most)
                 rgba[part] = march_surfaces(some, voxels, each, scene, grid, passed)
-            elif _is_preintegrated(scene):
+            elif is_ramped(volume, scene):
                 rgba[part] = march_preintegrated(some, voxels, length, scene, grid, passed)
             elif volume.optics is not None and volume.refracts:
                 background = background_rgb(scene.image.background) or (0.0, 0.0, 0.0)
@@ -217,13 +217,6 @@ def _march(
         rgba[slab.rays, 3] += weight
         transmittance[slab.rays] *= np.exp(-depth)
     return rgba
-
-
-def _is_preintegrated(scene: Scene) -> bool:
-    """Return whether slabs are pre-integrated; nearest voxels have no linear scalars."""
-    volume, classification = scene.volumes[0], str(scene.quality.classification)
-    has_ramps = volume.interpolation != "nearest" and not (volume.transfer_2d or volume.shader)
-    return classification == "pre-integrated" and volume.blending == "composite" and has_ramps
 
 
 def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:

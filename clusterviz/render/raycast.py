@@ -133,6 +133,18 @@ class Raycaster:
         return str(self._context.info["GL_VERSION"])
 
     @property
+    def choices(self) -> dict[str, str]:
+        """What the device decides, by names, in a few words each; all give the same picture."""
+        packs, reals = self.reader.packs, chosen_reals(self._context)
+        return {
+            "pictures": "packed, as they are copied from a GPU"
+            if packs
+            else "whole, as they lie in memory of the host",
+            "ownership": f"{reals}, as {'double precision is fast' if reals == 'double' else 'no float64 is fast'}",
+            "fragments": self._finder.choice,
+        }
+
+    @property
     def voxel_bytes(self) -> int:
         """Bytes of GPU memory of the bricks."""
         return self.pool.bytes

@@ -7,13 +7,14 @@ another transfer function may need another program, or bricks that were hidden b
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, MutableMapping, Sequence
+from dataclasses import asdict
 from functools import wraps
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.devices import Device, egl_device, prefers_cpu
+from clusterviz.gl.devices import Device, egl_device, preferred_renderer
 from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
@@ -61,7 +62,8 @@ class RendererCache:
         self._limit_bytes = limit_bytes
         self._context: moderngl.Context | None = None
         self._caster: Raycaster | VectorCaster | None = None
-        self._prefers_cpu: bool | None = None
+        self._preferred = ""
+        self._calls: dict[str, int] = {}
         self._stored: tuple[object, int] = (), 0
         self._levels: dict[Index, tuple[bytes, ...]] = {}
 
@@ -82,8 +84,7 @@ class RendererCache:
 
     def open(self, plan: Plan, local_rank: int, device: Device) -> None:
         """Choose the ray caster, and make its context unless there is one or none is needed."""
-        if self._prefers_cpu is None:
-            self._prefers_cpu = prefers_cpu(device)
+        self._preferred = self._preferred or preferred_renderer(device)
         if self._context is None and not self._prefers_cpu:
             from clusterviz.gl.context import current_context_kept, open_context
 
@@ -164,13 +165,16 @@ class RendererCache:
         """
         if self._caster is None:
             return [RenderResult(blank()) for _ in pieces]
-        caster = self._caster
+        caster, before = self._caster, self._counts
         if plan.spectrum or plan.lens:
             from clusterviz.render.tall_picture import draw_tall_picture
 
-            return draw_tall_picture(caster.draw, plan, pieces, progress, passes)
-        kept = plan.layers or plan.refraction or plan.march.frame_coherence is not None
-        return caster.draw(plan, pieces, progress, passes=passes, pixel="float32" if kept else pixel)
+            drawn = draw_tall_picture(caster.draw, plan, pieces, progress, passes)
+        else:
+            kept = plan.layers or plan.refraction or plan.march.frame_coherence is not None
+            drawn = caster.draw(plan, pieces, progress, passes=passes, pixel="float32" if kept else pixel)
+        self._calls = {name: count - before.get(name, 0) for name, count in self._counts.items()}
+        return drawn
 
     @_on_own_context
     def find_layers(
@@ -199,12 +203,14 @@ class RendererCache:
 
     @property
     def held(self) -> dict[str, Any]:
-        """Return the renderer's name, its driver, the number of bricks, and their voxels and bytes of memory."""
+        """Return what `RankFrame` says of the renderer and of its bricks."""
         if self._caster is None:
             return {}
         pool = self._caster.pool
         counted = {"bricks": len(pool.bricks), "voxels": pool.voxels, "voxel_bytes": pool.bytes}
-        return {"renderer": self._caster.renderer, "driver": self._caster.driver, **counted}
+        choices = {} if isinstance(self._caster, VectorCaster) else self._caster.choices
+        named = {"renderer": self._caster.renderer, "driver": self._caster.driver, "calls": self._calls}
+        return {**named, "choices": {"renderer": self._preferred, **choices}, **counted}
 
     @_on_own_context
     def release(self) -> None:
@@ -213,6 +219,16 @@ class RendererCache:
         if self._context is not None:
             self._context.release()
             self._context = None
+
+    @property
+    def _counts(self) -> dict[str, int]:
+        """Calls of OpenGL so far; empty on a CPU."""
+        caster = self._caster
+        return {} if caster is None or isinstance(caster, VectorCaster) else asdict(caster.counts)
+
+    @property
+    def _prefers_cpu(self) -> bool:
+        return self._preferred.startswith("CPU")
 
     def _made(self, plan: Plan) -> Raycaster | VectorCaster:
         if self._prefers_cpu:

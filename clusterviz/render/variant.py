@@ -7,17 +7,15 @@ which the compiler folds into the addresses of every fetch. Data that change fro
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.reals import Reals
 from clusterviz.gl.shader import assemble
 from clusterviz.plan.blend_mode import Lattice
-from clusterviz.plan.content import Filter
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
-from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.abuffer.program import GeometryVariant, geometry_variant
 from clusterviz.render.crossing import PLANES
 from clusterviz.render.frame_block import FRAME_BLOCKS
@@ -44,14 +42,12 @@ from clusterviz.render.volume_layers import (
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
 from clusterviz.spmd.source import ShaderSource
 
-if TYPE_CHECKING:
-    from clusterviz.spmd.look import Look
-
 PART_BYTES = 16  # a vec4
 USUAL_BRICK = 64  # cells along its side
 MOST_MET = 21  # most intersections of one surface with a slab of two voxels, which lies in seven cells
 MOST_IN_SLAB = 64  # most surfaces of all volumes in a slab
 NOTHING = "// nothing\n"
+NO_VOLUME = VolumeVariant("linear", Slot((1, 1, 1), "f32", False), 0)
 Files = str | tuple[str, ...]
 SURFACES_FILES = ("root.glsl", "surfaces.glsl")
 PREINTEGRATED_FILES = ("sums.glsl", "front_to_back.glsl", "ramp.glsl", "ramp_slab.glsl", "preintegrated.glsl")
@@ -92,28 +88,16 @@ class Variant:
 
     Attributes
     ----------
-    filter : reconstruction filter
     slot : layout of a stored brick
     brick : cells along the side of a brick; 0 on a CPU that draws bricks of any size
-    further_starts : that of the plan's segments; most transfer functions need no search in a bucket
-    block_bytes : size of the uniform block for the transfer function's records; 0 if they are too many for one
+    block_bytes : size of the uniform block for the transfer functions' records; 0 if they are too many for one
+    volumes : variants of the volumes
     blending : blend mode
-    lights : number of lights; 0: the volume is not lit
     planes : number of clipping planes
-    surfaces : number of isosurfaces
-    preintegrated : slabs are classified between their ends, not at their midpoints
-    fading : number of pieces of the gradient opacity; 0: there is none
-    near : some lights have a place
-    smooth : gradients are those of cubic B-splines, with any filter
     lattice : where slabs begin
     split : slabs are cut where they leave a brick
-    table : content of the 2-D transfer function; "" without one
-    volumes : variants of several volumes; empty for one volume
-    caps : number of planes by whose normals cut faces are lit, including the volume's own faces
     frame_coherence : rays start by the hits of the last frame
-    look : a user's look in place of the transfer function; None without one
     crossing : only where the opacity of a pixel passes one half is found
-    occlusion : rows of ambient occlusion; 0: there is none
     cpu : how a CPU draws it; None: a GPU draws
     profile : what is found out about each pixel, besides its colour
     geometry : meshes, lines and points; None without any
@@ -121,28 +105,16 @@ class Variant:
     reals : form of the numbers that decide which slabs a box owns
     """
 
-    filter: Filter
     slot: Slot
     brick: int
-    further_starts: int
     block_bytes: int
+    volumes: tuple[VolumeVariant, ...] = ()
     blending: Blending = DEFAULT_BLENDING
-    lights: int = 0
     planes: int = 0
-    surfaces: int = 0
-    preintegrated: bool = False
-    fading: int = 0
-    table: Table = ""
-    near: bool = False
-    smooth: bool = False
     lattice: Lattice = "rays"
     split: bool = False
-    volumes: tuple[VolumeVariant, ...] = ()
-    caps: int = 0
     frame_coherence: bool = False
     crossing: bool = False
-    look: Look | None = None
-    occlusion: int = 0
     cpu: Lanes | None = None
     profile: Profile = ""
     geometry: GeometryVariant | None = None
@@ -151,13 +123,22 @@ class Variant:
 
     @property
     def is_mixed(self) -> bool:
-        """Whether slabs are those of several volumes, or of one or none with geometry."""
-        return bool(self.volumes or self.geometry)
+        """Whether slabs are those of mixed content, and not of a volume alone."""
+        return self.slot.mixed
+
+    @property
+    def volume(self) -> VolumeVariant:
+        """Variant of the volume that is drawn alone; of mixed content one that shows nothing."""
+        return NO_VOLUME if self.is_mixed else self.volumes[0]
 
     @property
     def name(self) -> str:
         """Name of its function on a CPU; those of variants that differ little are the same."""
-        volumes = f"{len(self.volumes)}_volumes" if self.is_mixed else f"{self.slot.kind}_{self.filter}_{self.blending}"
+        volumes = (
+            f"{len(self.volumes)}_volumes"
+            if self.is_mixed
+            else f"{self.slot.kind}_{self.volume.filter}_{self.blending}"
+        )
         return f"cast_{volumes}_{self.cpu.lanes if self.cpu else 0}".replace("-", "_")
 
     @property
@@ -165,7 +146,7 @@ class Variant:
         """What is shown that has only been written in double precision."""
         uses = {
             "several volumes, or geometry": self.is_mixed,
-            "pre-integrated slabs": self.preintegrated,
+            "pre-integrated slabs": self.volume.preintegrated,
             "frame coherence": self.frame_coherence,
             "layers": self.crossing,
             "refraction": self.refraction,
@@ -175,54 +156,65 @@ class Variant:
     @property
     def fetches_ahead(self) -> bool:
         """Whether a program for CPUs brings voxels nearer before it samples them."""
-        return self.filter == "linear" and not (self.is_mixed or self.surfaces or self.preintegrated)
+        volume = self.volume
+        return volume.filter == "linear" and not (self.is_mixed or volume.surfaces or volume.preintegrated)
 
     @property
     def source(self) -> ShaderSource:
         """Assembled shader."""
-        records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
-        run: Files = SURFACES_FILES if self.surfaces else "samples.glsl"
-        sample: Files = ("table.glsl", "composite_2d.glsl") if self.table else self._traits.shader
-        if self.look:
-            sample = (self.look.glsl(), "look.glsl", "composite_2d.glsl")
-        if self.preintegrated:
-            run, sample = PREINTEGRATED_FILES, NOTHING
-        density = density_files(self.preintegrated) if self.occlusion and not self.volumes else ()
+        volume = self.volume
         slots: dict[str, Files] = {
             "REALS": f"reals_{self.reals}.glsl",
             "FRAME": FRAME_BLOCKS[self.reals],
             "VECTORS": (f"vectors_{self.reals}.glsl", "reals.glsl", f"bricks_{self.reals}.glsl"),
             "CONSTANTS": self.constants,
-            "TRANSFER": "transfer.glsl",
-            "RECORDS": records,
-            "SEGMENT": NOTHING if self.preintegrated else ("segment.glsl", "whole_slab.glsl"),
+            "RECORDS": "records_uniform.glsl" if self.block_bytes else "records_storage.glsl",
             "WORDS": "words.glsl",
             "PITCH": "pitch.glsl",
-            "VOXEL": voxel_files(self.slot),
             "PREFETCH": "no_prefetch.glsl",
-            "SPLINE": spline_file(self.filter, self._gradient),
-            "SCALAR": field_file(self.filter, self.slot),
-            "CELL": cell_files(self.filter) if self.surfaces else NOTHING,
-            "RUN": run,
-            "SAMPLE": sample,
             "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
-            "BORDERS": (self._borders, *self._slope, *density),
-            "GRADIENT": self._gradient,
+            "BORDERS": (
+                self._borders,
+                *self._slope,
+                *(density_files(volume.preintegrated) if volume.occlusion else ()),
+            ),
             "STEP": "adaptive_step.glsl" if self.slot.adaptive else "fixed_step.glsl",
             "STARTS": self._starts,
             "LATTICE": LATTICES[self.lattice],
             "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",
-            "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
-            "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
-            "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
-            "GROUPS": ("groups.glsl", "groups_of_bricks.glsl"),
             "PROFILE": f"profile_{self.profile}.glsl" if self.profile else "no_profile.glsl",
             "PACKETS": NOTHING,
             "MAIN": "pixels.glsl",
-            "LIGHTS_FROM": light_files(self.near, bool(self.occlusion)) if self.lights else NOTHING,
         }
-        slots |= (self._content if self.is_mixed else {}) | (self._on_cpu if self.cpu else {})
+        slots |= (self._content if self.is_mixed else self._alone) | (self._on_cpu if self.cpu else {})
         return assemble("raycast.glsl", slots | (self.geometry.whole_rays if self.geometry else {}))
+
+    @property
+    def _alone(self) -> dict[str, Files]:
+        """Return the slots of files that sample a volume alone."""
+        volume = self.volume
+        run: Files = SURFACES_FILES if volume.surfaces else "samples.glsl"
+        sample: Files = ("table.glsl", "composite_2d.glsl") if volume.table else self._traits.shader
+        if volume.look:
+            sample = (volume.look.glsl(), "look.glsl", "composite_2d.glsl")
+        if volume.preintegrated:
+            run, sample = PREINTEGRATED_FILES, NOTHING
+        return {
+            "TRANSFER": "transfer.glsl",
+            "SEGMENT": NOTHING if volume.preintegrated else ("segment.glsl", "whole_slab.glsl"),
+            "VOXEL": voxel_files(self.slot),
+            "SPLINE": spline_file(volume.filter, self._gradient),
+            "SCALAR": field_file(volume.filter, self.slot),
+            "CELL": cell_files(volume.filter) if volume.surfaces else NOTHING,
+            "RUN": run,
+            "SAMPLE": sample,
+            "GRADIENT": self._gradient,
+            "MAGNITUDE": "magnitude.glsl" if volume.fading or volume.table else NOTHING,
+            "FADE": "faded.glsl" if volume.fading else "unfaded.glsl",
+            "LIGHT": "lights.glsl" if volume.lights else "unlit.glsl",
+            "LIGHTS_FROM": light_files(volume.near, bool(volume.occlusion)) if volume.lights else NOTHING,
+            "GROUPS": ("groups.glsl", "groups_of_bricks.glsl"),
+        }
 
     @property
     def _on_cpu(self) -> dict[str, Files]:
@@ -243,11 +235,11 @@ class Variant:
         if not self.slot.adaptive:
             found["GROUPS"] = "skips.glsl", "groups_of_bricks.glsl"
         found["VOXEL"] = voxel_files(self.slot, True)
-        found["SCALAR"] = field_file(self.filter, self.slot, True)
+        found["SCALAR"] = field_file(self.volume.filter, self.slot, True)
         if found["SCALAR"] == "linear_cells.glsl":
             found["PREFETCH"] = NOTHING
-            if self.surfaces and self.slot.kind != "f32":
-                found["CELL"] = (f"extremes_{self.slot.kind}.glsl", *cell_files(self.filter)[1:])
+            if self.volume.surfaces and self.slot.kind != "f32":
+                found["CELL"] = (f"extremes_{self.slot.kind}.glsl", *cell_files(self.volume.filter)[1:])
         if self.cpu.pieces:
             found["SEGMENT"] = ("segment.glsl", "piece_rows.glsl", "pieces.glsl")
         return found
@@ -283,31 +275,30 @@ class Variant:
     @property
     def _gradient(self) -> str:
         """Return the file of the gradient."""
-        shaded = self.lights or self.fading or self.table or (self.look and self.look.uses_gradient)
-        needed = shaded or self.crossing or self.refraction
-        return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
+        volume = self.volume
+        needed = volume.is_graded or self.crossing or self.refraction
+        return gradient_file(volume.filter, volume.smooth) if needed else "gradient_none.glsl"
 
     @property
     def _content(self) -> dict[str, Files]:
         """Return the slots of files that differ for several volumes."""
         names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
-        one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
+        none: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         pieces = self.cpu.volumes if self.cpu else None
         geometry = self.geometry.parts(len(self.volumes), self.cpu is not None) if self.geometry else ()
         planes = PLANES if self.crossing else 0
         cells = self.geometry.cells(self.cpu is not None, planes) if self.geometry else ()
         files = content_files(self.volumes, self.crossing, pieces, geometry, cells)
-        return one | {"CLIP": ("kept.glsl", clip), "RUN": files, "GROUPS": "groups_of_domain.glsl"}
+        return none | {"CLIP": ("kept.glsl", clip), "RUN": files, "GROUPS": "groups_of_domain.glsl"}
 
     @property
     def _record_bytes(self) -> int:
-        return (SLAB_RECORD if self.preintegrated else RECORD).itemsize
+        return (SLAB_RECORD if self.volume.preintegrated else RECORD).itemsize
 
     @property
     def _sample_iterations(self) -> int:
         """Most iterations of loops in a sample."""
-        searches = self.volumes or (self,)
         each = [
             one.further_starts.bit_length()
             + one.lights
@@ -315,13 +306,13 @@ class Variant:
             + one.fading
             + (one.look.iterations if one.look else 0)
             + 14 * (one.occlusion + 4 * one.further_starts.bit_length()) * bool(one.occlusion)
-            for one in searches
+            for one in self.volumes
         ]
-        return 1 + sum(each) + sum(volume.further_iterations for volume in self.volumes)
+        return 1 + sum(each) + self.is_mixed * sum(volume.further_iterations for volume in self.volumes)
 
     @property
     def _shows_surfaces(self) -> bool:
-        return bool(self.surfaces or self.geometry) or any(volume.surfaces for volume in self.volumes)
+        return self.geometry is not None or any(volume.surfaces for volume in self.volumes)
 
     @property
     def constants(self) -> str:
@@ -339,14 +330,15 @@ class Variant:
         ]
         lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
-        lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
+        lines.append(f"const bool LAST_IN_RUN = {str(bool(self.volume.surfaces)).lower()}; // runs hold the last slab")
         if self.cpu:
             width, height = PACKETS[self.cpu.lanes]
             lines.append(f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};")
             lines.append(f"const int PIECES = {self.cpu.pieces}, PIECES_BEFORE = 0;")
             lines.append(f"const bool FITTED = {str(self.cpu.fitted).lower()};")
-        if self.surfaces:
-            lines.append(glsl_rows("Surfaces", 4, {"surface": self._rows(2 * self.surfaces)}))
+        volume, rows = self.volume, {name: self._rows(count) for name, count in self.volume.rows.items()}
+        if "surface" in rows:
+            lines.append(glsl_rows("Surfaces", 4, {"surface": rows["surface"]}))
             lines.append(f"const bool IN_VOLUME = {str(self._traits.absorbs).lower()};")
         alone = self.geometry is not None and self.geometry.grids > 0 and not self.volumes
         lines.append(f"const bool SLABS_COUNT = {str(not alone).lower()}; // as samples")
@@ -360,18 +352,15 @@ class Variant:
         if self.geometry:
             count = len(self.volumes)
             lines += [self.geometry.constants, f"const int VOLUMES = {count};"]
-        lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
-        if self.fading or self.table or self.look:
-            own = LOOK_ROWS * bool(self.look)
-            lines.append(glsl_rows("Grading", 5, {"grading": self._rows(4 + self.fading + own)}))
-        if self.table:
+        lines.append(f"const bool FADED = {str(volume.fading > 0).lower()}; // extinction by the gradient's magnitude")
+        if "grading" in rows:
+            lines.append(glsl_rows("Grading", 5, {"grading": rows["grading"]}))
+        if volume.table:
             lines.append(f"#define TABLE_BINDING {TABLES_BINDING}")
-            lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.table == 'colour and opacity').lower()};")
-        if self.lights:
-            rows = 5 if self.near else 2
-            count = 7 + rows * self.lights + 2 * self.caps + self.occlusion
-            lines.append(glsl_rows("Lights", 2, {"lighting": self._rows(count)}))
-            lines.append(f"const int LIGHT_ROWS = {rows}; // for each")
+            lines.append(f"const bool TABLE_HAS_COLOUR = {str(volume.table == 'colour and opacity').lower()};")
+        if "lighting" in rows:
+            lines.append(glsl_rows("Lights", 2, {"lighting": rows["lighting"]}))
+            lines.append(f"const int LIGHT_ROWS = {volume.light_rows}; // for each")
         clock = [CLOCK] if self.profile == "clock" and not self.cpu else []
         return "\n".join((*clock, *lines, *self._traits.constants)) + "\n"
 
@@ -393,16 +382,19 @@ class Variant:
             *self._brick_sizes,
             f"const int MARGIN = {self.slot.margin}; // samples beyond the cells of a stored brick on every side",
             f"const int ROW_WORDS = {self.slot.row_words}, SLICE_WORDS = {self.slot.slice_words};",
-            f"const int FURTHER_STARTS = {self.further_starts};",
+            f"const int FURTHER_STARTS = {self.volume.further_starts};",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
-        if self.surfaces:
-            lines.append(f"const int SURFACES = {self.surfaces};")
-        if self.lights:
-            lines.append(f"const int LIGHTS = {self.lights}, CAPS = {self.caps}; // and planes that cut what is lit")
-            lines.append(f"const int OCCLUSION_PLANES = {self.occlusion - OCCLUSION_ROWS};")
-        if self.fading or self.table or self.look:
-            lines.append(f"const int FADING_PIECES = {self.fading};")
+        volume = self.volume
+        if volume.surfaces:
+            lines.append(f"const int SURFACES = {volume.surfaces};")
+        if volume.lights:
+            lines.append(
+                f"const int LIGHTS = {volume.lights}, CAPS = {volume.caps}; // and planes that cut what is lit"
+            )
+            lines.append(f"const int OCCLUSION_PLANES = {volume.occlusion - OCCLUSION_ROWS};")
+        if volume.fading or volume.table or volume.look:
+            lines.append(f"const int FADING_PIECES = {volume.fading};")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;")
         return lines
@@ -427,10 +419,10 @@ class Variant:
         """The same on CPUs, where most are variables, so that few programs serve all sizes."""
         assert self.cpu, "a GPU draws"
         lines = [
-            glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.volumes)),
+            glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.slot.parts)),
             f"const bool FAR_APART = {str(self.cpu.far).lower()}; // samples, so that caches hold few of them",
             # With several volumes, and where bricks cut slabs, ends of slabs lie on faces; lines that bend go beyond.
-            f"const bool WITHIN_CELLS = {str(not (self.split or self.volumes or self.refraction)).lower()};",
+            f"const bool WITHIN_CELLS = {str(not (self.split or self.slot.parts or self.refraction)).lower()};",
             "const int SAMPLE_ITERATIONS = 1; // which nobody counts",
             f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};",
             "int MARGIN = sizes[0].first.y, FIRST_WORD = sizes[0].first.x; // of a brick's first cell",
@@ -455,21 +447,18 @@ def of_size(variant: Variant, size: int) -> Variant:
     return replace(variant, geometry=replace(variant.geometry, size=size))
 
 
-def _surfaces(plan: Plan) -> int:
-    """Return the number of isosurfaces, at least 1 where nothing else is shown."""
-    return max(len(plan.blend_mode.surfaces), int(plan.blend_mode.traits.only_surfaces))
-
-
 def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
     """Return the variant of a plan on a CPU; plans that differ only in numbers have the same."""
     given, slot = variant_of(plan, slot, 0), replace(slot, textured=False, margin=0, spread=0)
     # Constants are a little faster.
     whole = slot.cells_zyx == (USUAL_BRICK,) * 3 and plan.layout.brick == USUAL_BRICK
     usual = whole and not cpu.pitched and not given.is_mixed
+    slot = slot if usual else _without_size(slot)
     volumes = tuple(
         replace(
             each,
-            slot=_without_size(each.slot),
+            filter=EXACT.get(each.filter, each.filter),
+            slot=_without_size(each.slot) if slot.mixed else slot,
             further_starts=0,
             lights=min(each.lights, 1),
             caps=0,
@@ -481,18 +470,11 @@ def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
     )
     return replace(
         given,
-        filter=EXACT.get(given.filter, given.filter),
-        slot=slot if usual else _without_size(slot),
+        slot=slot,
         brick=USUAL_BRICK if usual else 0,
-        further_starts=0,
-        blending="average" if given.blending == "additive" else given.blending,
-        lights=min(given.lights, 1),
-        planes=min(given.planes, 1),
-        surfaces=min(given.surfaces, 1),
-        fading=min(given.fading, 1),
         volumes=volumes,
-        caps=0,
-        occlusion=min(given.occlusion, 1),
+        blending="average" if given.blending == "additive" else given.blending,
+        planes=min(given.planes, 1),
         cpu=cpu,
         geometry=geometry_variant(plan, True),
     )
@@ -513,32 +495,19 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int, reals: Reals = "doubl
     uniform_bytes : the driver's largest uniform block
     reals : form of numbers that the device prefers; what `needs_doubles` has none but double precision
     """
-    grading, layers = plan.blend_mode.grading, plan.content.volume_layers
-    lone = None if plan.content.mixed else plan.volume
-    fits = sum(part.segments.records.nbytes for part in layers) <= uniform_bytes
+    fits = sum(part.segments.records.nbytes for part in plan.content.volume_layers) <= uniform_bytes
+    slot = replace(slot, group_box=None)
     found = Variant(
-        plan.filter,
-        replace(slot, group_box=None),
+        slot,
         plan.layout.brick,
-        lone.segments.further_starts if lone else 0,
         uniform_bytes if fits else 0,
+        volume_variants(plan.content, slot),
         plan.blend_mode.blending,
-        len(plan.blend_mode.shading.lights) if plan.blend_mode.shading else 0,
         len(plan.clip),
-        _surfaces(plan),
-        lone is not None and lone.preintegrated,
-        grading.fading if grading else 0,
-        grading.table_holds if grading else "",
-        bool(plan.blend_mode.shading and plan.blend_mode.shading.has_places),
-        plan.blend_mode.smooth,
         plan.march.lattice,
         plan.march.split,
-        () if lone else volume_variants(plan.content, slot),
-        len(plan.blend_mode.shading.caps) if plan.blend_mode.shading else 0,
         plan.march.frame_coherence is not None,
         plan.march.crossing,
-        grading.look if grading else None,
-        len(plan.blend_mode.shading.occlusion) if plan.blend_mode.shading else 0,
         geometry=geometry_variant(plan),
         refraction=plan.refraction is not None,
     )

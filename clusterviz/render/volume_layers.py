@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.plan.blend_mode import BlendMode, Lattice
-from clusterviz.plan.content import Content, Filter
+from clusterviz.plan.content import Content, Filter, VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS, Segments, make_segments
@@ -116,7 +116,7 @@ CHAINED = {
 
 @dataclass(frozen=True)
 class VolumeVariant:
-    """Constants and files of one of several volumes.
+    """Constants and files of a volume.
 
     Attributes
     ----------
@@ -161,6 +161,11 @@ class VolumeVariant:
         return found | ({"surface": 2 * self.surfaces} if self.surfaces else {})
 
     @property
+    def is_graded(self) -> bool:
+        """Whether samples need the gradient."""
+        return bool(self.lights or self.fading or self.table or (self.look and self.look.uses_gradient))
+
+    @property
     def light_rows(self) -> int:
         """Rows for each light."""
         return 5 if self.near else 2
@@ -180,8 +185,7 @@ class VolumeVariant:
         pieces : as in `Lanes`
         """
         macros, chain = self._macros(number) | (self._sizes_on_cpu(number) if on_cpu else {}), chain_of(number)
-        graded = self.lights or self.fading or self.table or (self.look and self.look.uses_gradient)
-        graded = crossing or (graded and not self.of_lines)
+        graded = crossing or (self.is_graded and not self.of_lines)
         gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
         magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
         fade = "faded.glsl" if self.fading else "unfaded.glsl"
@@ -297,24 +301,30 @@ def undefine(names: Iterable[str]) -> str:
 def volume_variants(content: Content, slot: Slot) -> tuple[VolumeVariant, ...]:
     """Return the variant of each volume."""
     return tuple(
-        VolumeVariant(
-            part.filter,
-            part_slot,
-            part.segments.further_starts,
-            len(part.blend_mode.shading.lights) if part.blend_mode.shading else 0,
-            len(part.blend_mode.shading.caps) if part.blend_mode.shading else 0,
-            bool(part.blend_mode.shading and part.blend_mode.shading.has_places),
-            part.blend_mode.smooth,
-            part.blend_mode.grading.fading if part.blend_mode.grading else 0,
-            part.blend_mode.grading.table_holds if part.blend_mode.grading else "",
-            len(part.blend_mode.surfaces),
-            part.blend_mode.traits.absorbs,
-            part.preintegrated,
-            part.blend_mode.grading.look if part.blend_mode.grading else None,
-            len(part.blend_mode.shading.occlusion) if part.blend_mode.shading else 0,
-            part.blend_mode.of_lines,
-        )
-        for part, part_slot in zip(content.volume_layers, slot.parts, strict=True)
+        volume_variant(part, own, content.mixed)
+        for part, own in zip(content.volume_layers, slot.parts or (slot,), strict=False)
+    )
+
+
+def volume_variant(volume: VolumeLayer, slot: Slot, mixed: bool) -> VolumeVariant:
+    """Return the variant of a volume; one that is alone and shows only surfaces has at least one of them."""
+    mode, shading, grading = volume.blend_mode, volume.blend_mode.shading, volume.blend_mode.grading
+    return VolumeVariant(
+        volume.filter,
+        slot,
+        volume.segments.further_starts,
+        lights=len(shading.lights) if shading else 0,
+        caps=len(shading.caps) if shading else 0,
+        near=bool(shading and shading.has_places),
+        smooth=mode.smooth,
+        fading=grading.fading if grading else 0,
+        table=grading.table_holds if grading else "",
+        surfaces=max(len(mode.surfaces), int(mode.traits.only_surfaces and not mixed)),
+        in_volume=mode.traits.absorbs,
+        preintegrated=volume.preintegrated,
+        look=grading.look if grading else None,
+        occlusion=len(shading.occlusion) if shading else 0,
+        of_lines=mode.of_lines,
     )
 
 

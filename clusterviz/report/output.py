@@ -96,7 +96,6 @@ def page_html(template: str, **values: Any) -> str:
     Parameters
     ----------
     template : of the page, which extends `base.html`, relative to this folder
-    values : by name, beside `version`
     """
     import jinja2
 

@@ -26,7 +26,6 @@ class Clock:
     ----------
     seconds : stage -> seconds
     spans : spans for a trace; None without a trace
-    row : row of the trace, as in `Span`
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
@@ -67,7 +66,6 @@ class RankFrame:
     Attributes
     ----------
     seconds : stage -> seconds, and `total`
-    bricks, bricks_drawn : number of bricks held, and drawn
     bricks_occluded : number of bricks not drawn since all rays ended in front of them
     voxels : voxels held in memory, including ghost voxels
     voxel_bytes : memory of the voxels on the device that draws, including reserved memory
@@ -83,6 +81,9 @@ class RankFrame:
     bytes_raw, bytes_sent, messages_sent : bytes and messages of compositing without the final gather
     peak_memory_bytes : peak resident size of the process
     renderer, driver : name of the renderer and version of its driver, as in OpenGL; no driver on the CPU
+    choices : what was chosen by the device, and why, in a few words each
+    calls : of OpenGL for drawing: dispatches and draw calls, waits for the device, buffers and textures made, bytes
+        uploaded and read, without those that store bricks; empty on the CPU
     frame_coherence : statistics of frame coherence; None if quality.frame_coherence is false
     early_discarding : statistics of early fragment discarding; None if all fragments are stored
     kbuffer : counts of a k-buffer; None without one
@@ -112,6 +113,8 @@ class RankFrame:
     peak_memory_bytes: int = 0
     renderer: str = ""
     driver: str = ""
+    choices: dict[str, str] = field(default_factory=dict)
+    calls: dict[str, int] = field(default_factory=dict)
     frame_coherence: FrameCoherence | None = None
     early_discarding: EarlyDiscarding | None = None
     kbuffer: KBufferCounts | None = None
@@ -124,7 +127,8 @@ def summed(counts: Sequence[RankFrame]) -> RankFrame:
     """Return the costs of pictures of one rank that became one frame: sums, and all else as of the last."""
     names = ["samples", "samples_estimate", "cpu_seconds", "bricks_read", "bytes_read", "readback_bytes"]
     names += ["bytes_raw", "bytes_sent", "messages_sent", "cut_short"]
-    return replace(counts[-1], **{name: sum(getattr(one, name) for one in counts) for name in names})
+    calls = {name: sum(one.calls.get(name, 0) for one in counts) for name in counts[-1].calls}
+    return replace(counts[-1], calls=calls, **{name: sum(getattr(one, name) for one in counts) for name in names})
 
 
 @dataclass(frozen=True)
@@ -134,7 +138,6 @@ class FrameStatistics:
     Attributes
     ----------
     per_rank : index = rank
-    number : number of the frame in its animation
     accuracy : settings chosen for an error bound; None without a bound
     sharing : mode and groups, and the predictions for the choice; None if not recorded
     changes : settings that are not used as given
@@ -233,7 +236,6 @@ def statistics_file(
     Parameters
     ----------
     scene : the completed scene as JSON values
-    frames : statistics of the frames drawn
     startup : part of the start-up -> seconds
     """
     return {

@@ -70,7 +70,6 @@ class ClosedError(Exception):
 
     Parameters
     ----------
-    code : of the websocket
     reason : short text for the client
     """
 

@@ -62,7 +62,6 @@ def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
     Parameters
     ----------
     scene : completed
-    content : of the file
 
     Raises
     ------

@@ -95,14 +95,8 @@ class Server:
 
     Parameters
     ----------
-    session : what clients steer
-    listening : socket of `open_socket`
     token : secret that requests must know
     origins : further origins of pages, such as https://hub.example, for proxies that change `Host`
-
-    Attributes
-    ----------
-    host, port : that the socket is bound to
     """
 
     def __init__(self, session: Session, listening: socket.socket, token: str, *, origins: Sequence[str] = ()) -> None:
@@ -196,12 +190,6 @@ class Waiting:
 
 class Guard:
     """ASGI middleware that serves only those who know the token, under an own name and to pages of an own origin.
-
-    Parameters
-    ----------
-    app : application behind it
-    token, origins : as of `Server`
-    host, port : that the socket is bound to
 
     Attributes
     ----------

@@ -107,9 +107,7 @@ class Request:
 
     Attributes
     ----------
-    number : rises with what is shown
     scene : as the user gave it, with a camera, without what is hidden
-    completed : the scene with all keys
     hidden : entries that are left out, such as volumes.1
     revision : of the scene without its camera
     inputs : number of the last input of each client that the picture shows
@@ -127,14 +125,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Job:
-    """Other work for the drawing thread: a pick or a file.
-
-    Attributes
-    ----------
-    client : that asked
-    message : its message
-    request : what is shown
-    """
+    """Other work for the drawing thread: a pick or a file."""
 
     client: int
     message: Pick | Save
@@ -175,8 +166,6 @@ class Session:
     Parameters
     ----------
     scene : completed
-    content : what is known of the data
-    ranks : that draw
     budget_ms : time of a picture while the view moves
     shared : whether all clients steer
     ends_alone : whether the session ends `ALONE_SECONDS` after the last client has left
@@ -337,10 +326,7 @@ class Session:
 
         Parameters
         ----------
-        request : that was drawn
         picture : float32 (h, w, 4), premultiplied
-        seconds : from the request to the picture
-        statistics : of the frame
         warnings : texts about the scene
         """
         camera = _camera_of(request.completed.camera)

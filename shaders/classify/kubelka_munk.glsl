@@ -7,7 +7,10 @@ vec4 slab_fluxes(float k, float s) {
     float x = max(sqrt(k) * sqrt(k + 2.0 * s), 1e-30);
     float gone = absorbed(x), rest = 1.0 - gone, cosh_2 = 1.0 + rest * rest;
     float u = gone * (1.0 + rest) / (x * cosh_2); // tanh(x) / x
-    return vec4(s * u, s * u, 2.0 * rest / cosh_2, gone * gone / cosh_2 + (k + s) * u) / (1.0 + (k + s) * u);
+    vec4 found = vec4(s * u, 1.0 + k * u, 2.0 * rest / cosh_2, gone * gone / cosh_2 + (k + s) * u) / (1.0 + (k + s) * u);
+    // Of what is nearly white: 1 - R again gives what is not reflected. Rounded apart, the two would absorb.
+    found.x = found.x > 0.5 ? 1.0 - found.y : found.x;
+    return found.xxzw;
 }
 
 // What a second stack, behind the first, adds to its fluxes. Sums of many such changes lose no more than any sums; a factor that is nearly 1 would,

@@ -6,7 +6,7 @@ int segment_of(float s) {
     float bucket = clamp((s - buckets.x) * buckets.y, 0.0, buckets.z);
     // Two words in one, as llvmpipe fetches 64 bits from a buffer as fast as 32.
     uvec2 known = words_of(bucket_record[FIRST_BUCKET + int(bucket)]);
-    int segment = int(known.y);
+    int segment = int(known.y & 0x3fffffffu); // without `NORMAL` of plan/segments.py
     if (s < uintBitsToFloat(known.x)) return segment;
     ++segment;
     for (int stride = FURTHER_STARTS; stride > 0; stride >>= 1) {

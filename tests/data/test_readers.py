@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bz2
 import gzip
-import os
 import re
 import warnings
 import zipfile
@@ -33,7 +32,6 @@ from clusterviz.data import (
     read_grid,
 )
 from clusterviz.data.axes import Subset
-from clusterviz.data.formats.raw import KEYS
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.unread import AMREX, GADGET, UNREAD
@@ -174,39 +172,6 @@ def test_the_modality_is_what_the_header_says(name: str, fields: dict[str, Any],
     assert open_source(writers.write(tmp_path / name, **fields)).grid.modality == modality
 
 
-@pytest.fixture(params=sorted(EXTENSIONS))
-def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A path with each extension; a raw file's sidecar exists."""
-    path = tmp_path / f"a{request.param}"
-    path.with_name(path.name + ".yaml").write_text("{shape: [2, 2, 2], dtype: uint8}")
-    return path
-
-
-def test_what_is_no_file_of_any_format(path: Path) -> None:
-    refused(lambda: open_source(path), "no such file", path.name)
-    path.mkdir()
-    refused(lambda: open_source(path), "a directory", path.name)
-    path.rmdir()
-    path.touch()
-    refused(lambda: open_source(path), "the file is empty", path.name)
-    path.write_bytes(b"hello")
-    refused(lambda: open_source(path), path.name)
-    path.unlink()
-    os.mkfifo(path)
-    writer = os.open(path, os.O_RDWR)  # else opening would wait for one
-    refused(lambda: open_source(path), "not a regular file", path.name)
-    os.close(writer)
-
-
-def test_unreadable(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object, **__: object) -> int:
-        raise PermissionError(13, "Permission denied")
-
-    path.write_bytes(b"anything")
-    monkeypatch.setattr(os, "open", refuse)
-    refused(lambda: open_source(path), "cannot be read: Permission denied", path.name)
-
-
 def test_names(tmp_path: Path) -> None:
     for name in ("a.xyz", "noextension", "a.gz"):
         (tmp_path / name).write_bytes(b"hello")
@@ -221,11 +186,6 @@ def test_names(tmp_path: Path) -> None:
         source = open_source(str(tmp_path / name))
         np.testing.assert_array_equal(source.read((0, 0, 0), (5, 6, 7)), SHORTS)
         assert source.name == str(tmp_path / name)
-
-
-def test_the_page_on_formats_has_every_extension_and_key_of_the_sidecar() -> None:
-    page = (ROOT / "docs/reference/data-formats.md").read_text()
-    assert [word for word in (*EXTENSIONS, *KEYS) if f"`{word}`" not in page] == []
 
 
 @pytest.mark.parametrize(

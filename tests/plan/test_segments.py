@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.plan.preintegration import make_preintegrated
-from clusterviz.plan.segments import BUCKETS, FAR, Segments, make_segments
+from clusterviz.plan.segments import BUCKETS, FAR, NORMAL, Segments, make_segments
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.scene.transfer import TransferFunction
 
@@ -31,7 +31,7 @@ def segment_of(segments: Segments, s: np.ndarray) -> np.ndarray:
     """transfer.glsl's segment_of, in float32."""
     bucket = np.clip((s - np.float32(segments.low)) * np.float32(segments.per_unit), 0, BUCKETS - 1).astype(int)
     known = segments.buckets[bucket]
-    segment = known["first"].astype(int)
+    segment = (known["first"] - NORMAL).astype(int)
     further = s >= known["next_start"]
     later = segment + 1
     stride = segments.further_starts

@@ -160,7 +160,9 @@ CASES: dict[str, tuple[Any, ...]] = {
 }
 
 
-@pytest.mark.cover("two, one lit-inside", "volume, geometry, and two, one lit-outside")
+@pytest.mark.cover(
+    "two, one lit-inside", "volume, geometry, and two, one lit-outside", "geometry-outside", "volume-outside"
+)
 @pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][4]])
 def test_pictures_are_the_reference(name: str, camera: str) -> None:
     grids, volumes, meshes, keys, _, bound = CASES[name]
@@ -298,7 +300,7 @@ BUFFERED = [("lattice", "along edges"), *(("holes", camera) for camera in VIEWS)
 BUFFERED += [(name, "outside") for name in ("peaks", "arrays of cells", "mirrored", "clipped")]
 
 
-@pytest.mark.cover
+@pytest.mark.cover("clipped-outside")
 @pytest.mark.parametrize(("name", "camera"), BUFFERED)
 def test_k_buffers_that_suffice_draw_the_exact_picture(name: str, camera: str) -> None:
     ((entry,), _, _, keys, _, _) = CASES[name]
@@ -329,6 +331,7 @@ def test_k_buffers_count_as_the_analysis_does() -> None:
             assert 0 < wrong.sum() <= needs.wrong(k)
 
 
+@pytest.mark.cover("inside")
 @pytest.mark.parametrize("camera", ["outside", "inside"])
 def test_parts_and_bricks_do_not_change_the_picture_of_a_k_buffer(camera: str) -> None:
     section = by_entries(THIN, 16)
@@ -349,6 +352,7 @@ def test_a_table_of_integrals_is_right_to_its_resolution(
     assert 1e-6 < error < bound
 
 
+@pytest.mark.cover("exact")
 @pytest.mark.gl
 @pytest.mark.parametrize("integration", ["exact", "table"])
 def test_opengl_draws_and_counts_k_buffers_as_cpus_do(integration: str, context: moderngl.Context) -> None:

@@ -359,7 +359,7 @@ def check(context: moderngl.Context | None, row: Row, folder: Path, width: Width
     return expected
 
 
-@pytest.mark.cover
+@pytest.mark.cover("gradient opacity, outside, plain, float32, usual, 0.9, (7, 5, 2000), isosurfaces")
 @pytest.mark.gl
 @pytest.mark.parametrize("row", ROWS, ids=str)
 def test_pictures_are_those_of_the_reference(context: moderngl.Context, row: Row, tmp_path: Path) -> None:
@@ -430,7 +430,11 @@ ADVERSE = [
 ]
 
 
-@pytest.mark.cover
+@pytest.mark.cover(
+    "surfaces within, outside, plain, float64, invalid voxels, 0.9, (7, 5, 2000)-saturating",
+    "surfaces within, outside, plain, float64, invalid voxels, 0.9, (7, 5, 2000)-wrapping",
+    "cubic, outside, plain, float32, invalid voxels, 0.9, (7, 5, 2000)-wrapping",
+)
 @pytest.mark.parametrize("driver", DRIVERS)
 @pytest.mark.parametrize("row", ADVERSE, ids=str)
 def test_adversarial_drivers_draw_the_reference(

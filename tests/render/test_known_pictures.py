@@ -86,6 +86,7 @@ def test_sums_over_a_constant_field_do_not_depend_on_the_step(pictures: Any, ble
             assert found[10, 12] == pytest.approx([grey, grey, grey, 1.0], abs=1e-6), step
 
 
+@pytest.mark.cover("cubic")
 @pytest.mark.parametrize(
     ("voxels", "interpolation"),
     [(np.full(SHAPE, 77, np.uint8), "linear"), (np.full(SHAPE, 0.123, np.float32), "cubic")],
@@ -184,7 +185,7 @@ def plateaus() -> np.ndarray:
     return values
 
 
-@pytest.mark.cover
+@pytest.mark.cover("plain-pre-integrated")
 @pytest.mark.parametrize("keys", [{}, PREINTEGRATED | {"size": (12, 10)}], ids=["post", "pre-integrated"])
 @pytest.mark.parametrize(
     "grid", [GRID, Grid(SHAPE, origin=(-7.0, 3.0, 1.0), direction=TURNED)], ids=["plain", "turned"]
@@ -341,7 +342,7 @@ SEAMS: dict[str, tuple[Any, dict[str, Any], float]] = {
 }
 
 
-@pytest.mark.cover("lit", "faint", "cubic")
+@pytest.mark.cover("lit", "faint", "cubic", "surfaces", "jittered")
 @pytest.mark.parametrize("name", SEAMS)
 def test_neither_the_size_of_bricks_nor_the_caster_changes_picture_or_samples(
     context: moderngl.Context, name: str

@@ -172,4 +172,7 @@ def test_a_frame_is_the_same_and_says_what_was_read(
     assert np.array_equal(*images)
     assert [one.readback_pixel for one in counts] == ["float32", expected]
     assert all(one.readback_bytes for one in counts)
+    assert [one.choices["pictures"].split(",")[0] for one in counts] == ["whole", "packed"]
+    assert counts[1].calls["dispatches"] > counts[0].calls["dispatches"] >= 1
+    assert all(one.calls["waits"] and one.calls["read"] >= one.readback_bytes for one in counts)
     assert f"from GPUs, {expected}" in summary(rendered.statistics)

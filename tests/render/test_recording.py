@@ -207,6 +207,7 @@ def watches_at(shader: Shader, place: str) -> tuple[str, ...]:
     "opacity of one half, two volumes",
     "occluded",
     "cubic hardware",
+    "two volumes",
 )
 @pytest.mark.gl
 @pytest.mark.parametrize("look", LOOKS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import moderngl
@@ -23,6 +23,8 @@ from clusterviz.render.raycast import Raycaster
 from clusterviz.render.render_result import finish_projection, no_progress
 from clusterviz.render.tall_picture import draw_tall_picture
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
+from clusterviz.spmd.adversary import DRIVERS
+from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE
 
 SHAPE = (12, 18, 20)
 AT = (450.0, 550.0, 650.0)
@@ -147,8 +149,13 @@ OPTICS: dict[str, tuple[float, float]] = {
 """K and S, whose volume is 25 long."""
 
 
-@pytest.mark.parametrize("name", OPTICS)
-def test_a_constant_field_is_one_slab(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [*product(OPTICS, [""]), *product(("white and thick", "almost white"), DRIVERS)],
+)
+def test_a_constant_field_is_one_slab(name: str, driver: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever a driver makes of its freedom where nearly nothing is absorbed."""
+    monkeypatch.setenv(ADVERSARY_VARIABLE, driver)
     k, s = OPTICS[name]
     voxels, grid = np.full((9, 9, 26), 3, np.uint8), Grid((9, 9, 26))
     camera = Camera(position=(-9, 4.1, 4.2), focal_point=(12, 4.1, 4.2), view_up=(0, 0, 1), parallel_scale=2.0)

@@ -47,7 +47,7 @@ def coefficients(samples: Picture) -> Picture:
     return np.linalg.solve(system, samples.reshape(-1, count).T).T.reshape(samples.shape)
 
 
-@pytest.mark.cover
+@pytest.mark.cover("False-2.0-0.12-OpenGL")
 @OPENGL_TOO
 @pytest.mark.parametrize(("prefiltered", "order", "band"), [(False, 2.0, 0.12), (True, 4.0, 0.35)])
 def test_cubic_splines_against_the_voxel(

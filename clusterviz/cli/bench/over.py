@@ -148,7 +148,6 @@ class Variant:
     Attributes
     ----------
     call : blends set number k
-    sets : number of sets
     copies : number of images in a copy of the same bytes
     slow : whether to time a few repetitions only
     """

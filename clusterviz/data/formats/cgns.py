@@ -33,7 +33,6 @@ NODES = {**ORDERS, "hexahedron27": [*range(12), *range(16, 20), *range(12, 16), 
 
 
 def read_cgns(path: Path) -> UnstructuredGrid:
-    """Read the zones of a file."""
     import h5py
 
     with h5py.File(path) as file:

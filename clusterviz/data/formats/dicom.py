@@ -87,7 +87,6 @@ class DicomSource:
     _owner: Owner = field(default_factory=Owner, compare=False, repr=False)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         (z, y, x), (_, y_end, x_end) = begin_zyx, end_zyx
         if voxels.size:
@@ -213,7 +212,6 @@ def _header(path: Path) -> Any:
 
 
 def _frames(path: Path, header: Any) -> list[Slice]:
-    """Return the frames of a file."""
     where, count = str(path), int(header.get("NumberOfFrames") or 1)
     if "Rows" not in header or "BitsAllocated" not in header:
         raise DataError("no picture", where=where, allowed="Rows, Columns and BitsAllocated")

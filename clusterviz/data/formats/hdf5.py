@@ -69,7 +69,6 @@ class CfValues:
 
     @property
     def changes(self) -> bool:
-        """Whether any value may change."""
         return bool(self.missing) or self.valid != (-np.inf, np.inf) or self.scale != (1.0, 0.0)
 
     def decode(self, stored: NDArray[Any]) -> NDArray[Any]:
@@ -110,7 +109,6 @@ class Hdf5Source:
     values: CfValues
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)

@@ -61,7 +61,6 @@ class _Element:
 
 
 def read_ply(path: Path) -> Geometry:
-    """Read a PLY file."""
     where = str(path)
     with readable(path), path.open("rb") as file:
         content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)

@@ -30,7 +30,6 @@ MAX_COMMENT = 1 << 16  # bytes
 
 
 def read_gifti(path: Path) -> Geometry:
-    """Read a GIFTI file."""
     nibabel: Any = import_module("nibabel")
     where, packed = str(path), path.name.lower().endswith(".gz")
     with readable(path), gzip.open(path) if packed else path.open("rb") as file:
@@ -53,7 +52,6 @@ def read_gifti(path: Path) -> Geometry:
 
 
 def _name(array: Any) -> str:
-    """Return the name of a data array."""
     nibabel: Any = import_module("nibabel")
     intent = str(nibabel.nifti1.intent_codes.niistring[array.intent])
     return str(array.meta.get("Name") or intent.removeprefix("NIFTI_INTENT_").lower())

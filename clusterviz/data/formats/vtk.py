@@ -154,7 +154,6 @@ class _Scan:
             self.array(self.word(words, 0), False, self.word(words, 3), components, tuples)
 
     def metadata(self) -> None:
-        """Skip the lines up to an empty one."""
         while self.file.readline(MAX_LINE).strip():
             pass
 
@@ -307,7 +306,6 @@ def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
 
 
 def read_polydata(path: Path) -> Geometry:
-    """Read polygonal data from a legacy VTK file."""
     scan = _scan(path, ("POLYDATA",), "polygonal data")
     points, cells, of_points, of_cells = _parts(path, scan)
     cells.pop("Cells", None)
@@ -320,7 +318,6 @@ def is_unstructured(path: Path) -> bool:
 
 
 def read_unstructured(path: Path) -> UnstructuredGrid:
-    """Read an unstructured grid from a legacy VTK file."""
     where, scan = str(path), _scan(path, ("UNSTRUCTURED_GRID",), "an unstructured grid")
     points, cells, of_points, of_cells = _parts(path, scan)
     if (scan.types is None) != ("Cells" not in cells):

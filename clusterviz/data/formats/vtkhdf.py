@@ -148,7 +148,6 @@ class LevelsSource:
     meshes: tuple[Level, ...]
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
@@ -258,7 +257,6 @@ def _text(value: Any) -> str:
 
 
 def read_vtkhdf(path: Path) -> UnstructuredGrid:
-    """Read a .vtkhdf file."""
     import h5py
 
     with h5py.File(path) as file:

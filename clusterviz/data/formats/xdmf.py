@@ -49,7 +49,6 @@ GEOMETRIES = {"xyz": 3, "xy": 2, "x_y_z": 3, "x_y": 2}
 
 
 def read_xdmf(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read a file at a time step."""
     where = str(path)
     root = read_xml(path, "XDMF")
     file, domain = _File(path, root), root.find("Domain")
@@ -242,7 +241,6 @@ class _File:
         return [(kind, corners - base) for kind, corners in blocks]
 
     def numbers(self, item: Element) -> NDArray[Any]:
-        """Return the numbers of a DataItem."""
         item = self._resolved(item)
         kind, words = item.get("ItemType", "Uniform").lower(), item.get("Dimensions", "").split()
         if not all(word.isdecimal() and len(word) < 16 for word in words):

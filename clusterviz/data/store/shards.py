@@ -312,7 +312,6 @@ class ShardedArray:
             file.write(index.tobytes() + checksum(index.tobytes()))
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self.read_boxes([(begin_zyx, end_zyx)])[0]
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]]:
@@ -465,7 +464,6 @@ def description_checksum(attributes: Mapping[str, Any]) -> str:
 
 
 def read_json(path: FilePath) -> dict[str, Any]:
-    """Return what a JSON file holds."""
     try:
         found = json.loads(read_range(path)[0])
     except ValueError as error:
@@ -476,7 +474,6 @@ def read_json(path: FilePath) -> dict[str, Any]:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2))

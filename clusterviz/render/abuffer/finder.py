@@ -40,6 +40,11 @@ class FragmentFinder:
         self.forget()
         self.forget_bricks()
 
+    @property
+    def choice(self) -> str:
+        """How fragments are found where a scene leaves it to the device, and why."""
+        return "rasteriser, as there is a GPU" if self._raster.is_used else "tile lists, as no GPU rasterises"
+
     def compile(self, plan: Plan) -> None:
         """Compile the programs of a plan in place of those of another."""
         old, self._passes = self._passes, compile_passes(self._device.context, plan)
@@ -92,7 +97,7 @@ class FragmentFinder:
         ManyFragmentsError
             The rectangle should be divided.
         DeviceError
-            There is no memory, or llvmpipe would leave out fragments.
+            There is no memory, or llvmpipe would leave out primitives or fragments.
         """
         if self._raster.serves(plan, rect):
             return self._raster.find(plan, table, rect, waits=waits)

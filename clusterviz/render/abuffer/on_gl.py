@@ -65,13 +65,7 @@ def list_primitives(
     limits: NDArray[np.float32] | None,
     last: TileLists | None,
 ) -> TileLists:
-    """Return the primitives of each tile of a rectangle of pixels; parameters as for `make_lists`.
-
-    Raises
-    ------
-    DeviceError
-        llvmpipe would leave out primitives.
-    """
+    """Return the primitives of each tile of a rectangle of pixels; parameters as for `make_lists`."""
     shading, threads = lit_layer(plan), kernel_threads()
     lights = len(shading.lights) if shading else 0
     tiles = make_lists(plan, table, rect, lights, GPU_TILE, _pool(), threads, limits, last)
@@ -96,13 +90,6 @@ def bind_fragments(
     programs : those that are compiled, and then others; the uniform blocks of the frame and of clipping are bound
     tiles : of the rectangle
     pools : of fragments
-
-    Raises
-    ------
-    ManyFragmentsError
-        The rectangle should be divided.
-    DeviceError
-        llvmpipe would leave out fragments, or there is no memory.
     """
     _bind_primitives(device, plan, table, tiles)
     if plan.content.kbuffer:

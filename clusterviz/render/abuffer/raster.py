@@ -93,11 +93,12 @@ class Rasteriser:
     Attributes
     ----------
     device : the same
+    is_used : whether it is used, if it serves
     """
 
     def __init__(self, device: Device, forced: bool | None = None) -> None:
         self.device = device
-        self._is_used = has_rasteriser(device.context) if forced is None else forced
+        self.is_used = has_rasteriser(device.context) if forced is None else forced
         self._most_sorted = MOST_SORTED if is_llvmpipe(device.context.info["GL_RENDERER"]) else 0
         self._programs: dict[FindVariant, Programs] = {}
         self._table: PrimitiveTable | None = None
@@ -108,25 +109,13 @@ class Rasteriser:
     def serves(self, plan: Plan, rect: Rect) -> bool:
         """Return True if fragments of a plan's primitives are found here, and not by tile lists."""
         content = plan.content
-        if not self._is_used or content.kbuffer or plan.march.discard_margin is not None:
+        if not self.is_used or content.kbuffer or plan.march.discard_margin is not None:
             return False
         sides = self.device.context.info["GL_MAX_VIEWPORT_DIMS"]
         return is_sorted(content) and rect.width <= sides[0] and rect.height <= sides[1]
 
     def find(self, plan: Plan, table: PrimitiveTable, rect: Rect, *, waits: bool) -> Fragments:
-        """Find fragments and bind them for drawing; the blocks of the frame and of clipping are bound.
-
-        Parameters
-        ----------
-        waits : as for `FragmentFinder.find`
-
-        Raises
-        ------
-        ManyFragmentsError
-            The rectangle should be divided.
-        DeviceError
-            There is no memory, or llvmpipe would leave out fragments.
-        """
+        """Find fragments and bind them for drawing; `waits` and errors as of `FragmentFinder.find`."""
         self._room = max(self._room, FIRST_ROOM * rect.pixels)
         lists = self.queue(plan, table, rect)
         head = lists, 0, WORD * (HEAD + 2 * rect.pixels)
@@ -229,7 +218,7 @@ class Rasteriser:
 
 def _has_order(plan: Plan) -> bool:
     """Return True if the fragments of a pixel are needed in order, unlike entries into grids alone."""
-    return bool(plan.content and plan.content.geometry)
+    return bool(plan.content.geometry)
 
 
 def _groups(invocations: int) -> tuple[int, int]:

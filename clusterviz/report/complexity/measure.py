@@ -123,11 +123,8 @@ class Report:
     ----------
     scene : completed
     picture : float (h, w, 4), premultiplied
-    ranks : number of ranks
-    renderer : what drew
     degrees : angle of the orbit; None without one
     counts : int32 (h, w), fragments of the pixels of the first frame
-    frames : of the orbit, or a single one
     """
 
     scene: Scene

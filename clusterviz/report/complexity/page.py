@@ -62,12 +62,7 @@ def _numbers(frame: FrameComplexity) -> dict[str, Any]:
 
 
 def html(name: str, report: Report, picture: Path) -> str:
-    """Return the HTML page.
-
-    Parameters
-    ----------
-    picture : the file with the picture of the counts
-    """
+    """Return the HTML page."""
     from PIL import Image
 
     with Image.open(picture) as counts:

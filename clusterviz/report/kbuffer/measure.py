@@ -57,7 +57,6 @@ class Drawing:
     ----------
     k : entries; 0: exact
     entries : sorted or unsorted; "" of exact
-    integration : exact, or table
     cpu_seconds : CPU time of drawing, all threads, mean of the views
     seconds : time of drawing, mean of the views
     counts : of all views; None of exact
@@ -88,10 +87,7 @@ class Report:
     ----------
     scene : completed
     picture : float32 (h, w, 4), premultiplied, exact, of the first view
-    renderer : what drew
-    tetrahedra, faces, boundary : numbers
     views : 14
-    drawings : exact first
     """
 
     scene: Scene

@@ -25,7 +25,6 @@ class Share:
     ----------
     name : of the function, or file:line
     executions : by packets of lanes; of the statement of a line that is executed most
-    lanes : that were active in these
     idle : share of lanes that were not active, in [0, 1]; of a line, in all its statements
     share : of the time, in [0, 1], without functions that it calls; 0 where they are timed with their callers
     """
@@ -43,7 +42,6 @@ class Code:
 
     Attributes
     ----------
-    lanes : of a vector
     ticks, seconds : of drawing by one thread, without measuring
     functions, lines : from the largest share on
     idle : share of lanes that were idle, weighted by time

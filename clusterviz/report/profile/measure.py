@@ -34,7 +34,6 @@ class RankProfile:
     ----------
     maps : (h, w) of the whole picture: those of `PieceProfile`, and "iterations" and "left_out", slabs behind the point
         where the ray was opaque
-    bricks : number of bricks drawn
     memory : bricks and blocks that were sampled, their bytes, and bytes fetched by samples
     """
 
@@ -56,10 +55,7 @@ class Report:
     ----------
     scene : completed
     picture : float (h, w, 4), premultiplied
-    renderer, clock : what drew, and what its ticks are
     block_side : cells; memory is counted in such blocks
-    whole : of all ranks
-    ranks : by rank
     code : None on GPUs
     """
 

@@ -119,8 +119,6 @@ def forecast_chart(
 
     Parameters
     ----------
-    found : results of the measurements
-    strong, weak : forecasts
     others : name of another network -> forecast
     """
     figure = make_figure(9.5, 4.6)

@@ -83,7 +83,6 @@ class Machine:
     Attributes
     ----------
     near, far : network constants for jobs on one node, and on several
-    ranks_per_node : ranks of a node, each with a core or GPU of its own
     """
 
     near: Network

@@ -38,7 +38,6 @@ class RankResources:
 
     Attributes
     ----------
-    host : name of the node
     cores : numbers of the cores in the affinity mask
     gpu : EGL index of the GPU; None for software rendering, or if nothing was drawn
     """
@@ -111,9 +110,6 @@ def measure(
 
     Parameters
     ----------
-    scene : a scene with a volume
-    channel : channel of the ranks
-    frames, warm_up : numbers of timed frames, and of frames before them
     write : called on rank 0 with the last picture
     orbit : total angle of the camera in all frames, degrees; None for a static camera
 

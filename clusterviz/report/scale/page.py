@@ -28,12 +28,8 @@ class Report:
 
     Attributes
     ----------
-    name : name of the scene
     scene : the completed scene
-    frames : number of timed frames of each point
     threads : threads of each rank at every count; "" if set by the environment
-    found : results of the measurements
-    rates, machine : inputs of the forecasts
     strong, weak : forecasts; weak may be empty
     others : name of another network -> forecast of strong scaling
     environment : output of `clusterviz doctor --json`, or {"problem": reason}

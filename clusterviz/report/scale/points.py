@@ -113,7 +113,6 @@ class Point:
     Attributes
     ----------
     scaling : "strong" or "weak"
-    ranks, nodes : numbers of ranks and nodes
     step : step in voxels
     crowded : oversubscribed cores or GPUs in words, for which times do not show scaling; "" if there are none
     seconds : stage -> seconds; `plan`, `load`, `context`, `shaders` and `finish` once a job, the others once a frame
@@ -128,12 +127,8 @@ class Point:
     samples : field samples of a frame, by rank
     draw_seconds : seconds of drawing by rank, the minimum over frames
     sharing : mode: sort-last, sort-first or hybrid
-    algorithm, transport, codec : settings of compositing
     counted_algorithm, rounds, bytes_dense : results of one frame with messages; see `rounds`
-    bricks, voxel_bytes, peak_memory_bytes : by rank
-    images : statistics of the partial images
     readback_seconds_per_pixel : seconds per pixel of the slowest rank
-    renderer : name of the renderer, as in OpenGL
     software : whether all ranks drew on the CPU
     difference : difference from the picture of the first rank count; None for weak scaling
     """
@@ -288,7 +283,6 @@ class Balance:
 
     Attributes
     ----------
-    distribution, ranks : name of the distribution, and number of ranks
     imbalance : largest over mean seconds of drawing
     imbalance_samples : largest over mean number of samples, which other programs do not disturb
     busiest_samples : largest number of samples of a rank

@@ -77,11 +77,9 @@ def run_survey(
 
     Parameters
     ----------
-    scene : a scene with a volume
     counts : numbers of ranks, ascending
     weak : whether to measure weak scaling
     balance : whether to compare distributions on the largest number of ranks
-    job : draws a scene
     progress : called with each of `steps_of` when it begins
 
     Raises

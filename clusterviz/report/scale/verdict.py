@@ -19,9 +19,7 @@ def verdict(found: SurveyResult, expected: Sequence[PredictedFrame], network: st
 
     Parameters
     ----------
-    found : results of the measurements
     expected : forecast of strong scaling
-    network : name of the forecast's network
     """
     points = found.strong or found.weak
     own = [point for point in points if not point.crowded]

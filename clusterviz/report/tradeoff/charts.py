@@ -86,9 +86,7 @@ def _draw(
 
     Parameters
     ----------
-    axes : matplotlib's axes
     rated : settings with cost and error
-    cost, error : the axes of the chart
     floor : the ground truth's own error
     best : which settings are on the front; computed if None
     """

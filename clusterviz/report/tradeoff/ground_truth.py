@@ -62,10 +62,7 @@ class GroundTruth:
     ----------
     picture : float64 (h, w, 4), premultiplied
     source : "reference" (float64 NumPy) or "renderer"
-    why : reason for the source
     step : step in voxels
-    max, rms : estimates of its own error
-    halvings : changes by each halving of the step
     checked : (max, rms, step, width) of the difference between renderer and reference at a small size; None for the
         reference itself, or if it cannot draw the scene
     """
@@ -93,7 +90,6 @@ def converge(draw: Callable[[float], NDArray[Any]], budget_seconds: float) -> tu
 
     Returns
     -------
-    picture : the picture with the shortest step
     halvings : at least one halving
     """
     started, step = perf_counter(), COARSEST
@@ -116,7 +112,6 @@ def find_ground_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> Gr
     ----------
     scene : a completed scene; settings with an error of their own are replaced by exact ones, so that renderer and
         reference differ by the step only
-    renderer : draws a scene
     budget_seconds : approximate time limit
     """
     scene = with_settings(scene, exact_settings())

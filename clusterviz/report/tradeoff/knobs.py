@@ -28,13 +28,11 @@ class Knob:
     Attributes
     ----------
     name : last name of its key in the scene
-    about : description on the page
     values : values tried; empty for all names that the scene's type allows, except "auto"
     together : values tried in combinations; empty for all
     exact : the value without an error of its own
     control : whether it must not change the picture; it is not combined
     exclusive : whether it chooses other settings; it is not combined
-    ranks : smallest number of ranks for which it has an effect
     """
 
     name: str
@@ -105,14 +103,11 @@ def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tu
     Parameters
     ----------
     scene : the scene, whose own values are measured once
-    ranks : number of ranks
-    names : names of the settings to vary
     most : largest number of settings; combinations with the most changes are left out first
 
     Returns
     -------
     settings : the unchanged scene, each value alone, then combinations
-    left_out : number of combinations left out
     """
     idle = _idle(scene)
     knobs = [knob for knob in KNOBS if knob.name in names and knob.ranks <= ranks and knob.name not in idle]

@@ -68,7 +68,6 @@ class Measured:
 
     Attributes
     ----------
-    cost : cost of a frame
     image : float32 (h, w, 4), premultiplied, on rank 0; None on other ranks
     scene : the completed scene
     renderer : name of the renderer, as in OpenGL; "" if nothing was visible
@@ -85,8 +84,6 @@ def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Me
 
     Parameters
     ----------
-    scene : a scene with a volume or geometry
-    channel : channel of the ranks
     frames, warm_up : numbers of timed frames, and of frames before them, at least one
 
     Raises

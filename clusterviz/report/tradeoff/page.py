@@ -29,11 +29,7 @@ class Report:
 
     Attributes
     ----------
-    name : name of the scene
     scene : the completed scene
-    ranks, frames, rounds : parameters of the measurement
-    renderer : name of the renderer, as in OpenGL
-    truth : the ground truth
     rated : settings with cost and error; the unchanged scene comes first
     failed : settings that could not be drawn
     left_out : number of combinations not measured

@@ -91,7 +91,6 @@ class RatedSetting:
 
     Attributes
     ----------
-    setting, cost : the setting, and its measured cost
     max, rms : maximum and root mean square of the difference over all premultiplied channels, full scale 1
     wrong_pixels : number of pixels that differ by more than 1/255
     ssim : structural similarity of the 8-bit pictures over the background
@@ -191,7 +190,6 @@ def verdict(rated: Sequence[RatedSetting], truth: GroundTruth, drift: float = 1.
     Parameters
     ----------
     rated : settings with cost and error; the unchanged scene comes first
-    truth : the ground truth
     drift : ratio of two measurements of one setting; smaller gains are not mentioned
     """
     scene = rated[0]

@@ -31,9 +31,6 @@ class Survey:
     Attributes
     ----------
     settings : the unchanged scene comes first
-    left_out : number of combinations left out
-    ranks : number of ranks of a job
-    frames : number of timed frames of a job
     rounds : number of measurements of each setting, of which the fastest counts
     budget_seconds : time limit of the ground truth
     """
@@ -57,9 +54,6 @@ class Survey:
 
         Parameters
         ----------
-        name : name of the scene
-        scene : a scene with a volume or geometry
-        job : draws a scene
         progress : called with each of `steps` when it begins
 
         Raises
