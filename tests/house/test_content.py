@@ -41,11 +41,11 @@ plan/ray_sampling.py
 plan/refinement.py
 plan/shading.py
 plan/spectrum.py
-report/complexity/measure.py
-report/kbuffer/measure.py
-report/self_test/pictures.py
-report/tradeoff/ground_truth.py
-report/tradeoff/knobs.py
+pages/complexity/measure.py
+pages/kbuffer/measure.py
+self_test/pictures.py
+pages/tradeoff/ground_truth.py
+pages/tradeoff/knobs.py
 scene/animation.py
 scene/files.py
 viewer/limits.py
