@@ -28,8 +28,8 @@ from clusterviz.frame import FrameLoop, Options
 from clusterviz.image import compare
 from clusterviz.image.merge import over
 from clusterviz.image.pyramid.blur import blur
+from clusterviz.pages.tradeoff.rating import luminance, ssim
 from clusterviz.plan.lens import Lens
-from clusterviz.report.tradeoff.rating import luminance, ssim
 from clusterviz.scene import Scene
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Camera, ImageSettings

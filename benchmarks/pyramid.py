@@ -23,7 +23,7 @@ from clusterviz.image.pyramid import apply_filter, blur, zoom
 from clusterviz.image.pyramid.executor import Fetches
 from clusterviz.image.pyramid.filters import ANALYSIS, BASIC, SYNTHESIS
 from clusterviz.jobs.device import current_device
-from clusterviz.report.tradeoff.rating import luminance, ssim
+from clusterviz.pages.tradeoff.rating import luminance, ssim
 from clusterviz.viewer.encoding import Encoding, encode
 
 Floats = NDArray[np.float32]

@@ -24,7 +24,7 @@ from vtk_raycast_ratio import CASTERS, equivalent_scene, peer, volumes_of, write
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.frame import render_frame
-from clusterviz.report.tradeoff.ground_truth import find_ground_truth
+from clusterviz.pages.tradeoff.ground_truth import find_ground_truth
 from clusterviz.scene import Scene
 from clusterviz.scene.overrides import with_settings
 

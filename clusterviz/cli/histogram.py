@@ -12,7 +12,7 @@ import numpy as np
 
 from clusterviz.errors import OutputError
 from clusterviz.image.replace import check_replaceable, replacing
-from clusterviz.report.output import make_figure
+from clusterviz.pages.output import make_figure
 
 BINS, MAX_PANELS = 256, 12
 LABEL_SHARE = 0.045

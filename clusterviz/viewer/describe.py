@@ -36,7 +36,7 @@ COMMON_MAPS = (
 
 @dataclass(frozen=True)
 class Content:
-    """What is known of the data of a scene; see `viewer.session.Content`.
+    """What is known of the data of a scene.
 
     Attributes
     ----------

@@ -36,8 +36,9 @@ from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from clusterviz.errors import InputError
-from clusterviz.viewer.connection import CLOSE_SECONDS, Connection, Session
+from clusterviz.viewer.connection import CLOSE_SECONDS, Connection
 from clusterviz.viewer.messages import MAX_TEXT_BYTES
+from clusterviz.viewer.session import Session
 
 STATIC = Path(__file__).parent / "static"
 MEDIA_TYPES = {

@@ -23,6 +23,7 @@ from clusterviz.scene.background import background_rgb
 from clusterviz.scene.files import change_paths, check_scene, public_data
 from clusterviz.scene.overrides import apply_changes
 from clusterviz.scene.values import Camera, Scene
+from clusterviz.viewer.describe import Content
 from clusterviz.viewer.encoding import Picture
 from clusterviz.viewer.limits import LISTS, Limits
 from clusterviz.viewer.messages import (
@@ -78,26 +79,6 @@ class Client(Protocol):
 
     def send_file(self, save: int, name: str, media_type: str, content: bytes) -> None:
         """Send a file that the client asked for by the number `save`."""
-        ...
-
-
-class Content(Protocol):
-    """What is known of the data; see `viewer.describe`."""
-
-    def complete(self, scene: Scene) -> Scene:
-        """Return a scene with all keys."""
-        ...
-
-    def hello(self) -> Data:
-        """Return what a client is told once."""
-        ...
-
-    def state(self, completed: Scene) -> Data:
-        """Return what a client is told of the data and of the transfer functions."""
-        ...
-
-    def preset(self, volume: int, name: str) -> Mapping[str, Any]:
-        """Return the changes of a preset, by full keys."""
         ...
 
 

@@ -14,7 +14,7 @@ from cli.pages import check_page
 from clusterviz.cli import tradeoff
 from clusterviz.cli.tradeoff import MpirunJob
 from clusterviz.errors import ClustervizError
-from clusterviz.report.tradeoff.measure import Cost, Measured, cost_from_json
+from clusterviz.pages.tradeoff.measure import Cost, Measured, cost_from_json
 from clusterviz.scene import Scene
 
 FIELD = "field:gaussian:12"

@@ -49,9 +49,7 @@ LEVELS = (
     ("migration",),
     ("auto",),
     ("frame",),
-    ("report.output",),
-    ("report.scale", "report.self_test", "report.tradeoff", "viewer", "debugger"),
-    ("report.profile", "report.complexity", "report.kbuffer"),
+    ("pages", "self_test", "viewer", "debugger"),
     ("cli",),
     ("__main__",),
 )

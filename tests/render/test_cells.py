@@ -22,6 +22,7 @@ from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame import Options, Run, prepare
+from clusterviz.pages.kbuffer.analysis import analyse, comparisons
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import find_passages, place_cells
 from clusterviz.reference.rays import camera_rays
@@ -30,7 +31,6 @@ from clusterviz.render.abuffer import primitives
 from clusterviz.render.cells.table import LocalGrid, make_local_grid
 from clusterviz.render.march import March
 from clusterviz.render.raycast import Raycaster
-from clusterviz.report.kbuffer.analysis import analyse, comparisons
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
 CAMERAS = {
@@ -161,7 +161,11 @@ CASES: dict[str, tuple[Any, ...]] = {
 
 
 @pytest.mark.cover(
-    "two, one lit-inside", "volume, geometry, and two, one lit-outside", "geometry-outside", "volume-outside"
+    "two, one lit-inside",
+    "volume, geometry, and two, one lit-outside",
+    "geometry-outside",
+    "volume-outside",
+    "two, one lit-outside",
 )
 @pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][4]])
 def test_pictures_are_the_reference(name: str, camera: str) -> None:

@@ -11,12 +11,12 @@ import pytest
 from render.scenes import LIT, camera_at, prepare, scene_of, smooth
 
 from clusterviz.data.source import Grid
+from clusterviz.pages.profile.code import Code, code_of
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.render.cpu.tables import frame_of
 from clusterviz.render.profiling import PieceProfile, Profiler
 from clusterviz.render.storage import slot_of
-from clusterviz.report.profile.code import Code, code_of
 from clusterviz.scene.values import Cluster, Scene
 
 SHAPE, BRICK = (19, 23, 26), 8

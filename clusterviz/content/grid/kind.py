@@ -9,6 +9,7 @@ from pathlib import Path, PurePath
 from clusterviz.content.contract import Corners, Kind, LegendEntry
 from clusterviz.content.description import apart, bounds, legend_of_transfer, name_of, transfer_summary, unseen_scalars
 from clusterviz.content.facts import box_corners, range_around
+from clusterviz.content.grid.bricks import KnownCells
 from clusterviz.content.grid.section import GridInfo, GridSection, KBuffer
 from clusterviz.content.transfer import default_opacity, transfer_function
 from clusterviz.data import read_piece
@@ -16,7 +17,6 @@ from clusterviz.data.grid_files import GridFile, grid_files
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import SceneError
 from clusterviz.frame.run import Run
-from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.scene.values import Scene
 
 LEFT_OUT = "cells are left out: a corner or value is not finite, or they have no volume"
