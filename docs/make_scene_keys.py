@@ -17,8 +17,17 @@ sys.path.insert(0, str(HERE))
 
 from reference_pages import scene  # noqa: E402
 
+from clusterviz.content.flow import section as flow  # noqa: E402
 from clusterviz.content.sections import LISTED_SECTIONS  # noqa: E402
-from clusterviz.scene import scene_schema  # noqa: E402
+from clusterviz.content.volume import presets  # noqa: E402
+from clusterviz.content.volume import section as volume  # noqa: E402
+from clusterviz.scene import (  # noqa: E402
+    blend_modes,
+    camera,
+    cluster,
+    scene_schema,
+    values,
+)
 from clusterviz.scene.field_types import Section  # noqa: E402
 from clusterviz.scene.transfer_2d import Transfer2d  # noqa: E402
 from clusterviz.scene.validation_messages import SECTIONS  # noqa: E402
@@ -52,6 +61,11 @@ SPECIAL: dict[str, list[str]] = {
     **{name: ["Any"] for name in LISTED_SECTIONS},  # sections, or objects in memory
 }
 """Types of keys that take more than scene files have."""
+HOMES = (blend_modes, camera, cluster, flow, presets, values, volume)
+ALIASES: dict[Any, str] = {
+    kind: name for home in HOMES for name, kind in vars(home).items() if get_origin(kind) is Literal
+}
+"""Names of choices, by their types."""
 
 
 def page_text() -> str:
@@ -77,10 +91,18 @@ def settings_text() -> str:
     modules: dict[str, list[str]] = {}
     for section in sorted(used, key=lambda each: each.__name__):
         modules.setdefault(section.__module__, []).append(section.__name__)
+    named = set(re.findall(r"\b[A-Z]\w+\b", "".join(lines)))
+    for home in HOMES:
+        for kind, name in ALIASES.items():
+            if name in named and vars(home).get(name) == kind:
+                modules.setdefault(home.__name__, []).append(name)
+                named.discard(name)
     imports = [f"from {module} import {', '.join(names)}" for module, names in sorted(modules.items())]
     text = HEAD.replace("{imports}", "\n    ".join(imports)) + "".join(lines)
-    command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(MODULE), "-"]
-    return subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
+    for command in (("check", "--select", "I", "--fix-only", "--quiet"), ("format",)):
+        words = [sys.executable, "-m", "ruff", *command, "--stdin-filename", str(MODULE), "-"]
+        text = subprocess.run(words, input=text, capture_output=True, text=True, check=True).stdout
+    return text
 
 
 def _words(kind: Any, used: set[type[Section]]) -> list[str]:
@@ -91,7 +113,7 @@ def _words(kind: Any, used: set[type[Section]]) -> list[str]:
     if origin in (Union, UnionType):
         return [word for part in parts for word in _words(part, used)]
     if origin is Literal:
-        return [f"Literal[{', '.join(map(repr, parts))}]"]
+        return [ALIASES.get(kind) or f"Literal[{', '.join(map(repr, parts))}]"]
     if origin is tuple:
         inner = dict.fromkeys(word for part in parts if part is not ... for word in _words(part, used))
         if {"Numbers", "Rows"} & inner.keys():

@@ -8,16 +8,32 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from clusterviz.content.flow.section import Lic, Seeds, Trace
+    from clusterviz.content.flow.section import Lic, Order, Seeds, Show, Trace
     from clusterviz.content.geometry.section import Edges
     from clusterviz.content.grid.section import KBuffer
     from clusterviz.content.volume.optics import Optics
-    from clusterviz.content.volume.section import AmbientOcclusion, Detail, Scattered, Volume
+    from clusterviz.content.volume.presets import PresetName
+    from clusterviz.content.volume.section import AmbientOcclusion, Detail, Gradient, Interpolation, Scattered, Volume
     from clusterviz.scene.annotations import Annotations
-    from clusterviz.scene.camera import Camera
-    from clusterviz.scene.cluster import Cluster
+    from clusterviz.scene.blend_modes import Blending
+    from clusterviz.scene.camera import Camera, View
+    from clusterviz.scene.cluster import Cluster, Codec, Compositing, Distribution, Mode, Tiling, Transport
     from clusterviz.scene.transfer_2d import Transfer2d
-    from clusterviz.scene.values import ABuffer, Clip, ImageSettings, LensQuality, Light, Quality
+    from clusterviz.scene.values import (
+        ABuffer,
+        Borders,
+        Classification,
+        Clip,
+        Filter,
+        ImageSettings,
+        Layer,
+        LensQuality,
+        Light,
+        LightType,
+        PixelFormat,
+        Quality,
+        RendererName,
+    )
 
     Numbers = Sequence[float] | NDArray[Any]
     Rows = Sequence[Sequence[Any]] | NDArray[Any]
@@ -36,23 +52,7 @@ class Settings(TypedDict, total=False):
     spacing: Numbers | None
     origin: Numbers | None
     direction: Rows | str | None
-    preset: (
-        Literal[
-            "tissue",
-            "bone",
-            "vessels",
-            "mip",
-            "xray",
-            "labels",
-            "mask",
-            "density",
-            "block",
-            "signed",
-            "foreground",
-            "percentiles",
-        ]
-        | None
-    )
+    preset: PresetName | None
     cmap: str | Rows | Callable[..., Any] | None
     clim: Numbers | None
     opacity: str | float | Rows | None
@@ -60,15 +60,13 @@ class Settings(TypedDict, total=False):
     gradient_opacity: Rows
     transfer_2d: Transfer2d | Mapping[str, Any] | None
     shader: str | None
-    interpolation: Literal["linear", "nearest", "cubic"]
-    blending: Literal[
-        "composite", "maximum", "minimum", "average", "additive", "local-maximum", "first-hit", "isosurface", "two-flux"
-    ]
+    interpolation: Interpolation
+    blending: Blending
     optics: Optics | Mapping[str, Any] | None
     isosurfaces: Sequence[float | Sequence[float]] | NDArray[Any]
     threshold: float | None
     shade: bool
-    gradient: Literal["central", "smooth"]
+    gradient: Gradient
     ambient: float
     diffuse: float
     specular: float
@@ -82,12 +80,7 @@ class Settings(TypedDict, total=False):
     window_center: Numbers
     aperture: float
     focal_distance: float | None
-    view: (
-        Literal[
-            "iso", "front", "back", "left", "right", "top", "bottom", "anterior", "posterior", "superior", "inferior"
-        ]
-        | None
-    )
+    view: View | None
     azimuth: float
     elevation: float
     roll: float
@@ -98,57 +91,30 @@ class Settings(TypedDict, total=False):
     cap: bool
     size: Numbers
     background: str | Numbers
-    layers: Sequence[Literal["depth", "normal", "opacity", "object"]]
+    layers: Sequence[Layer]
     step: float
-    classification: Literal["post", "pre-integrated"]
-    borders: Literal["overlap", "split"]
-    renderer: Literal["raycast", "slices"]
+    classification: Classification
+    borders: Borders
+    renderer: RendererName
     jitter: bool
-    filter: Literal["exact", "hardware"]
+    filter: Filter
     early_termination: float
     adaptive: float
     frame_coherence: bool
     early_discarding: float | None
     max_error: float | None
-    pixel: Literal["float32", "float16", "uint8"]
+    pixel: PixelFormat
     abuffer: ABuffer | Mapping[str, Any]
     lens: LensQuality | Mapping[str, Any]
-    mode: Literal["auto", "sort-last", "sort-first", "hybrid"]
+    mode: Mode
     groups: int | None
-    tiling: Literal["auto", "interleaved", "pattern", "scheduled", "temporal", "estimated"]
+    tiling: Tiling
     tile: int
     repetitions: int
-    compositing: Literal[
-        "auto",
-        "serial",
-        "pipeline",
-        "tree",
-        "direct-send",
-        "binary-swap",
-        "binary-swap-telescope",
-        "binary-swap-remainder",
-        "2-3-swap",
-        "radix-k",
-        "parallel-pipeline",
-        "slic",
-    ]
-    codec: Literal[
-        "auto",
-        "raw",
-        "active",
-        "rectangle",
-        "lz4",
-        "shuffle+lz4",
-        "delta+lz4",
-        "active+lz4",
-        "active+shuffle+lz4",
-        "active+delta+lz4",
-        "rectangle+lz4",
-        "rectangle+shuffle+lz4",
-        "rectangle+delta+lz4",
-    ]
-    transport: Literal["auto", "messages", "shared", "hierarchical"]
-    distribution: Literal["auto", "coherent", "interleaved", "replicated", "dynamic"]
+    compositing: Compositing
+    codec: Codec
+    transport: Transport
+    distribution: Distribution
     copies: int
     memory_limit: int | None
     migration_bytes: int | None
@@ -167,15 +133,15 @@ class Settings(TypedDict, total=False):
     length: str | float | None
     scale: float | None
     visibility: Literal["exact"] | KBuffer | Mapping[str, Any]
-    order: Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
+    order: Order
     samples: int | None
-    show: Literal["lic", "streamlines", "pathlines", "streaklines", "glyphs", "surface-lic"]
+    show: Show
     lic: Lic | Mapping[str, Any] | None
     seeds: Seeds | Mapping[str, Any] | None
     trace: Trace | Mapping[str, Any] | None
     speed_opacity: Rows | None
     surfaces: Sequence[str] | None
-    type: Literal["headlight", "scene"]
+    type: LightType
     intensity: float
     positional: bool
     cone_angle: float

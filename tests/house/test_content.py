@@ -16,8 +16,8 @@ SECTIONS = {*CONTENT_SECTIONS, "geometry", "geometry_keys"}
 CLASSES = {section.__name__ for section in CONTENT_SECTIONS.values()} | {kind.facts.__name__ for kind in KINDS}
 CLASSES |= {"GeometrySection", "OpenedVolume", "OpenedContent", "OpenedFlow", "KnownGeometry", "KnownCells"}
 CLASSES |= {"LicVolume", "VectorVolume", "FlowLines", "FlowPoints"}
-MAY_ASK = ("content", "reference", "scene/values.py")
-"""The kinds themselves, the reference, which has a file for each, and the scene, which lists their sections."""
+MAY_ASK = ("content", "reference", "scene/compatibility.py", "scene/values.py")
+"""The kinds, the reference, which has a file for each, and the scene, whose sections exclude and require each other."""
 STILL_ASK = """
 annotations/fixed.py
 auto/calibration.py
