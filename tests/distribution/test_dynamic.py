@@ -50,9 +50,9 @@ LARGER: dict[str, Any] = {"brick": 8, "largest_brick": 16, "field": "field:gauss
 
 @pytest.mark.cover("3-keys1")
 @pytest.mark.parametrize(("ranks", "keys"), [(5, {}), (3, LARGER)])
-def test_a_hundred_random_moves_change_no_frame(ranks: int, keys: dict[str, Any], moves: list[Move]) -> None:
-    frames = check_moving(ranks, views(20, **keys))
-    assert len(moves) >= 100 * ranks, "every rank plans all of them"
+def test_two_hundred_random_moves_change_no_frame(ranks: int, keys: dict[str, Any], moves: list[Move]) -> None:
+    frames = check_moving(ranks, views(30, **keys))
+    assert len(moves) >= 200 * ranks, "every rank plans all of them"
     assert so_far(frames, "bricks_received") > 50
     assert so_far(frames, "bricks_lost") == 0
     assert total(frames, "bricks_recalled") > 0
