@@ -260,7 +260,7 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network,
         return predict("serial", "messages", scene, places, network)
     covers = np.array([rect.pixels for rect in rects] or [0]) / pixels / groups
     scene = ImageStatistics(ranks, pixels, max(float(covers.mean()), 1e-9), float(covers.max()), size, True)
-    return fastest(Request("auto", "auto", "auto"), scene, places, False, True, network).seconds_predicted
+    return fastest(Request("auto", "auto", "auto"), scene, places, False, network).seconds_predicted
 
 
 def choose(found: Sequence[Forecast], present: int | None = None) -> int:
