@@ -30,6 +30,7 @@ from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
 from clusterviz.content.flow.opening import geometry_with_flows, open_flows
+from clusterviz.content.geometry.bricks import part_of
 from clusterviz.data import open_scene, open_volume, read_geometry, read_grid
 from clusterviz.data.labels import as_labels
 from clusterviz.data.levels import MixedSource
@@ -39,7 +40,6 @@ from clusterviz.frame import Options, Run, prepare, render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
-from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import place_cells
 from clusterviz.scene import Cluster, Scene

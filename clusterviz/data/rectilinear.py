@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import DerivedSource
 from clusterviz.data.header import check_box, make_grid
-from clusterviz.data.source import Grid, Index
+from clusterviz.data.source import Grid, Index, as_index
 from clusterviz.errors import DataError
 
 MAX_STEPS = 1 << 20
@@ -145,9 +145,7 @@ class RectilinearSource(DerivedSource):
             begin.append(int(before[0]))
             end.append(int(before[-1]) + (2 if weights[-1][-1] else 1))
             below.append(before - begin[-1])
-        stored: NDArray[Any] = self.source.read((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])).astype(
-            self.dtype
-        )
+        stored: NDArray[Any] = self.source.read(as_index(begin), as_index(end)).astype(self.dtype)
         for axis in range(3):
             stored = interpolate(stored, below[axis], weights[axis], axis)
         return np.ascontiguousarray(stored, self.dtype)

@@ -325,13 +325,7 @@ def _content(answer: Any, where: str, part: _Part, began: float) -> tuple[bytes,
 
 
 def _read_body(answer: Any, most: int, began: float) -> bytes | None:
-    """Return the bytes of an answer; None if there are more than `most`.
-
-    Raises
-    ------
-    _UnavailableError
-        It is slower than `LEAST_RATE`, or takes longer than `TRANSFER_SECONDS`.
-    """
+    """Return the bytes of an answer; None if there are more than `most`. Slow ones are an `_UnavailableError`."""
     parts, count = list[bytes](), 0
     while piece := answer.read1(PIECE_BYTES):
         parts.append(piece)

@@ -19,6 +19,8 @@ from clusterviz.content.complete import complete_scene
 from clusterviz.content.facts import Facts
 from clusterviz.content.flow.expansion import without_flows
 from clusterviz.content.flow.opening import OpenedFlow
+from clusterviz.content.geometry.bricks import KnownGeometry
+from clusterviz.content.grid.bricks import KnownCells
 from clusterviz.content.table import KINDS, entries_of
 from clusterviz.content.volume import opening as volumes_opening
 from clusterviz.content.volume.opening import Bricks, OpenedVolume, is_brick_same, read_layer, with_larger_bricks
@@ -30,10 +32,8 @@ from clusterviz.errors import InputError
 from clusterviz.flow.lic_lines import LicOverRanks
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree
-from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.plan.content import ContentBrick, KnownVolume, is_mixed
-from clusterviz.plan.geometry_bricks import KnownGeometry
-from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.plan.plan import Plan, domain_bricks, make_plan
 from clusterviz.plan.refinement import with_detail
 from clusterviz.report.machine import memory
 from clusterviz.scene.values import Scene
@@ -79,9 +79,13 @@ class OpenedContent:
         return True
 
     def plan(self, scene: Scene) -> Plan:
-        """Plan a frame."""
+        """Plan a frame; collective with geometry or grids, of which the ranks look for what each brick holds."""
         known = [KnownVolume(v.grid, v.source.dtype, v.layout, v.summary, levels_of(v.source)) for v in self.volumes]
-        return self.with_detail(make_plan(scene, known, self.geometry, self.grids), scene)
+        infos = [one.info for one in self.geometry], [one.info for one in self.grids]
+        bricks, lights = domain_bricks(scene, known, *infos), scene.lights
+        geometry = [one.layer(own, lights, bricks) for own, one in zip(scene.geometry, self.geometry, strict=True)]
+        grids = [one.layer(own, lights, bricks) for own, one in zip(scene.grids, self.grids, strict=True)]
+        return self.with_detail(make_plan(scene, known, bricks, geometry, grids), scene)
 
     def with_detail(self, plan: Plan, scene: Scene) -> Plan:
         """Return a plan with the levels of volumes that its view needs, and the bounds of their errors."""
@@ -150,11 +154,6 @@ class OpenedContent:
 Opened = OpenedVolume | OpenedContent
 
 
-def complete(opened: Opened | None, scene: Scene) -> Scene:
-    """Complete a scene by what is known of its content; None: the scene has none."""
-    return complete_scene(scene, opened.infos if opened else ())
-
-
 def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened | None, Bricks]:
     """Open the entries of a scene, each rank its share of them, and complete the scene; collective.
 
@@ -173,7 +172,7 @@ def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     asked, scene = scene, without_flows(scene)
     if not scene.has_content:
         with run.local("plan", "plan"):
-            return complete(None, scene), None, {}
+            return complete_scene(scene, ()), None, {}
     with run.local("open", "load"):
         given = _given_by_key(scene, source)
     scene, found = _opened(run, scene, given)
@@ -182,7 +181,7 @@ def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         volumes = tuple(replace(volume, read_bricks={}) for volume in found["volumes"])
         several = OpenedContent(**{**found, "volumes": volumes}, ranks=run.channel.size)
         opened = several if is_mixed(scene) else volumes[0]
-        scene = complete(opened, scene)
+        scene = complete_scene(scene, opened.infos)
         if labelled := with_chosen_labels(asked, scene):
             return open_content(run, labelled, source)
         if not isinstance(opened, OpenedVolume):

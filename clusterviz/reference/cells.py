@@ -33,10 +33,10 @@ from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
 from clusterviz.data.unstructured import FACES, UnstructuredGrid
 from clusterviz.reference.fragments import Fragments
-from clusterviz.reference.intersections import Columns, near_pairs
+from clusterviz.reference.intersections import near_pairs
 from clusterviz.reference.lighting import Material, lit
 from clusterviz.reference.preintegrated import NODES, TO_NODES, WEIGHTS
-from clusterviz.reference.rays import Floats, Rays
+from clusterviz.reference.rays import Columns, Floats, Rays
 from clusterviz.reference.transfer import TransferFunction, transfer_function
 from clusterviz.scene.values import Clip, Scene
 

@@ -14,30 +14,17 @@ S. Woop, C. Benthin, I. Wald: Watertight ray/triangle intersection, JCGT 2(1), 2
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, Protocol, Self
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.reference.rays import Floats, Rays, inside
+from clusterviz.reference.rays import Columns, Floats, Rays, inside
 
 Indices = NDArray[np.int64]
 PAIRS = 1 << 13  # of rays and primitives that are tested without dividing them further
-
-
-class Columns:
-    """Base of dataclasses whose fields are arrays of one length."""
-
-    def some(self, chosen: NDArray[Any]) -> Self:
-        """Return the rows of a mask, or with some numbers."""
-        return type(self)(*(getattr(self, one.name)[chosen] for one in fields(self)))  # type: ignore[arg-type]
-
-    def joined(self, parts: Sequence[Self]) -> Self:
-        """Return the rows of this and of parts behind it."""
-        names = [one.name for one in fields(self)]  # type: ignore[arg-type]
-        return type(self)(*(np.concatenate([getattr(one, name) for one in (self, *parts)]) for name in names))
 
 
 @dataclass(frozen=True)

@@ -32,13 +32,13 @@ from numpy.typing import NDArray
 
 from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.data.source import Grid
-from clusterviz.reference.ambient_occlusion import ambient_light
+from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.cells import PlacedCells, UniformSlabs, march_cells
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import Fragments, PlacedGeometry, find_fragments, joined_fragments
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
-from clusterviz.reference.lighting import lit, lit_line
+from clusterviz.reference.lighting import lit_line
 from clusterviz.reference.preintegrated import is_ramped, ramp
 from clusterviz.reference.rays import Floats, Rays, inside, kept, on_slices, to_index_space
 from clusterviz.reference.slabs import Slab, slabs_in
@@ -218,8 +218,7 @@ class VolumeRays:
         if isinstance(self.volume, LicVolume):
             return lit_line(colour, gradient, point, direction, self.volume, self.scene, self.grid)
         box = self.voxels.shape if box is None else box
-        ambient = ambient_light(self.volume, self.voxels, point, self.scene, self.grid)
-        return lit(colour, gradient, point, direction, self.volume, self.scene, self.grid, box, ambient)
+        return lit_volume(self.field, self.scene, colour, gradient, point, direction, box)
 
 
 DARK = 2.0**-60
@@ -283,7 +282,8 @@ def march_mixture(
         if placed.has_extent
     ]
     mixed, crossed = list[UniformSlabs](), list[Fragments]()
-    none = UniformSlabs(np.empty(0, np.int64), *[np.empty(0)] * 3, np.empty((0, 3)))
+    nothing = np.empty(0)
+    none = UniformSlabs(np.empty(0, np.int64), nothing, nothing, nothing, np.empty((0, 3)))
     for slab in slabs_in(placed_rays, high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))

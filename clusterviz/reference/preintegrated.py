@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.ambient_occlusion import ambient_light
+from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
-from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, inside, kept
 from clusterviz.reference.sample import Flags
 from clusterviz.reference.slabs import in_brick, pieces_of, slabs
@@ -70,10 +69,10 @@ def march_preintegrated(
                 ends_of, normals = (part.begin, part.end), gradient_normals(part.point, (volume, voxels, grid))
                 met.take(slab.rays, transmittance[slab.rays], depth, ends_of, 0, normals)
             alpha = -np.expm1(-depth)
-            if volume.shade and gradient is not None:
+            if volume.shade:
                 straight = colour / np.where(alpha > 0, alpha, 1)[:, None]
-                ambient = ambient_light(volume, voxels, part.point, scene, grid)
-                light = lit(straight, gradient, part.point, direction, volume, scene, grid, voxels.shape, ambient)
+                field = volume, voxels, grid
+                light = lit_volume(field, scene, straight, gradient, part.point, direction, voxels.shape)
                 colour = light * alpha[:, None]
             rgba[slab.rays, :3] += transmittance[slab.rays, None] * colour
             rgba[slab.rays, 3] += transmittance[slab.rays] * alpha

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.optics import optical_function
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
-from clusterviz.reference.ambient_occlusion import ambient_light
+from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.cells import PlacedCells
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import SectionGeometry, place
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, gradient_normals, layers_of
-from clusterviz.reference.lighting import lit
 from clusterviz.reference.multi_volume import PlacedVolume, march_mixture
 from clusterviz.reference.preintegrated import is_ramped, march_preintegrated
 from clusterviz.reference.projections import projection_of
@@ -143,7 +143,7 @@ def render_reference(
                 rgba[part] = march_preintegrated(some, voxels, length, scene, grid, passed)
             elif volume.optics is not None and volume.refracts:
                 background = background_rgb(scene.image.background) or (0.0, 0.0, 0.0)
-                bent = Bent(len(some.direction), volume.optics, background)
+                bent = Bent(len(some.direction), optical_function(volume.optics), background)
                 bent.march(some, voxels, min(length, most), volume, grid)
                 rgba[part] = bent.finish(transfer_function(volume))
             elif volume.blending == "composite":
@@ -208,11 +208,8 @@ def _march(
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.
         weight = transmittance[slab.rays] * -np.expm1(-depth)
         colour = np.where(valid[:, None], colour, 0)
-        if volume.shade and gradient is not None:
-            ambient = ambient_light(volume, voxels, slab.point, scene, grid)
-            colour = lit(
-                colour, gradient, slab.point, rays.direction[slab.rays], volume, scene, grid, voxels.shape, ambient
-            )
+        ray = rays.direction[slab.rays]
+        colour = lit_volume((volume, voxels, grid), scene, colour, gradient, slab.point, ray, voxels.shape)
         rgba[slab.rays, :3] += weight[:, None] * colour
         rgba[slab.rays, 3] += weight
         transmittance[slab.rays] *= np.exp(-depth)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.content.flow.section import Lic
+from clusterviz.content.geometry.bricks import part_of
 from clusterviz.data.given import given_scene
 from clusterviz.data.vectors import VectorArray
 from clusterviz.flow.lic import LicSource, line_weights, noise_of
@@ -19,7 +20,6 @@ from clusterviz.gl.devices import Device
 from clusterviz.image.pyramid.executor import apply_filter
 from clusterviz.image.pyramid.filters import ANALYSIS
 from clusterviz.jobs.device import devices_of, on_device
-from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import place_cells
 from clusterviz.reference.line_integral_convolution import Lines, line_integral_convolution

@@ -40,7 +40,7 @@ def scene(tmp_path: Path) -> str:
     return str(tmp_path / "scene.yaml")
 
 
-@pytest.mark.cover("3-cpu-1.0")
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("ranks", "device", "opacity"), [(3, "cpu", 1.0), pytest.param(2, None, 0.5, marks=pytest.mark.gl)]
 )

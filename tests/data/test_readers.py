@@ -309,16 +309,6 @@ def test_datasets_of_hdf5(tmp_path: Path) -> None:
     refused(lambda: open_source(tmp_path / "b.h5"), "no 3-D dataset", "holds no dataset")
 
 
-@pytest.mark.parametrize("order", "<>")
-@pytest.mark.parametrize("dtype", ["i1", "u2", "i4", "f4", "f8"])
-def test_coordinates_of_netcdf_place_the_samples(tmp_path: Path, dtype: str, order: str) -> None:
-    array = values(order + dtype, (3, 4, 5))
-    source = open_source(writers.netcdf(tmp_path / "a.nc", array, COORDINATES))
-    check_source(source, array)
-    check_placed(source, affine(".5 0 0 0, 0 -2 0 4, 0 0 20 10"))
-    assert source.name == f"{tmp_path}/a.nc:/t"
-
-
 def test_time_members_and_dimensions_without_coordinates(tmp_path: Path) -> None:
     array = values("f4", (2, 6, 3, 4, 5))
     path = writers.netcdf(tmp_path / "a.nc4", array, {"when": np.arange(2.0), "member": 6, "z": 3, "y": 4, "x": 5})
@@ -408,13 +398,6 @@ def test_nrrd_skips(tmp_path: Path) -> None:
         ("d.nhdr", b"", {"encoding": "bz2", "line skip": "2", "data file": "d.raw"}),
     ):
         check_source(open_source(writers.nrrd(tmp_path / name, content, **fields)), SHORTS)
-
-
-@pytest.mark.parametrize("encoding", ["raw", "gzip", "bzip2"])
-def test_nrrd_detached(tmp_path: Path, encoding: str) -> None:
-    writers.pynrrd(tmp_path / "a.nhdr", SHORTS, encoding=encoding)
-    assert (tmp_path / "a.nhdr").stat().st_size < 300
-    check_source(open_source(tmp_path / "a.nhdr"), SHORTS)
 
 
 def test_nrrd_of_two_and_four_axes(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def test_every_frame_is_what_one_rank_draws(keys: dict[str, Any]) -> None:
     check(on_ranks(5, [with_settings(scene, keys) for scene in scenes]), scenes)
 
 
-@pytest.mark.cover("{'distribution': 'replicated'}")
+@pytest.mark.cover("{'distribution': 'replicated'}", "{'mode': 'sort-first'}")
 @pytest.mark.parametrize(
     "keys", [{}, {"distribution": "replicated"}, {"distribution": "interleaved"}, {"mode": "sort-first"}], ids=str
 )

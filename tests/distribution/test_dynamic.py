@@ -48,6 +48,7 @@ def check_moving(ranks: int, scenes: Sequence[Scene], **keys: Any) -> list[Rende
 LARGER: dict[str, Any] = {"brick": 8, "largest_brick": 16, "field": "field:gaussian:60"}
 
 
+@pytest.mark.cover("3-keys1")
 @pytest.mark.parametrize(("ranks", "keys"), [(5, {}), (3, LARGER)])
 def test_a_hundred_random_moves_change_no_frame(ranks: int, keys: dict[str, Any], moves: list[Move]) -> None:
     frames = check_moving(ranks, views(20, **keys))

@@ -158,6 +158,7 @@ def clouds() -> np.ndarray:
     return np.add.reduce([np.exp(-((z - a) ** 2 + (y - b) ** 2 + (x - c) ** 2) / (2 * w * w)) for a, b, c, w in places])
 
 
+@pytest.mark.cover("6-3")
 @pytest.mark.parametrize(("ranks", "groups"), [(4, 2), (6, 3)])
 def test_bricks_and_cuts_follow_the_cost_while_the_camera_moves(ranks: int, groups: int) -> None:
     volume = Volume(path="clouds", clim=(0.0, 1.0), opacity=((0.02, 0.0), (1.0, 0.3)))

@@ -39,7 +39,7 @@ def scene_of(**keys: Any) -> Scene:
     return Scene(flows=[FlowSection(**keys)], camera=camera, image=image)
 
 
-@pytest.mark.cover
+@pytest.mark.cover("streaklines")
 @pytest.mark.gl
 @pytest.mark.parametrize("keys", SHOWN, ids=lambda keys: keys.get("show", "lic"))
 def test_the_picture_is_the_reference_on_any_number_of_ranks(keys: dict[str, Any]) -> None:

@@ -9,6 +9,7 @@ import pytest
 from frame.views import check_same, moving, on_ranks, pixels, so_far
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.bricks import part_of
 from clusterviz.content.geometry.section import GeometrySection, LinesSection, MeshSection, PointsSection, as_sections
 from clusterviz.content.visibility import visibility_warnings
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
@@ -19,7 +20,6 @@ from clusterviz.frame import render_frame
 from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.image import compare
-from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.plan.plan import changed_settings
 from clusterviz.reference import render_reference
 from clusterviz.scene.overrides import with_settings

@@ -161,7 +161,11 @@ CASES: dict[str, tuple[Any, ...]] = {
 
 
 @pytest.mark.cover(
-    "two, one lit-inside", "volume, geometry, and two, one lit-outside", "geometry-outside", "volume-outside"
+    "two, one lit-inside",
+    "volume, geometry, and two, one lit-outside",
+    "geometry-outside",
+    "volume-outside",
+    "two, one lit-outside",
 )
 @pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][4]])
 def test_pictures_are_the_reference(name: str, camera: str) -> None:

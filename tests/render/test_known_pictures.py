@@ -322,6 +322,7 @@ def test_volume_longer_than_a_texture_may_be(
             assert np.abs(found - expected).max() <= bound * max(1, brick / 64)
 
 
+@pytest.mark.long
 def test_more_bricks_than_fit_beside_each_other_in_a_texture(pictures: Any) -> None:
     """3025 bricks of 3 samples a side; a texture has room for 682 beside each other where its side is 2048."""
     voxels = noise((3, 110, 110), np.uint8)

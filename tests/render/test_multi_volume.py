@@ -183,6 +183,7 @@ def wrong(found: np.ndarray, right: np.ndarray, bound: float = 1e-5) -> float:
     "gl-surfaces through each other-inside",
     "gl-three, lit, clipped-outside",
     "cpu-surfaces through each other-inside",
+    "gl-integrals beside nearest voxels-inside",
 )
 @pytest.mark.parametrize(("caster", "name", "camera"), CASES)
 def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: str) -> None:
@@ -356,6 +357,7 @@ def test_neither_threads_nor_numbers_of_64_bits_change_anything(monkeypatch: pyt
         assert samples == results[0][1]
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_several_volumes_cost_one_program_and_no_further_buffer_of_voxels(context: moderngl.Context) -> None:
     made = []

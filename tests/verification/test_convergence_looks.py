@@ -146,7 +146,7 @@ def cosines(scene: Scene) -> Picture:
     return np.sqrt(along**2 - (rays.start**2).sum(axis=1) + 0.75**2) / 0.75
 
 
-@pytest.mark.cover
+@pytest.mark.cover("cubic-renderer")
 @EACH_WAY
 @EACH_FIELD
 def test_isosurfaces_against_the_voxel(way: Way, interpolation: str, record_property: Record) -> None:

@@ -289,6 +289,8 @@ def check(record: Record, case: Case) -> Voxels:
     "int32, surfaces",
     "int8, surfaces",
     "unit 1e-30, isosurface",
+    "(1, 9) pixels",
+    "(65, 1) pixels",
 )
 @pytest.mark.parametrize("name", CASES)
 def test_pictures_of_several_ranks_are_those_of_the_reference(record_property: Record, name: str) -> None:

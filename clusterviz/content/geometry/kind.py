@@ -13,6 +13,7 @@ from clusterviz.content.contract import Corners, Kind, LegendEntry
 from clusterviz.content.description import apart, bounds, legend_of, name_of, value_text
 from clusterviz.content.facts import box_corners, range_around
 from clusterviz.content.flow.expansion import FlowLines
+from clusterviz.content.geometry.bricks import KnownGeometry
 from clusterviz.content.geometry.section import (
     GEOMETRY_SECTIONS,
     GeometryInfo,
@@ -26,7 +27,6 @@ from clusterviz.content.geometry.section import (
 from clusterviz.data import read_geometry
 from clusterviz.data.geometry import Geometry
 from clusterviz.frame.run import Run
-from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.scene.transfer import opacity_points
 from clusterviz.scene.values import Scene
 

@@ -318,12 +318,7 @@ def _stack(slices: list[Slice], subset: Subset, where: str, modality: str) -> So
 def _layers(
     slices: Sequence[Slice], normal: NDArray[np.float64], spaced: bool, where: str
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the world step from layer to layer of the volume, and the layers that are stored.
-
-    Parameters
-    ----------
-    spaced : the scene has a spacing: missing slices are layers that are not stored; else they are an error
-    """
+    """Return the world step from layer to layer, and the layers that are stored: if `spaced`, slices may be missing."""
     places = np.stack([each.position for each in slices])
     gaps = np.diff(places @ normal)
     usual = float(np.median(gaps))

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import PICTURES, readable, refuse_array, require_file
@@ -46,8 +47,6 @@ class PictureSource:
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        from PIL import Image
-
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
@@ -64,8 +63,6 @@ class PictureSource:
 
 
 def open_picture(path: Path, subset: Subset) -> PictureSource:
-    from PIL import Image
-
     size = require_file(path)
     refuse_array(subset.array, path)
     try:

@@ -102,14 +102,7 @@ def _sections(content: bytes, where: str) -> Iterator[tuple[str, bytes]]:
 
 @dataclass(frozen=True)
 class _Form:
-    """How numbers are written.
-
-    Attributes
-    ----------
-    version : a value of `VERSIONS`
-    order : byte order of binary files; "" of text
-    size : type of counts
-    """
+    """How numbers are written: a value of `VERSIONS`, the byte order, "" of text, and the type of counts."""
 
     version: str
     order: str

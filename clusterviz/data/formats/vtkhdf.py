@@ -23,6 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,16 +51,12 @@ def _kind(root: Any) -> str:
 
 def is_grid(path: Path) -> bool:
     """Return whether a file holds no volume."""
-    import h5py
-
     with h5py.File(path) as file:
         return _kind(file.get("VTKHDF")) not in IMAGES
 
 
 def open_vtkhdf(path: Path, subset: Subset) -> Source:
     """Open one array of an image, or of overlapping levels."""
-    import h5py
-
     file = h5py.File(path, locking="best-effort")
     root = file.get("VTKHDF")
     if (kind := _kind(root)) not in IMAGES:
@@ -257,8 +254,6 @@ def _text(value: Any) -> str:
 
 
 def read_vtkhdf(path: Path) -> UnstructuredGrid:
-    import h5py
-
     with h5py.File(path) as file:
         root = file.get("VTKHDF")
         if (kind := _kind(root)) != "UnstructuredGrid":

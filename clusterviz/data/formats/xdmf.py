@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -277,8 +278,6 @@ class _File:
 
     def _dataset(self, text: str) -> NDArray[Any]:
         """Return a dataset of HDF5, named by file:path."""
-        import h5py
-
         name, _, place = text.rpartition(":")
         file = self.path.parent / name
         require_file(file, (b"\x89HDF\r\n\x1a\n",))

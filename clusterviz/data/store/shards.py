@@ -33,7 +33,7 @@ from clusterviz.data.bricks import Box
 from clusterviz.data.files import library
 from clusterviz.data.header import check_box
 from clusterviz.data.remote import CONNECTIONS, FilePath, Version, read_range
-from clusterviz.data.source import Index
+from clusterviz.data.source import Index, as_index
 from clusterviz.data.store import zfp
 from clusterviz.data.store.cache import CACHE, Owner, for_each
 from clusterviz.data.store.wavelet import (
@@ -487,8 +487,7 @@ def checksum(data: bytes) -> bytes:
 
 
 def _quotients(sides: Iterable[int], parts: Index) -> Index:
-    z, y, x = (-(-side // part) for side, part in zip(sides, parts, strict=True))
-    return z, y, x
+    return as_index(-(-side // part) for side, part in zip(sides, parts, strict=True))
 
 
 def _indices(counts: Index) -> list[Index]:

@@ -25,7 +25,7 @@ from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.gl.devices import Device
 from clusterviz.pages.kbuffer.analysis import KBufferNeeds, analyse, comparisons
-from clusterviz.plan.brick_search import world_from_file
+from clusterviz.plan.domain import world_from_file
 from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.kbuffer_counts import KBufferCounts
 from clusterviz.scene.camera import fitted_camera, point_along

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.content.flow.opening import geometry_with_flows, open_flows
+from clusterviz.content.geometry.bricks import part_of
 from clusterviz.data import open_volume, read_geometry, read_grid
 from clusterviz.errors import ClustervizError
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.image import compare
 from clusterviz.pages.tradeoff.knobs import exact_settings
-from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_lens
 from clusterviz.reference.cells import place_cells
 from clusterviz.scene.lens import lens_points

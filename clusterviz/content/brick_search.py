@@ -8,45 +8,19 @@ there for the numbers, and takes the primitives from the file.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
-from clusterviz.content.geometry.section import GeometrySection
-from clusterviz.content.grid.section import GridSection
-from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.primitives import BrickBoxes, BrickMembers, DrawnPrimitives, brick_keys, members_of_keys
-from clusterviz.plan.domain import Domain
+from clusterviz.plan.domain import BrickGrid, Placed
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.uint32]
-Placed = GeometrySection | GridSection
 Scalar = TypeVar("Scalar", bound=np.generic)
 TAG = 73
-
-
-@dataclass(frozen=True, eq=False)
-class BrickGrid:
-    """Bricks in which primitives are looked for.
-
-    Attributes
-    ----------
-    domain, layout : of a plan
-    reach : cells beyond its own in which a brick has primitives
-    """
-
-    domain: Domain
-    layout: BrickLayout
-    reach: int
-
-    def index_from_file(self, section: Placed) -> Floats:
-        """Return the map from an entry's coordinates to cells of the domain, float64 (3, 4)."""
-        matrix = world_from_file(section)[:3].copy()
-        matrix[:, 3] -= self.domain.origin
-        return matrix / self.domain.spacing
 
 
 class BrickSearch:
@@ -168,8 +142,3 @@ def _kept(grid: BrickGrid, ranks: int) -> int:
 def key_of(section: Placed, grid: BrickGrid) -> tuple[object, ...]:
     """Return what decides in which bricks primitives are."""
     return grid.domain, grid.layout.brick, grid.reach, getattr(section, "radius", None), section.transform
-
-
-def world_from_file(section: Placed) -> Floats:
-    """Return the entry's transform, float64 (4, 4)."""
-    return np.array(section.transform or np.eye(4), np.float64)

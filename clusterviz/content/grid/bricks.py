@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
+from clusterviz.content.brick_search import key_of, of_all_bricks, received_members, sent_keys
 from clusterviz.content.grid.section import GridInfo, GridSection, KBuffer
 from clusterviz.content.transfer import transfer_function
 from clusterviz.data.axes import Choice, Subset, first_parts, warn_of_choices
@@ -28,15 +29,8 @@ from clusterviz.data.source import Index
 from clusterviz.data.tetrahedra import MOST, Tetrahedra, groups_with_values, make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import DataError
-from clusterviz.plan.brick_search import (
-    BrickGrid,
-    key_of,
-    of_all_bricks,
-    received_members,
-    sent_keys,
-    world_from_file,
-)
 from clusterviz.plan.cells import CellBrick, CellLayer, join_bricks
+from clusterviz.plan.domain import BrickGrid, world_from_file
 from clusterviz.plan.integration_table import make_integration_table
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.shading import make_geometry_shading

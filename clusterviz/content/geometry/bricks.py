@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree
+from clusterviz.content.brick_search import BrickSearch, brick_boxes
 from clusterviz.content.facts import range_around
 from clusterviz.content.geometry.section import (
     GeometryInfo,
@@ -37,7 +38,7 @@ from clusterviz.data.primitives import (
 )
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
-from clusterviz.plan.brick_search import BrickGrid, BrickSearch, brick_boxes, world_from_file
+from clusterviz.plan.domain import BrickGrid, world_from_file
 from clusterviz.plan.geometry import GeometryLayer, Primitives
 from clusterviz.plan.segments import make_segments
 from clusterviz.plan.shading import make_geometry_shading
