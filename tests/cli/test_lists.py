@@ -26,6 +26,9 @@ def test_maps_are_listed_with_colours(cli: Callable[..., Any]) -> None:
         "colours": ["#440154", "#3b528b", "#21908c", "#5dc963", "#fde725"],
     }
     assert all("viri" in each["name"].lower() for each in listed)
+    cyclic = json.loads(cli("cmaps", "--kind", "cyclic", "--json").out)
+    assert {each["kind"] for each in cyclic} == {"cyclic"}
+    assert "twilight" in {each["name"] for each in cyclic}
     plain = cli("cmaps", "viridis").out
     assert "sequential" in plain
     assert "#440154" in plain
@@ -45,12 +48,6 @@ def test_presets_are_listed_with_a_line_each(cli: Callable[..., Any]) -> None:
     assert [line.split(maxsplit=1) for line in lines] == [[each["name"], each["description"]] for each in listed]
 
 
-def test_kinds_are_a_filter(cli: Callable[..., Any]) -> None:
-    listed = json.loads(cli("cmaps", "--kind", "cyclic", "--json").out)
-    assert {each["kind"] for each in listed} == {"cyclic"}
-    assert "twilight" in {each["name"] for each in listed}
-
-
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("CLUSTERVIZ_CACHE", str(tmp_path))
@@ -62,6 +59,7 @@ def test_every_sample_is_listed_with_its_licence(cli: Callable[..., Any], cache:
     assert [line.split()[0] for line in lines] == [*samples.SAMPLES, "cache:"]
     assert all(sample.licence in line for sample, line in zip(samples.SAMPLES.values(), lines, strict=False))
     assert not any(line.endswith("cached") for line in lines)
+    assert COMMANDS["samples"].example.split()[-1] in samples.SAMPLES
 
 
 def test_only_the_path_goes_to_standard_output(
@@ -74,10 +72,6 @@ def test_only_the_path_goes_to_standard_output(
     outcome = cli("samples", "mni152")
     assert (outcome.status, outcome.out) == (0, f"{cache / known.file_name}\n")
     assert cli("samples").out.splitlines()[0].endswith("cached")
-
-
-def test_the_example_names_a_sample() -> None:
-    assert COMMANDS["samples"].example.split()[-1] in samples.SAMPLES
 
 
 def test_schema_is_json_that_names_every_section(cli: Callable[..., Any]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from cli.pages import check_page
 
-from clusterviz.cli import tradeoff
+from clusterviz.cli import reporting
 from clusterviz.cli.tradeoff import MpirunJob
 from clusterviz.errors import ClustervizError
 from clusterviz.pages.tradeoff.measure import Cost, Measured, cost_from_json
@@ -117,10 +117,10 @@ def test_ranks_that_share_memory_are_told_to_have_sent_nothing(
 def test_a_scene_that_cannot_be_drawn_leaves_nothing(
     cli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: Any) -> Any:
+    def fail(*_: Any, **__: Any) -> Any:
         raise ClustervizError("on 1 rank: no context")
 
-    monkeypatch.setattr(tradeoff, "run_job", fail)
+    monkeypatch.setattr(reporting, "run_job", fail)
     outcome = cli("tradeoff", FIELD, "-o", str(tmp_path / "out"), *SMALL)
     assert (outcome.status, outcome.err) == (1, "clusterviz: error: on 1 rank: no context\n")
     assert list(tmp_path.iterdir()) == []

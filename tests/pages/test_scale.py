@@ -219,13 +219,8 @@ def test_the_scene_may_name_algorithm_and_transport() -> None:
         found = forecast(rates(), MACHINE, cluster, False, [2, 64, 4096])
         assert [one.algorithm for one in found] == [name] * 3
         assert [one.transport for one in found] == ["messages", transport, transport]
-
-
-def test_named_is_never_faster_than_auto() -> None:
-    counts = [16, 256, 4096]
-    auto = forecast(rates(), MACHINE, Cluster(), False, counts)
-    swap = forecast(rates(), MACHINE, Cluster(compositing="binary-swap"), False, counts)
-    assert all(a.compositing_seconds <= b.compositing_seconds for a, b in zip(auto, swap, strict=True))
+        auto = forecast(rates(), MACHINE, Cluster(), False, [2, 64, 4096])
+        assert all(a.compositing_seconds <= b.compositing_seconds for a, b in zip(auto, found, strict=True))
 
 
 def test_where_curves_cross() -> None:

@@ -34,7 +34,6 @@ from clusterviz.pages.tradeoff.knobs import (
     KNOBS,
     Setting,
     changed,
-    exact_settings,
     parse_knobs,
     settings_of,
     value_of,
@@ -111,12 +110,6 @@ def test_a_setting_is_in_the_scene_that_it_changes() -> None:
         scene = changed(SCENE, setting)
         assert {name: value_of(scene, name) for name in setting.changes} == dict(setting.changes)
         assert scene.volumes == SCENE.volumes
-
-
-def test_the_exact_values_are_values_of_their_knobs() -> None:
-    scene = changed(SCENE, type(settings_of(SCENE, 1, ALL, 1)[0][0])(exact_settings(), "alone"))
-    assert scene.quality.early_termination == 0
-    assert scene.quality.filter == "exact"
 
 
 def test_a_lens_is_drawn_in_several_ways_and_a_pinhole_in_one() -> None:
@@ -342,12 +335,11 @@ BUSY = [setting(0.2, 0.1), setting(0.12, 0.1, brick=32)]
         (
             [setting(0.1, 8 * LEVEL), setting(0.2, 4 * LEVEL, step=0.5)],
             1.0,
-            [SCENE_WINS, "None comes within 2 levels of 8 bits; step 0.5 comes closest, with up to 4.1 levels of 255"],
-        ),
-        (
-            [setting(0.1, 8 * LEVEL), setting(0.2, 4 * LEVEL, step=0.5)],
-            1.0,
-            ["up to 4.1 levels of 255, and takes 200 ms"],
+            [
+                SCENE_WINS,
+                "None comes within 2 levels of 8 bits; step 0.5 comes closest, with up to 4.1 levels of 255",
+                "and takes 200 ms",
+            ],
         ),
         ([NOISY, setting(0.15, 0.1, brick=32)], 1.0, [f"{SCENE_WINS}100 %."]),  # noise is no gain
         (BUSY, 1.1, ["1.7 times faster"]),
@@ -408,16 +400,6 @@ def test_against_the_definition() -> None:
     x, y = RNG.random((14, 17)), RNG.random((14, 17))
     for a, b in ((x, y), (x, 0.9 * x + 0.05), (x, 1 - x)):
         assert ssim(a, b) == pytest.approx(window_by_window(a, b), abs=1e-12)
-
-
-def test_equal_pictures_are_alike_and_opposite_ones_are_not() -> None:
-    x = RNG.random((20, 20))
-    assert ssim(x, x) == pytest.approx(1, abs=1e-12)
-    assert ssim(x, 1 - x) < -0.5
-
-
-def test_flat_pictures_differ_by_luminance_alone() -> None:
-    assert ssim(np.full((12, 12), 0.2), np.full((12, 12), 0.6)) == pytest.approx(0.2401 / 0.4001, abs=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (5, 3), (11, 11)])

@@ -27,16 +27,13 @@ def fake_root(folder: Path, limit: str | None) -> Path:
     return folder
 
 
-def test_node_memory_where_nothing_limits_it(tmp_path: Path) -> None:
-    assert memory(fake_root(tmp_path, None)) == Memory(8 << 20, 4 << 20)
-
-
-def test_unlimited_control_group(tmp_path: Path) -> None:
-    assert memory(fake_root(tmp_path, "max\n")) == Memory(8 << 20, 4 << 20)
-
-
-def test_scheduler_limit_cuts_the_node_memory(tmp_path: Path) -> None:
-    assert memory(fake_root(tmp_path, "2097152\n")) == Memory(2 << 20, 1 << 20)
+@pytest.mark.parametrize(
+    ("limit", "expected"), [(None, (8, 4)), ("max\n", (8, 4)), ("2097152\n", (2, 1))], ids=["none", "max", "group"]
+)
+def test_a_limit_of_the_scheduler_cuts_the_node_memory(
+    limit: str | None, expected: tuple[int, int], tmp_path: Path
+) -> None:
+    assert memory(fake_root(tmp_path, limit)) == Memory(*(size << 20 for size in expected))
 
 
 def test_a_limit_of_the_process_cuts_the_node_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
