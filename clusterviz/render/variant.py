@@ -7,17 +7,15 @@ which the compiler folds into the addresses of every fetch. Data that change fro
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.gl.reals import Reals
 from clusterviz.gl.shader import assemble
 from clusterviz.plan.blend_mode import Lattice
-from clusterviz.plan.content import Filter
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.preintegration import SLAB_RECORD
 from clusterviz.plan.segments import RECORD
-from clusterviz.plan.shading import LOOK_ROWS, Table
 from clusterviz.render.abuffer.program import GeometryVariant, geometry_variant
 from clusterviz.render.crossing import PLANES
 from clusterviz.render.frame_block import FRAME_BLOCKS
@@ -28,6 +26,7 @@ from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import (
     EXACT,
     LATTICES,
+    LONE_BLOCKS,
     MOST_ROWS,
     TABLES_BINDING,
     VolumeVariant,
@@ -38,14 +37,12 @@ from clusterviz.render.volume_layers import (
     gradient_file,
     light_files,
     spline_file,
+    volume_variant,
     volume_variants,
     voxel_files,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
 from clusterviz.spmd.source import ShaderSource
-
-if TYPE_CHECKING:
-    from clusterviz.spmd.look import Look
 
 PART_BYTES = 16  # a vec4
 USUAL_BRICK = 64  # cells along its side
@@ -92,28 +89,16 @@ class Variant:
 
     Attributes
     ----------
-    filter : reconstruction filter
-    slot : layout of a stored brick
+    volume : the volume that is drawn alone, with the layout of a stored brick; of mixed content a plain one
     brick : cells along the side of a brick; 0 on a CPU that draws bricks of any size
-    further_starts : that of the plan's segments; most transfer functions need no search in a bucket
     block_bytes : size of the uniform block for the transfer function's records; 0 if they are too many for one
     blending : blend mode
-    lights : number of lights; 0: the volume is not lit
     planes : number of clipping planes
-    surfaces : number of isosurfaces
-    preintegrated : slabs are classified between their ends, not at their midpoints
-    fading : number of pieces of the gradient opacity; 0: there is none
-    near : some lights have a place
-    smooth : gradients are those of cubic B-splines, with any filter
     lattice : where slabs begin
     split : slabs are cut where they leave a brick
-    table : content of the 2-D transfer function; "" without one
     volumes : variants of several volumes; empty for one volume
-    caps : number of planes by whose normals cut faces are lit, including the volume's own faces
     frame_coherence : rays start by the hits of the last frame
-    look : a user's look in place of the transfer function; None without one
     crossing : only where the opacity of a pixel passes one half is found
-    occlusion : rows of ambient occlusion; 0: there is none
     cpu : how a CPU draws it; None: a GPU draws
     profile : what is found out about each pixel, besides its colour
     geometry : meshes, lines and points; None without any
@@ -121,33 +106,26 @@ class Variant:
     reals : form of the numbers that decide which slabs a box owns
     """
 
-    filter: Filter
-    slot: Slot
+    volume: VolumeVariant
     brick: int
-    further_starts: int
     block_bytes: int
     blending: Blending = DEFAULT_BLENDING
-    lights: int = 0
     planes: int = 0
-    surfaces: int = 0
-    preintegrated: bool = False
-    fading: int = 0
-    table: Table = ""
-    near: bool = False
-    smooth: bool = False
     lattice: Lattice = "rays"
     split: bool = False
     volumes: tuple[VolumeVariant, ...] = ()
-    caps: int = 0
     frame_coherence: bool = False
     crossing: bool = False
-    look: Look | None = None
-    occlusion: int = 0
     cpu: Lanes | None = None
     profile: Profile = ""
     geometry: GeometryVariant | None = None
     refraction: bool = False
     reals: Reals = "double"
+
+    @property
+    def slot(self) -> Slot:
+        """Layout of a stored brick."""
+        return self.volume.slot
 
     @property
     def is_mixed(self) -> bool:
@@ -157,7 +135,11 @@ class Variant:
     @property
     def name(self) -> str:
         """Name of its function on a CPU; those of variants that differ little are the same."""
-        volumes = f"{len(self.volumes)}_volumes" if self.is_mixed else f"{self.slot.kind}_{self.filter}_{self.blending}"
+        volumes = (
+            f"{len(self.volumes)}_volumes"
+            if self.is_mixed
+            else f"{self.slot.kind}_{self.volume.filter}_{self.blending}"
+        )
         return f"cast_{volumes}_{self.cpu.lanes if self.cpu else 0}".replace("-", "_")
 
     @property
@@ -165,7 +147,7 @@ class Variant:
         """What is shown that has only been written in double precision."""
         uses = {
             "several volumes, or geometry": self.is_mixed,
-            "pre-integrated slabs": self.preintegrated,
+            "pre-integrated slabs": self.volume.preintegrated,
             "frame coherence": self.frame_coherence,
             "layers": self.crossing,
             "refraction": self.refraction,
@@ -175,19 +157,21 @@ class Variant:
     @property
     def fetches_ahead(self) -> bool:
         """Whether a program for CPUs brings voxels nearer before it samples them."""
-        return self.filter == "linear" and not (self.is_mixed or self.surfaces or self.preintegrated)
+        return self.volume.filter == "linear" and not (
+            self.is_mixed or self.volume.surfaces or self.volume.preintegrated
+        )
 
     @property
     def source(self) -> ShaderSource:
         """Assembled shader."""
         records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
-        run: Files = SURFACES_FILES if self.surfaces else "samples.glsl"
-        sample: Files = ("table.glsl", "composite_2d.glsl") if self.table else self._traits.shader
-        if self.look:
-            sample = (self.look.glsl(), "look.glsl", "composite_2d.glsl")
-        if self.preintegrated:
+        run: Files = SURFACES_FILES if self.volume.surfaces else "samples.glsl"
+        sample: Files = ("table.glsl", "composite_2d.glsl") if self.volume.table else self._traits.shader
+        if self.volume.look:
+            sample = (self.volume.look.glsl(), "look.glsl", "composite_2d.glsl")
+        if self.volume.preintegrated:
             run, sample = PREINTEGRATED_FILES, NOTHING
-        density = density_files(self.preintegrated) if self.occlusion and not self.volumes else ()
+        density = density_files(self.volume.preintegrated) if self.volume.occlusion and not self.volumes else ()
         slots: dict[str, Files] = {
             "REALS": f"reals_{self.reals}.glsl",
             "FRAME": FRAME_BLOCKS[self.reals],
@@ -195,14 +179,14 @@ class Variant:
             "CONSTANTS": self.constants,
             "TRANSFER": "transfer.glsl",
             "RECORDS": records,
-            "SEGMENT": NOTHING if self.preintegrated else ("segment.glsl", "whole_slab.glsl"),
+            "SEGMENT": NOTHING if self.volume.preintegrated else ("segment.glsl", "whole_slab.glsl"),
             "WORDS": "words.glsl",
             "PITCH": "pitch.glsl",
             "VOXEL": voxel_files(self.slot),
             "PREFETCH": "no_prefetch.glsl",
-            "SPLINE": spline_file(self.filter, self._gradient),
-            "SCALAR": field_file(self.filter, self.slot),
-            "CELL": cell_files(self.filter) if self.surfaces else NOTHING,
+            "SPLINE": spline_file(self.volume.filter, self._gradient),
+            "SCALAR": field_file(self.volume.filter, self.slot),
+            "CELL": cell_files(self.volume.filter) if self.volume.surfaces else NOTHING,
             "RUN": run,
             "SAMPLE": sample,
             "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
@@ -212,14 +196,16 @@ class Variant:
             "STARTS": self._starts,
             "LATTICE": LATTICES[self.lattice],
             "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",
-            "MAGNITUDE": "magnitude.glsl" if self.fading or self.table else NOTHING,
-            "FADE": "faded.glsl" if self.fading else "unfaded.glsl",
-            "LIGHT": "lights.glsl" if self.lights else "unlit.glsl",
+            "MAGNITUDE": "magnitude.glsl" if self.volume.fading or self.volume.table else NOTHING,
+            "FADE": "faded.glsl" if self.volume.fading else "unfaded.glsl",
+            "LIGHT": "lights.glsl" if self.volume.lights else "unlit.glsl",
             "GROUPS": ("groups.glsl", "groups_of_bricks.glsl"),
             "PROFILE": f"profile_{self.profile}.glsl" if self.profile else "no_profile.glsl",
             "PACKETS": NOTHING,
             "MAIN": "pixels.glsl",
-            "LIGHTS_FROM": light_files(self.near, bool(self.occlusion)) if self.lights else NOTHING,
+            "LIGHTS_FROM": light_files(self.volume.near, bool(self.volume.occlusion))
+            if self.volume.lights
+            else NOTHING,
         }
         slots |= (self._content if self.is_mixed else {}) | (self._on_cpu if self.cpu else {})
         return assemble("raycast.glsl", slots | (self.geometry.whole_rays if self.geometry else {}))
@@ -243,11 +229,11 @@ class Variant:
         if not self.slot.adaptive:
             found["GROUPS"] = "skips.glsl", "groups_of_bricks.glsl"
         found["VOXEL"] = voxel_files(self.slot, True)
-        found["SCALAR"] = field_file(self.filter, self.slot, True)
+        found["SCALAR"] = field_file(self.volume.filter, self.slot, True)
         if found["SCALAR"] == "linear_cells.glsl":
             found["PREFETCH"] = NOTHING
-            if self.surfaces and self.slot.kind != "f32":
-                found["CELL"] = (f"extremes_{self.slot.kind}.glsl", *cell_files(self.filter)[1:])
+            if self.volume.surfaces and self.slot.kind != "f32":
+                found["CELL"] = (f"extremes_{self.slot.kind}.glsl", *cell_files(self.volume.filter)[1:])
         if self.cpu.pieces:
             found["SEGMENT"] = ("segment.glsl", "piece_rows.glsl", "pieces.glsl")
         return found
@@ -283,9 +269,14 @@ class Variant:
     @property
     def _gradient(self) -> str:
         """Return the file of the gradient."""
-        shaded = self.lights or self.fading or self.table or (self.look and self.look.uses_gradient)
+        shaded = (
+            self.volume.lights
+            or self.volume.fading
+            or self.volume.table
+            or (self.volume.look and self.volume.look.uses_gradient)
+        )
         needed = shaded or self.crossing or self.refraction
-        return gradient_file(self.filter, self.smooth) if needed else "gradient_none.glsl"
+        return gradient_file(self.volume.filter, self.volume.smooth) if needed else "gradient_none.glsl"
 
     @property
     def _content(self) -> dict[str, Files]:
@@ -302,12 +293,12 @@ class Variant:
 
     @property
     def _record_bytes(self) -> int:
-        return (SLAB_RECORD if self.preintegrated else RECORD).itemsize
+        return (SLAB_RECORD if self.volume.preintegrated else RECORD).itemsize
 
     @property
     def _sample_iterations(self) -> int:
         """Most iterations of loops in a sample."""
-        searches = self.volumes or (self,)
+        searches = self.volumes or (self.volume,)
         each = [
             one.further_starts.bit_length()
             + one.lights
@@ -321,7 +312,7 @@ class Variant:
 
     @property
     def _shows_surfaces(self) -> bool:
-        return bool(self.surfaces or self.geometry) or any(volume.surfaces for volume in self.volumes)
+        return bool(self.volume.surfaces or self.geometry) or any(volume.surfaces for volume in self.volumes)
 
     @property
     def constants(self) -> str:
@@ -339,14 +330,14 @@ class Variant:
         ]
         lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
         lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
-        lines.append(f"const bool LAST_IN_RUN = {str(bool(self.surfaces)).lower()}; // runs hold the last slab")
+        lines.append(f"const bool LAST_IN_RUN = {str(bool(self.volume.surfaces)).lower()}; // runs hold the last slab")
         if self.cpu:
             width, height = PACKETS[self.cpu.lanes]
             lines.append(f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};")
             lines.append(f"const int PIECES = {self.cpu.pieces}, PIECES_BEFORE = 0;")
             lines.append(f"const bool FITTED = {str(self.cpu.fitted).lower()};")
-        if self.surfaces:
-            lines.append(glsl_rows("Surfaces", 4, {"surface": self._rows(2 * self.surfaces)}))
+        if self.volume.surfaces:
+            lines.append(self._block("surface"))
             lines.append(f"const bool IN_VOLUME = {str(self._traits.absorbs).lower()};")
         alone = self.geometry is not None and self.geometry.grids > 0 and not self.volumes
         lines.append(f"const bool SLABS_COUNT = {str(not alone).lower()}; // as samples")
@@ -360,18 +351,17 @@ class Variant:
         if self.geometry:
             count = len(self.volumes)
             lines += [self.geometry.constants, f"const int VOLUMES = {count};"]
-        lines.append(f"const bool FADED = {str(self.fading > 0).lower()}; // extinction by the gradient's magnitude")
-        if self.fading or self.table or self.look:
-            own = LOOK_ROWS * bool(self.look)
-            lines.append(glsl_rows("Grading", 5, {"grading": self._rows(4 + self.fading + own)}))
-        if self.table:
+        lines.append(
+            f"const bool FADED = {str(self.volume.fading > 0).lower()}; // extinction by the gradient's magnitude"
+        )
+        if "grading" in self.volume.rows:
+            lines.append(self._block("grading"))
+        if self.volume.table:
             lines.append(f"#define TABLE_BINDING {TABLES_BINDING}")
-            lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.table == 'colour and opacity').lower()};")
-        if self.lights:
-            rows = 5 if self.near else 2
-            count = 7 + rows * self.lights + 2 * self.caps + self.occlusion
-            lines.append(glsl_rows("Lights", 2, {"lighting": self._rows(count)}))
-            lines.append(f"const int LIGHT_ROWS = {rows}; // for each")
+            lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.volume.table == 'colour and opacity').lower()};")
+        if self.volume.lights:
+            lines.append(self._block("lighting"))
+            lines.append(f"const int LIGHT_ROWS = {self.volume.light_rows}; // for each")
         clock = [CLOCK] if self.profile == "clock" and not self.cpu else []
         return "\n".join((*clock, *lines, *self._traits.constants)) + "\n"
 
@@ -382,27 +372,31 @@ class Variant:
             return 1 << 20
         return 64 if self.cpu else 16
 
-    def _rows(self, count: int) -> int:
-        """Return the number of rows of a block, which CPUs do not know when they compile."""
-        return MOST_ROWS if self.cpu else count
+    def _block(self, rows: str) -> str:
+        """Return the block of some rows of the volume, whose number CPUs do not know when they compile."""
+        name, binding = LONE_BLOCKS[rows]
+        return glsl_rows(name, binding, {rows: MOST_ROWS if self.cpu else self.volume.rows[rows]})
 
     @property
     def _sizes(self) -> list[str]:
         """Constants for sizes and numbers, on GPUs."""
+        volume = self.volume
         lines = [
             *self._brick_sizes,
             f"const int MARGIN = {self.slot.margin}; // samples beyond the cells of a stored brick on every side",
             f"const int ROW_WORDS = {self.slot.row_words}, SLICE_WORDS = {self.slot.slice_words};",
-            f"const int FURTHER_STARTS = {self.further_starts};",
+            f"const int FURTHER_STARTS = {volume.further_starts};",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
-        if self.surfaces:
-            lines.append(f"const int SURFACES = {self.surfaces};")
-        if self.lights:
-            lines.append(f"const int LIGHTS = {self.lights}, CAPS = {self.caps}; // and planes that cut what is lit")
-            lines.append(f"const int OCCLUSION_PLANES = {self.occlusion - OCCLUSION_ROWS};")
-        if self.fading or self.table or self.look:
-            lines.append(f"const int FADING_PIECES = {self.fading};")
+        if volume.surfaces:
+            lines.append(f"const int SURFACES = {volume.surfaces};")
+        if volume.lights:
+            lines.append(
+                f"const int LIGHTS = {volume.lights}, CAPS = {volume.caps}; // and planes that cut what is lit"
+            )
+            lines.append(f"const int OCCLUSION_PLANES = {volume.occlusion - OCCLUSION_ROWS};")
+        if "grading" in volume.rows:
+            lines.append(f"const int FADING_PIECES = {volume.fading};")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;")
         return lines
@@ -455,46 +449,36 @@ def of_size(variant: Variant, size: int) -> Variant:
     return replace(variant, geometry=replace(variant.geometry, size=size))
 
 
-def _surfaces(plan: Plan) -> int:
-    """Return the number of isosurfaces, at least 1 where nothing else is shown."""
-    return max(len(plan.blend_mode.surfaces), int(plan.blend_mode.traits.only_surfaces))
-
-
 def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
     """Return the variant of a plan on a CPU; plans that differ only in numbers have the same."""
     given, slot = variant_of(plan, slot, 0), replace(slot, textured=False, margin=0, spread=0)
     # Constants are a little faster.
     whole = slot.cells_zyx == (USUAL_BRICK,) * 3 and plan.layout.brick == USUAL_BRICK
     usual = whole and not cpu.pitched and not given.is_mixed
-    volumes = tuple(
-        replace(
-            each,
-            slot=_without_size(each.slot),
-            further_starts=0,
-            lights=min(each.lights, 1),
-            caps=0,
-            fading=min(each.fading, 1),
-            occlusion=min(each.occlusion, 1),
-            surfaces=min(each.surfaces, 1),
-        )
-        for each in given.volumes
-    )
     return replace(
         given,
-        filter=EXACT.get(given.filter, given.filter),
-        slot=slot if usual else _without_size(slot),
+        volume=replace(_without_numbers(given.volume), slot=slot if usual else _without_size(slot)),
         brick=USUAL_BRICK if usual else 0,
-        further_starts=0,
         blending="average" if given.blending == "additive" else given.blending,
-        lights=min(given.lights, 1),
         planes=min(given.planes, 1),
-        surfaces=min(given.surfaces, 1),
-        fading=min(given.fading, 1),
-        volumes=volumes,
-        caps=0,
-        occlusion=min(given.occlusion, 1),
+        volumes=tuple(map(_without_numbers, given.volumes)),
         cpu=cpu,
         geometry=geometry_variant(plan, True),
+    )
+
+
+def _without_numbers(volume: VolumeVariant) -> VolumeVariant:
+    """Return the variant of volumes with other numbers of the same things."""
+    return replace(
+        volume,
+        filter=EXACT.get(volume.filter, volume.filter),
+        slot=_without_size(volume.slot),
+        further_starts=0,
+        lights=min(volume.lights, 1),
+        caps=0,
+        fading=min(volume.fading, 1),
+        occlusion=min(volume.occlusion, 1),
+        surfaces=min(volume.surfaces, 1),
     )
 
 
@@ -513,32 +497,22 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int, reals: Reals = "doubl
     uniform_bytes : the driver's largest uniform block
     reals : form of numbers that the device prefers; what `needs_doubles` has none but double precision
     """
-    grading, layers = plan.blend_mode.grading, plan.content.volume_layers
-    lone = None if plan.content.mixed else plan.volume
+    layers, whole = plan.content.volume_layers, replace(slot, group_box=None)
     fits = sum(part.segments.records.nbytes for part in layers) <= uniform_bytes
+    is_mixed = plan.content.mixed
+    lone = VolumeVariant(plan.filter, whole, 0) if is_mixed else volume_variant(plan.volume, whole)
     found = Variant(
-        plan.filter,
-        replace(slot, group_box=None),
+        # Isosurfaces that are shown alone may be none.
+        replace(lone, in_volume=True, surfaces=max(lone.surfaces, plan.blend_mode.traits.only_surfaces)),
         plan.layout.brick,
-        lone.segments.further_starts if lone else 0,
         uniform_bytes if fits else 0,
         plan.blend_mode.blending,
-        len(plan.blend_mode.shading.lights) if plan.blend_mode.shading else 0,
         len(plan.clip),
-        _surfaces(plan),
-        lone is not None and lone.preintegrated,
-        grading.fading if grading else 0,
-        grading.table_holds if grading else "",
-        bool(plan.blend_mode.shading and plan.blend_mode.shading.has_places),
-        plan.blend_mode.smooth,
         plan.march.lattice,
         plan.march.split,
-        () if lone else volume_variants(plan.content, slot),
-        len(plan.blend_mode.shading.caps) if plan.blend_mode.shading else 0,
+        volume_variants(plan.content, slot) if is_mixed else (),
         plan.march.frame_coherence is not None,
         plan.march.crossing,
-        grading.look if grading else None,
-        len(plan.blend_mode.shading.occlusion) if plan.blend_mode.shading else 0,
         geometry=geometry_variant(plan),
         refraction=plan.refraction is not None,
     )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
 from clusterviz.plan.blend_mode import BlendMode, Lattice
-from clusterviz.plan.content import Content, Filter
+from clusterviz.plan.content import Content, Filter, VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.preintegration import SUM_ROWS
 from clusterviz.plan.segments import BUCKETS, Segments, make_segments
@@ -67,7 +67,8 @@ def spline_file(filter: Filter, gradient: str) -> str:
     return "spline.glsl" if "cubic" in filter + gradient else "// nothing\n"
 
 
-LONE_BINDINGS = 2, 5, 4  # lighting, grading and isosurfaces of a volume alone
+LONE_BLOCKS = {"lighting": ("Lights", 2), "grading": ("Grading", 5), "surface": ("Surfaces", 4)}
+"""Blocks of a volume alone: their names and bindings."""
 VOLUMES_BINDING, ROWS_BINDING = 6, 7  # the block of all volumes, and the rows of their lighting and isosurfaces
 OWN_BINDING = 10  # on CPUs, the first of blocks with the rows of one volume
 MOST_ROWS = 1 << 12  # of a block whose size is not known when CPUs compile
@@ -294,28 +295,35 @@ def undefine(names: Iterable[str]) -> str:
     return "".join(f"#undef {name.partition('(')[0]}\n" for name in names)
 
 
+def volume_variant(part: VolumeLayer, slot: Slot) -> VolumeVariant:
+    """Return the variant of a volume, stored as `slot` says."""
+    mode, shading, grading = part.blend_mode, part.blend_mode.shading, part.blend_mode.grading
+    return VolumeVariant(
+        part.filter,
+        slot,
+        part.segments.further_starts,
+        smooth=mode.smooth,
+        surfaces=len(mode.surfaces),
+        in_volume=mode.traits.absorbs,
+        preintegrated=part.preintegrated,
+        of_lines=mode.of_lines,
+        **({"fading": grading.fading, "table": grading.table_holds, "look": grading.look} if grading else {}),
+        **(
+            {
+                "lights": len(shading.lights),
+                "caps": len(shading.caps),
+                "near": shading.has_places,
+                "occlusion": len(shading.occlusion),
+            }
+            if shading
+            else {}
+        ),
+    )
+
+
 def volume_variants(content: Content, slot: Slot) -> tuple[VolumeVariant, ...]:
     """Return the variant of each volume."""
-    return tuple(
-        VolumeVariant(
-            part.filter,
-            part_slot,
-            part.segments.further_starts,
-            len(part.blend_mode.shading.lights) if part.blend_mode.shading else 0,
-            len(part.blend_mode.shading.caps) if part.blend_mode.shading else 0,
-            bool(part.blend_mode.shading and part.blend_mode.shading.has_places),
-            part.blend_mode.smooth,
-            part.blend_mode.grading.fading if part.blend_mode.grading else 0,
-            part.blend_mode.grading.table_holds if part.blend_mode.grading else "",
-            len(part.blend_mode.surfaces),
-            part.blend_mode.traits.absorbs,
-            part.preintegrated,
-            part.blend_mode.grading.look if part.blend_mode.grading else None,
-            len(part.blend_mode.shading.occlusion) if part.blend_mode.shading else 0,
-            part.blend_mode.of_lines,
-        )
-        for part, part_slot in zip(content.volume_layers, slot.parts, strict=True)
-    )
+    return tuple(map(volume_variant, content.volume_layers, slot.parts))
 
 
 def light_files(near: bool, occluded: bool, of_lines: bool = False) -> tuple[str, str, str]:
@@ -386,10 +394,8 @@ def volume_blocks(content: Content, on_cpu: bool = False) -> list[tuple[int, NDA
     """
     if not content.mixed:
         mode = content.volume_layers[0].blend_mode
-        bindings = [
-            n for n, part in zip(LONE_BINDINGS, (mode.shading, mode.grading, mode.surfaces), strict=True) if part
-        ]
-        return list(zip(bindings, rows_of(mode), strict=True))
+        parts = zip(LONE_BLOCKS.values(), (mode.shading, mode.grading, mode.surfaces), strict=True)
+        return list(zip([binding for (_, binding), part in parts if part], rows_of(mode), strict=True))
     if not content.volume_layers and not on_cpu:
         return []
     rows = [rows for part in content.volume_layers for rows in rows_of(part.blend_mode)]

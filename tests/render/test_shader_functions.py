@@ -10,6 +10,7 @@ import moderngl
 import numpy as np
 import pytest
 from render.scenes import BUMP, CAMERAS, SHAPE, camera_at, noise, prepare, scene_of
+from render.variants import alone
 
 from clusterviz.data.source import Grid
 from clusterviz.gl.context import compile_compute
@@ -36,7 +37,7 @@ void main() {{
     if (i < {count}u) found[i] = probe(given[i]);
 }}
 """
-PLAIN = Variant("linear", Slot((16, 16, 16), "f32", False), 16, 0, 0)
+PLAIN = alone("linear", Slot((16, 16, 16), "f32", False), 16, 0, 0)
 CPU_LANES = 16, 8, 4
 Device = moderngl.Context | int
 """OpenGL, or the lanes of a CPU's vectors."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import fields
 from itertools import product
+from typing import Any
 
+from clusterviz.plan.content import Filter
 from clusterviz.render.storage import Slot
 from clusterviz.render.variant import Lanes, Variant
 from clusterviz.render.volume_layers import VolumeVariant
-from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.blend_modes import BLEND_MODES, Blending
 from clusterviz.spmd.look_checks import make_look
 
 LOOKS = {
@@ -28,33 +31,53 @@ KINDS = "u8", "u16", "f32"
 CELLS = 15, 16, 33
 
 
+OF_VOLUME = {field.name for field in fields(VolumeVariant)}
+
+
+def alone(
+    filter: Filter,
+    slot: Slot,
+    brick: int,
+    further: int,
+    block: int,
+    blending: Blending = "composite",
+    lights: int = 0,
+    planes: int = 0,
+    surfaces: int = 0,
+    **keys: Any,
+) -> Variant:
+    """The variant of one volume, or of `volumes`."""
+    own = {name: keys.pop(name) for name in OF_VOLUME & keys.keys()} | {"lights": lights, "surfaces": surfaces}
+    return Variant(VolumeVariant(filter, slot, further, **own), brick, block, blending, planes, **keys)
+
+
 def _looks() -> Iterator[tuple[str, Variant]]:
     for filter, kind, further, block in product(("linear", "nearest", "hardware"), KINDS, (0, 1, 512), (0, 16384)):
         slot = Slot(CELLS, kind, filter == "hardware")
-        yield f"{filter} {kind}, {further} further, {block} bytes", Variant(filter, slot, 33, further, block)
+        yield f"{filter} {kind}, {further} further, {block} bytes", alone(filter, slot, 33, further, block)
     for filter, kind, n, lights in product(("linear", "nearest", "cubic", "hardware"), KINDS, (0, 1, 16), (0, 1, 16)):
         slot = Slot(CELLS, kind, filter == "hardware", 2, min(n, 1), 2)
         for blending in ("composite", "isosurface") if n else ("composite",):
             name = f"{filter} {kind}, {blending}, {n} surfaces, {lights} lights"
-            yield name, Variant(filter, slot, 33, 0, 16384, blending, lights, 2, n)
+            yield name, alone(filter, slot, 33, 0, 16384, blending, lights, 2, n)
     for filter, kind, lights in product(("linear", "cubic-hardware", "hardware"), KINDS, (0, 16)):
         slot = Slot(CELLS, kind, "hardware" in filter, 2, 1, 2)
         for planes, block in ((0, 0), (2, 16384)):
-            variant = Variant(filter, slot, 33, 1, block, "composite", lights, planes, preintegrated=True)
+            variant = alone(filter, slot, 33, 1, block, "composite", lights, planes, preintegrated=True)
             yield f"{filter} {kind}, pre-integrated, {planes} planes, {lights} lights", variant
     gradings = (1, ""), (63, ""), (0, "opacity"), (0, "colour and opacity")
     for filter, n, (fading, table) in product(("linear", "nearest", "cubic", "cubic-hardware"), (0, 1), gradings):
         slot, smooth = Slot(CELLS, "u8", "hardware" in filter, 2, n, 2), filter != "nearest"
         look = {"fading": fading, "table": table, "smooth": smooth}
         name = f"{filter}, {n} surfaces, {fading} pieces of gradient opacity, table of {table or 'nothing'}"
-        yield name, Variant(filter, slot, 33, 0, 16384, "composite", 1, 0, n, near=True, **look)
+        yield name, alone(filter, slot, 33, 0, 16384, "composite", 1, 0, n, near=True, **look)
         if fading and smooth and not n:
-            variant = Variant(filter, slot, 33, 0, 0, "composite", 0, 0, preintegrated=True, fading=fading)
+            variant = alone(filter, slot, 33, 0, 0, "composite", 0, 0, preintegrated=True, fading=fading)
             yield f"{name}, pre-integrated", variant
     for blending, kind, planes in product(
         [name for name, mode in BLEND_MODES.items() if not mode.only_surfaces], ("u8", "f32"), (0, 16)
     ):
-        variant = Variant("linear", Slot(CELLS, kind, False), 33, 1, 0, blending, 0, planes)
+        variant = alone("linear", Slot(CELLS, kind, False), 33, 1, 0, blending, 0, planes)
         yield f"{blending}, {kind}, {planes} planes", variant
 
 
@@ -64,17 +87,17 @@ def _rays() -> Iterator[tuple[str, Variant]]:
     lattices = (*product(("rays", "jittered"), (False, True), (False, True)), ("slices", False, False))
     for lattice, split, coherent in lattices:
         ways = {"lattice": lattice, "split": split, "preintegrated": split, "frame_coherence": coherent}
-        yield f"{lattice}, split {split}, coherent {coherent}", Variant("linear", slot, 33, 0, 0, **ways)
+        yield f"{lattice}, split {split}, coherent {coherent}", alone("linear", slot, 33, 0, 0, **ways)
     adaptive = Slot(CELLS, "u8", False, adaptive=True)
-    yield "adaptive step", Variant("linear", adaptive, 33, 0, 0)
+    yield "adaptive step", alone("linear", adaptive, 33, 0, 0)
     for profile, split in product(("counts", "clock"), (False, True)):
         ways = {"split": split, "preintegrated": split, "profile": profile}
-        yield f"profile of {profile}, split {split}", Variant("linear", slot, 33, 0, 0, **ways)
+        yield f"profile of {profile}, split {split}", alone("linear", slot, 33, 0, 0, **ways)
     for name, ways in (("", {}), (", pre-integrated", {"preintegrated": True}), (", surfaces", {"surfaces": 2})):
-        yield f"layers{name}", Variant("linear", slot, 33, 0, 0, crossing=True, **ways)
-        yield f"occlusion{name}", Variant("linear", slot, 33, 0, 0, lights=1, planes=1, occlusion=5, **ways)
+        yield f"layers{name}", alone("linear", slot, 33, 0, 0, crossing=True, **ways)
+        yield f"occlusion{name}", alone("linear", slot, 33, 0, 0, lights=1, planes=1, occlusion=5, **ways)
     for name, look in LOOKS.items():
-        yield f"a user's look: {name}", Variant("cubic", slot, 33, 0, 0, lights=1, planes=2, look=look)
+        yield f"a user's look: {name}", alone("cubic", slot, 33, 0, 0, lights=1, planes=2, look=look)
     parts = (
         VolumeVariant("linear", slot, 1, lights=2, caps=3),
         VolumeVariant("cubic", slot, 0, preintegrated=True, lights=1, occlusion=5),
@@ -83,24 +106,24 @@ def _rays() -> Iterator[tuple[str, Variant]]:
     )
     for name, volumes in (("two volumes", parts[:2]), ("four volumes", parts)):
         whole = Slot(CELLS, "f32", False, parts=tuple(volume.slot for volume in volumes))
-        yield name, Variant("linear", whole, 33, 0, 0, volumes=volumes, planes=2)
-        yield f"{name}, layers", Variant("linear", whole, 33, 0, 0, volumes=volumes, planes=2, crossing=True)
+        yield name, alone("linear", whole, 33, 0, 0, volumes=volumes, planes=2)
+        yield f"{name}, layers", alone("linear", whole, 33, 0, 0, volumes=volumes, planes=2, crossing=True)
 
 
 def _on_cpu() -> Iterator[tuple[str, Variant]]:
     """Variants that only the compiler for CPUs reads."""
     cpu = Lanes(16, 8, True)
     for filter, kind in product(("linear", "nearest", "cubic"), KINDS):
-        yield f"CPU, {filter} {kind}", Variant(filter, Slot(CELLS, kind, False, 2, 1, 2), 33, 0, 0, cpu=cpu)
+        yield f"CPU, {filter} {kind}", alone(filter, Slot(CELLS, kind, False, 2, 1, 2), 33, 0, 0, cpu=cpu)
     slot = Slot(CELLS, "u8", False, 2, 1, 2)
     for name, own in (("wide", Lanes(8, wide=True)), ("pitched", Lanes(4, pitched=True)), ("any size", cpu)):
-        yield f"CPU, {name}", Variant("linear", slot, 0 if name == "any size" else 33, 0, 0, cpu=own)
+        yield f"CPU, {name}", alone("linear", slot, 0 if name == "any size" else 33, 0, 0, cpu=own)
     for profile in ("counts", "clock"):
-        yield f"CPU, profile of {profile}", Variant("linear", slot, 33, 0, 0, cpu=cpu, profile=profile)
-    yield "CPU, coherent", Variant("linear", slot, 33, 0, 0, frame_coherence=True, cpu=cpu)
+        yield f"CPU, profile of {profile}", alone("linear", slot, 33, 0, 0, cpu=cpu, profile=profile)
+    yield "CPU, coherent", alone("linear", slot, 33, 0, 0, frame_coherence=True, cpu=cpu)
     volumes = VolumeVariant("linear", slot, 1, lights=2, surfaces=1), VolumeVariant("cubic", slot, 0, table="opacity")
     whole = Slot(CELLS, "f32", False, parts=(slot, slot))
-    yield "CPU, two volumes", Variant("linear", whole, 0, 0, 0, volumes=volumes, cpu=Lanes(16, volumes=(8, 0)))
+    yield "CPU, two volumes", alone("linear", whole, 0, 0, 0, volumes=volumes, cpu=Lanes(16, volumes=(8, 0)))
 
 
 VARIANTS = {**dict(_looks()), **dict(_rays())}
