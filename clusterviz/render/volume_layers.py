@@ -7,7 +7,7 @@ loop, and every name that belongs to one volume is a macro that ends in its numb
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -298,7 +298,7 @@ def undefine(names: Iterable[str]) -> str:
 def volume_variant(part: VolumeLayer, slot: Slot) -> VolumeVariant:
     """Return the variant of a volume, stored as `slot` says."""
     mode, shading, grading = part.blend_mode, part.blend_mode.shading, part.blend_mode.grading
-    return VolumeVariant(
+    found = VolumeVariant(
         part.filter,
         slot,
         part.segments.further_starts,
@@ -307,18 +307,13 @@ def volume_variant(part: VolumeLayer, slot: Slot) -> VolumeVariant:
         in_volume=mode.traits.absorbs,
         preintegrated=part.preintegrated,
         of_lines=mode.of_lines,
-        **({"fading": grading.fading, "table": grading.table_holds, "look": grading.look} if grading else {}),
-        **(
-            {
-                "lights": len(shading.lights),
-                "caps": len(shading.caps),
-                "near": shading.has_places,
-                "occlusion": len(shading.occlusion),
-            }
-            if shading
-            else {}
-        ),
     )
+    if grading:
+        found = replace(found, fading=grading.fading, table=grading.table_holds, look=grading.look)
+    if not shading:
+        return found
+    lights, caps, occlusion = (len(each) for each in (shading.lights, shading.caps, shading.occlusion))
+    return replace(found, lights=lights, caps=caps, near=shading.has_places, occlusion=occlusion)
 
 
 def volume_variants(content: Content, slot: Slot) -> tuple[VolumeVariant, ...]:
