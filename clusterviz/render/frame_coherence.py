@@ -158,7 +158,7 @@ def depth_of(plan: Plan) -> NDArray[np.float64]:
 
 def still_holds(last: Plan, plan: Plan) -> bool:
     """Return True if only the camera differs; then the frames share all other values."""
-    names = ("march", "blend_mode", "clip", "encoding", "transfer", "segments", "layout", "cost", "content")
+    names = ("march", "clip", "content", "cost")
     return all(getattr(last, name) is getattr(plan, name) for name in names)
 
 
