@@ -26,8 +26,8 @@ from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.content import VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.discarding import HIDDEN_BINDING, HiddenPixels, prepare_discarding
-from clusterviz.render.abuffer.fills import LEAST_SIDE, ManyFragmentsError, Pools, with_fill
-from clusterviz.render.abuffer.on_cpu import LISTS, find_fragments, list_primitives, prepare_passes
+from clusterviz.render.abuffer.fills import LEAST_SIDE, LISTS, ManyFragmentsError, Pools, with_fill
+from clusterviz.render.abuffer.on_cpu import find_fragments, list_primitives, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
 from clusterviz.render.abuffer.program import COUNTED_BINDING
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS, classified, counts_of
