@@ -13,26 +13,20 @@ worst case : 64 layers that fill the picture, in random order
 
 from __future__ import annotations
 
-import argparse
-import json
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 from time import process_time
 from typing import Any, get_args
 
 import numpy as np
-from blend_modes import whole_pieces
+from measuring import Row, context_of, opened, options, prepared, sample, show, timed, whole_pieces, write
 
-from clusterviz.comm import LoopbackChannel
 from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection
-from clusterviz.data import open_source, read_geometry
+from clusterviz.data import read_geometry
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Grid
-from clusterviz.frame import Options, Run, prepare
-from clusterviz.gl.context import open_context
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.fills import bytes_of, room_for
 from clusterviz.render.cpu.caster import VectorCaster
@@ -72,8 +66,7 @@ def protein() -> Parts:
     """Two electron densities in one box, a tube and spheres."""
     found: Parts = []
     for name, colour, clim in (("ispg", "viridis", (0.1, 1.5)), ("1jzv", "magma", (0.5, 4.0))):
-        source = open_source(str(fetch_sample(name)), None)
-        voxels = source.read((0, 0, 0), source.grid.shape_zyx)
+        _, voxels = opened(sample(name=name))
         spacing = tuple(100 / (n - 1) for n in voxels.shape[::-1])
         look = {"cmap": colour, "clim": clim, "opacity": ((clim[0], 0.0), (clim[1], 0.1)), "opacity_unit_distance": 2.0}
         found.append((Volume(path=name, **look), ArraySource(voxels, Grid(voxels.shape, spacing))))
@@ -84,15 +77,15 @@ def protein() -> Parts:
 
 def head() -> tuple[Any, Any]:
     """A head CT."""
-    path = str(fetch_sample("cranium"))
-    return Volume(path=path, opacity_unit_distance=5.0, **CT), open_source(path, None)
+    path = sample(name="cranium")
+    return Volume(path=path, opacity_unit_distance=5.0, **CT), opened(path)[0]
 
 
 def medical() -> Parts:
     """A head CT with its bone and skin."""
     found: Parts = [head()]
     for name, colour in (("cranium-bone", "ivory"), ("cranium-skin", "peachpuff")):
-        path = str(fetch_sample(name))
+        path = sample(name=name)
         look = MeshSection(path=path, opacity=0.3, color=colour, transform=FLIPPED)
         found.append((look, read_geometry(path).mesh))
     return found
@@ -120,21 +113,17 @@ SCENES = {"protein-like": protein, "medical-like": medical, "flow-like": flow, "
 ABOVE = {"camera": Camera(position=(5, 5, -20), focal_point=(5, 5, 0), view_up=(0, 1, 0), parallel_scale=4.0)}
 
 
-def prepared(name: str, size: int) -> tuple[Plan, dict[Any, Any]]:
+def planned(name: str, size: int) -> tuple[Plan, dict[Any, Any]]:
     """The plan of a scene, and its bricks."""
-    parts = SCENES[name]()
     keys: dict[str, list[Any]] = {"volumes": [], "meshes": [], "lines": [], "points": []}
-    given = []
-    for look, one in parts:
-        kind = {Volume: "volumes", MeshSection: "meshes", LinesSection: "lines", PointsSection: "points"}[type(look)]
+    given, kinds = [], {Volume: "volumes", MeshSection: "meshes", LinesSection: "lines", PointsSection: "points"}
+    for look, one in SCENES[name]():
+        kind = kinds[type(look)]
         keys[kind].append(look)
-        one_of = {"meshes": "mesh"}.get(kind, kind)
-        given.append(one if kind == "volumes" else Geometry(**{one_of: one}))
+        given.append(one if kind == "volumes" else Geometry(**{"mesh" if kind == "meshes" else kind: one}))
     settings = ABOVE if name == "worst case" else {}
-    scene = Scene(image=ImageSettings(size=(size, size)), **settings, **{key: tuple(own) for key, own in keys.items()})
-    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, given)
-    assert share.plan, "there is something to show"
-    return share.plan, bricks
+    image = ImageSettings(size=(size, size))
+    return prepared(Scene(image=image, **settings, **{key: tuple(own) for key, own in keys.items()}), given)
 
 
 class TimedCaster(VectorCaster):
@@ -154,66 +143,41 @@ class TimedCaster(VectorCaster):
         self.drawing += process_time() - begin
 
 
-def measure(name: str, size: int, rounds: int, gl: bool) -> dict[str, Any]:
+def measured(name: str, asked: Any) -> Iterator[Row]:
     """Time all combinations, in turn; their pictures are equal."""
-    plan, bricks = prepared(name, size)
-    caster: Any = Raycaster(open_context(), plan) if gl else TimedCaster(plan)
+    plan, bricks = planned(name, asked.size)
+    caster: Any = Raycaster(context_of(), plan) if asked.gl else TimedCaster(plan)
     caster.load(plan, bricks)
     least: dict[tuple[str, str], tuple[float, float]] = dict.fromkeys(SCHEMES, (np.inf, np.inf))
-    picture = counts = None
-    for _ in range(rounds + 1):
-        for fill, resolve in SCHEMES:
-            chosen = replace(plan, content=replace(plan.content, fill=fill, resolve=resolve))
-            if not caster.can_draw(chosen):
-                caster.compile(chosen)
-            caster.draw(chosen, whole_pieces(chosen))  # compiles what is left
-            caster.passes = caster.drawing = 0.0
-            begin = process_time()
-            (drawn,) = caster.draw(chosen, whole_pieces(chosen))
-            seconds = (process_time() - begin, 0.0) if gl else (caster.passes, caster.drawing)
-            before = least[fill, resolve]
-            least[fill, resolve] = min(before[0], seconds[0]), min(before[1], seconds[1])
-            picture = drawn.partial.rgba if picture is None else picture
-            assert np.array_equal(drawn.partial.rgba, picture), (name, fill, resolve)
-            counts = drawn.fragments
-    assert counts is not None, "all are drawn"
-    memory = {}
-    for fill in FILLS:
+    picture, counts = None, np.zeros(0, np.int64)
+    for _, (fill, resolve) in product(range(asked.rounds + 1), SCHEMES):
+        chosen = replace(plan, content=replace(plan.content, fill=fill, resolve=resolve))
+        if not caster.can_draw(chosen):
+            caster.compile(chosen)
+        caster.draw(chosen, whole_pieces(chosen))  # compiles what is left
+        caster.passes = caster.drawing = 0.0
+        run = timed(lambda chosen=chosen: caster.draw(chosen, whole_pieces(chosen))[0])
+        seconds = (run.cpu, 0.0) if asked.gl else (caster.passes, caster.drawing)
+        least[fill, resolve] = tuple(map(min, least[fill, resolve], seconds))  # type: ignore[assignment]
+        picture = run.value.partial.rgba if picture is None else picture
+        assert np.array_equal(run.value.partial.rgba, picture), (name, fill, resolve)
+        counts = run.value.fragments
+    for (fill, resolve), (passes, drawing) in least.items():
         base, each = bytes_of(fill, counts.size)
-        memory[fill] = base + each * room_for(fill, counts.ravel())
-    return {
-        "scene": name,
-        "fragments": int(counts.sum()),
-        "most": int(counts.max()),
-        "covered": int((counts > 0).sum()),
-        "pixels": counts.size,
-        "least_s": {f"{fill}, {resolve}": seconds for (fill, resolve), seconds in least.items()},
-        "bytes": memory,
-    }
+        row = {"scene": name, "fill": fill, "resolve": resolve, "passes": passes, "drawing": drawing}
+        row |= {"bytes": (base + each * room_for(fill, counts.ravel())) / 2**20, "fragments": int(counts.sum())}
+        yield row | {"most": int(counts.max()), "covered": int((counts > 0).sum())}
 
 
 def main() -> None:
-    """Print the tables, and write them as JSON on request."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", type=int, default=384)
-    parser.add_argument("--rounds", type=int, default=4)
-    parser.add_argument("--gl", action="store_true", help="OpenGL; default: the CPU ray caster")
-    parser.add_argument("--only", choices=SCENES, action="append")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    rows = []
-    for name in options.only or SCENES:
-        row = measure(name, options.size, options.rounds, options.gl)
-        rows.append(row)
-        print(
-            f"{name}: {row['fragments']:,} fragments, at most {row['most']}, in {row['covered']:,} of {row['pixels']:,}"
-        )
-        for fill, resolve in SCHEMES:
-            passes, drawing = row["least_s"][f"{fill}, {resolve}"]
-            times = f"{1e3 * passes:7.0f} ms" + ("" if options.gl else f" {1e3 * drawing:7.0f} ms")
-            print(f"  {fill:8} {resolve:10} {times} {row['bytes'][fill] / 2**20:8.1f} MiB", flush=True)
-    if options.json:
-        options.json.write_text(json.dumps({"size": options.size, "rows": rows}, indent=2) + "\n")
+    """Print the tables."""
+    gl = {"action": "store_true", "help": "OpenGL, whose first time is of all; default: the CPU ray caster"}
+    only = {"choices": SCENES, "action": "append"}
+    asked = options(__doc__, size=384, rounds=4, gl=gl, only=only)
+    head = "scene | fragments | at most | pixels | fill | resolve | passes, ms | drawing, ms | MiB"
+    cells = "{scene} | {fragments:,} | {most} | {covered:,} | {fill} | {resolve} | {passes!m:.0f} | {drawing!m:.0f} | "
+    rows = (row for name in asked.only or SCENES for row in measured(name, asked))
+    write(asked, rows=show(head, cells + "{bytes:.1f}", rows))
 
 
 if __name__ == "__main__":

@@ -12,26 +12,17 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
-import argparse
-import json
-from collections.abc import Callable
-from pathlib import Path
-from time import perf_counter
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from blend_modes import whole_pieces
+from measuring import Row, loaded, opened, options, prepared, sample, show, timed, whole_pieces, write
 from numpy.typing import NDArray
 
-from clusterviz.comm import LoopbackChannel
-from clusterviz.data import open_source
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Source
-from clusterviz.frame import Options, Run, prepare
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.sampling_oracle import SamplingOracle, distance_by_bend, distance_to_change
-from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.slices.adaptive import AdaptivePicture, draw_adaptively
 from clusterviz.scene.values import ImageSettings, Quality, Scene, Volume
 
@@ -67,36 +58,24 @@ def vessels(side: int = 256) -> NDArray[np.float32]:
     return np.clip(0.5 - 0.5 * found, 0, 1)
 
 
-def prepared(source: Source, name: str, size: int, **quality: Any) -> tuple[Plan, dict[Any, Any]]:
+def planned(source: Source, name: str, size: int, **quality: Any) -> tuple[Plan, dict[Any, Any]]:
     """The plan of a volume with its look, and its bricks."""
-    scene = Scene(
-        volumes=(Volume(path=name, **LOOKS.get(name, {})),),
-        image=ImageSettings(size=(size, size)),
-        quality=Quality(**quality),
-    )
-    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene, [source])
-    assert share.plan is not None, "there is something to show"
-    return share.plan, dict(bricks)
+    volume, image = Volume(path=name, **LOOKS.get(name, {})), ImageSettings(size=(size, size))
+    return prepared(Scene(volumes=(volume,), image=image, quality=Quality(**quality)), [source])
 
 
 def cast(source: Source, name: str, size: int, **quality: Any) -> tuple[int, float]:
     """The ray caster's samples, and the least seconds of a frame."""
-    plan, bricks = prepared(source, name, size, **quality)
-    caster = VectorCaster(plan)
-    caster.load(plan, bricks)
-    seconds, samples = np.inf, 0
-    for _ in range(3):
-        began = perf_counter()
-        (drawn,) = caster.draw(plan, whole_pieces(plan))
-        seconds, samples = min(seconds, perf_counter() - began), drawn.samples
-    return samples, seconds
+    plan, bricks = planned(source, name, size, **quality)
+    caster = loaded(plan, bricks, "cpu")
+    runs = [timed(lambda: caster.draw(plan, whole_pieces(plan))[0]) for _ in range(3)]
+    return runs[-1].value.samples, min(run.wall for run in runs)
 
 
-def timed(*given: Any, **how: Any) -> tuple[AdaptivePicture, float]:
+def adaptive(*given: Any, **how: Any) -> tuple[AdaptivePicture, float]:
     """A picture, and its seconds."""
-    began = perf_counter()
-    found = draw_adaptively(*given, **how)
-    return found, perf_counter() - began
+    run = timed(lambda: draw_adaptively(*given, **how))
+    return run.value, run.wall
 
 
 def least(
@@ -107,7 +86,7 @@ def least(
     best: dict[str, Any] = {}
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        found, seconds = timed(
+        found, seconds = adaptive(
             plan, voxels, ORACLES[oracle](voxels, plan.volume.transfer, 10**middle), along_rays=along_rays
         )
         error = float(np.abs(found.rgba - truth.rgba).max())
@@ -118,45 +97,34 @@ def least(
     return best
 
 
-def measure(source: Source, name: str, size: int) -> list[dict[str, Any]]:
+def measured(data: str, size: int) -> Iterator[Row]:
     """All rows of a volume."""
-    plan, _ = prepared(source, name, size, renderer="slices")
+    name = sample(name=data) if data == "mni152" else data
+    source = ArraySource(vessels()) if data == "vessels" else opened(name)[0]
+    plan, _ = planned(source, name, size, renderer="slices")
     voxels = np.asarray(source.read((0, 0, 0), source.grid.shape_zyx))
-    timed(plan, voxels, ALL, coarsest=0)
-    truth, seconds = timed(plan, voxels, ALL, coarsest=0)
-    rows: list[dict[str, Any]] = [{"way": "all samples", "share": truth.share, "seconds": seconds}]
+    adaptive(plan, voxels, ALL, coarsest=0)
+    truth, seconds = adaptive(plan, voxels, ALL, coarsest=0)
+    yield {"data": data, "way": "all samples", "share": truth.share, "seconds": seconds}
     samples, seconds = cast(source, name, size, renderer="slices")
-    rows.append({"way": "ray caster", "share": samples / truth.uniform, "seconds": seconds})
+    yield {"data": data, "way": "ray caster", "share": samples / truth.uniform, "seconds": seconds}
     for bound in BOUNDS:
         samples, seconds = cast(source, name, size, adaptive=bound)
-        rows.append({"way": "quality.adaptive", "bound": bound, "share": samples / truth.uniform, "seconds": seconds})
+        share = samples / truth.uniform
+        yield {"data": data, "way": "quality.adaptive", "bound": bound, "share": share, "seconds": seconds}
         for oracle in ORACLES:
             for along_rays in (False, True):
-                way = f"{oracle}, {'along rays' if along_rays else 'in 3-D'}"
-                rows.append({"way": way, "bound": bound} | least(plan, voxels, truth, oracle, bound, along_rays))
-    return rows
+                row = {"data": data, "way": f"{oracle}, {'along rays' if along_rays else 'in 3-D'}", "bound": bound}
+                yield row | least(plan, voxels, truth, oracle, bound, along_rays)
 
 
 def main() -> None:
-    """Print the tables, and write them as JSON on request."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", nargs="*", default=["vessels", "mni152", "field:hydrogen:128"])
-    parser.add_argument("--size", type=int, default=384)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    found = {}
-    for name in options.data:
-        path = str(fetch_sample(name)) if name == "mni152" else name
-        source = ArraySource(vessels()) if name == "vessels" else open_source(path, None)
-        found[name] = rows = measure(source, path, options.size)
-        print(f"\n{name}, {options.size} × {options.size}: share of samples; largest error in 255ths; seconds")
-        for row in rows:
-            asked = f"at most {255 * row['bound']:g}/255" if "bound" in row else ""
-            error = f"{255 * row['error']:8.2f}" if "error" in row else " " * 8
-            share = f"{100 * row['share']:8.2f} % {error}{row['seconds']:9.3f}" if "share" in row else "   not reached"
-            print(f"{row['way']:22}{asked:17}{share}", flush=True)
-    if options.json:
-        options.json.write_text(json.dumps({"size": options.size, "rows": found}, indent=2) + "\n")
+    """Print the table; what has no share was not reached."""
+    data = {"names": ["data"], "nargs": "*", "default": ["vessels", "mni152", "field:hydrogen:128"]}
+    asked = options(__doc__, data=data, size=384)
+    head = "data | way | bound, of 255 | share of samples | largest error, of 255 | seconds"
+    cells = "{data} | {way} | {bound!l:.0f} | {share:.2%} | {error!l:.2f} | {seconds:.3f}"
+    write(asked, rows=show(head, cells, (row for name in asked.data for row in measured(name, asked.size))))
 
 
 if __name__ == "__main__":

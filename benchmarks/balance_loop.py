@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import Row, options, show, svg, write
 from sort_first import scene_of
 
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
@@ -46,6 +47,12 @@ ONE_COPY = ("coherent", "interleaved")
 """Static ways whose ranks hold no brick twice, as with the dynamic one."""
 DRAWN = ("coherent", "interleaved", "replicated, 2 copies", "dynamic", "screen: temporal")
 """Ways that are plotted."""
+HEAD = (
+    "way | M samples | total / even | worst | after 10 | last | most images | bricks | flights | recalled | MB sent | "
+)
+HEAD += "MB a rank | MB at first"
+CELLS = "{way} | {M samples:.3f} | {total / even:.3f} | {worst:.3f} | {after 10:.3f} | {last:.3f} | {most images} | "
+CELLS += "{bricks} | {flights} | {recalled} | {MB sent:.3f} | {MB a rank:.3f} | {MB at first:.3f}"
 
 
 def scenes_of(base: Scene, name: str, frames: int) -> list[Scene]:
@@ -113,73 +120,50 @@ def verdict(rows: Sequence[dict[str, Any]]) -> str:
     return text if best == "dynamic" else f"{text}; the least took {best}: {1 - cost[best] / cost['dynamic']:.1%} less"
 
 
-def show(rows: Sequence[dict[str, Any]]) -> None:
-    """A table in Markdown, without the frames one by one."""
-    names = [name for name in rows[0] if name != "imbalance"]
-    print(f"\n| {' | '.join(names)} |\n|{'---|' * len(names)}")
-    for row in rows:
-        cells = (f"{row[name]:.3f}" if isinstance(row[name], float) else str(row[name]) for name in names)
-        print(f"| {' | '.join(cells)} |", flush=True)
-
-
 def plot(files: Sequence[Path], out: Path) -> None:
     """How uneven each frame of the orbits is, a scene a panel."""
-    import matplotlib
 
-    matplotlib.use("svg")
-    from matplotlib import pyplot
-
-    matplotlib.rcParams.update({"svg.hashsalt": "balance", "svg.fonttype": "none"})
-    figure, axes = pyplot.subplots(1, len(files), figsize=(5.2 * len(files), 3.8), sharey=True, layout="constrained")
-    for axis, file in zip(np.atleast_1d(axes), files, strict=True):
-        report = json.loads(file.read_text())
+    def draw(axis: Any, report: Row) -> None:
         for row in report["tables"]["orbit"]:
             if row["way"] in DRAWN:
                 axis.plot(row["imbalance"], label=f"{row['way']}: {row['total / even']:.3f}", linewidth=1)
         axis.set_title(f"{report['scene']}, {report['ranks']} ranks, {report['frames']} frames")
-        axis.set_xlabel("frame")
-        axis.legend(
-            fontsize=7, title="total / even", title_fontsize=7, loc="upper center", ncols=3, bbox_to_anchor=(0.5, -0.18)
-        )
-    np.atleast_1d(axes)[0].set_ylabel("samples of the busiest rank / mean")
-    with replacing(out) as temporary:
-        figure.savefig(temporary, format="svg", metadata={"Date": None})
+        axis.set(xlabel="frame", ylabel="samples of the busiest rank / mean")
+        place = {"loc": "upper center", "ncols": 3, "bbox_to_anchor": (0.5, -0.18)}
+        axis.legend(fontsize=7, title="total / even", title_fontsize=7, **place)
+        axis.label_outer()
+
+    svg([json.loads(file.read_text()) for file in files], 3.8, "balance", draw, out)
 
 
-def measure(options: argparse.Namespace) -> None:
+def measure(asked: argparse.Namespace) -> None:
     """Print a table a path; write them as JSON and CSV on request."""
-    for file in (options.json, options.csv):
-        if file:
-            check_replaceable(file)
-    look = {"shade": True} if options.lit else {}
-    base = with_settings(scene_of(options.scene, options.size)[0], look)
+    for file in filter(None, (asked.json, asked.csv)):
+        check_replaceable(file)
+    base = with_settings(scene_of(asked.scene, asked.size)[0], {"shade": True} if asked.lit else {})
 
     def open_voxels() -> Source:
-        return scene_of(options.scene, options.size)[1]
+        return scene_of(asked.scene, asked.size)[1]
 
     with FrameLoop(base, LoopbackChannel(), open_voxels(), several=False) as loop:
         base = loop.scene
-    tables: dict[str, list[dict[str, Any]]] = {}
-    for name in options.paths:
-        scenes = scenes_of(base, name, options.frames)
-        print(f"\n{options.scene}, {name}, {options.ranks} ranks, {len(scenes)} frames", flush=True)
-        tables[name] = [
+    tables: dict[str, list[Row]] = {}
+    for name in asked.paths:
+        scenes, several = scenes_of(base, name, asked.frames), len(asked.bricks) > 1
+        rows = (
             row_of(
-                way if len(options.bricks) == 1 else f"{way}, bricks of {size}",
-                draw(scenes, open_voxels, options.ranks, WAYS[way] | sizes_of(size)),
+                f"{way}, bricks of {size}" if several else way,
+                draw(scenes, open_voxels, asked.ranks, WAYS[way] | sizes_of(size)),
             )
-            for way in options.ways
-            for size in options.bricks
-        ]
-        show(tables[name])
-        if len(options.bricks) == 1 and {"dynamic", *ONE_COPY} <= set(options.ways):
+            for way in asked.ways
+            for size in asked.bricks
+        )
+        tables[name] = show(HEAD, CELLS, rows, f"{asked.scene}, {name}, {asked.ranks} ranks, {len(scenes)} frames")
+        if not several and {"dynamic", *ONE_COPY} <= set(asked.ways):
             print(f"\n{verdict(tables[name])}")
-    about = {key: getattr(options, key) for key in ("scene", "ranks", "frames", "size", "bricks")}
-    if options.json:
-        with replacing(options.json) as temporary:
-            temporary.write_text(json.dumps(about | {"tables": tables}, indent=1))
-    if options.csv:
-        with replacing(options.csv) as temporary, temporary.open("w", newline="") as file:
+    write(asked, tables=tables)
+    if asked.csv:
+        with replacing(asked.csv) as temporary, temporary.open("w", newline="") as file:
             lines = [{"path": name} | row for name, rows in tables.items() for row in rows]
             writer = csv.DictWriter(file, [name for name in lines[0] if name != "imbalance"], extrasaction="ignore")
             writer.writeheader()
@@ -188,25 +172,25 @@ def measure(options: argparse.Namespace) -> None:
 
 def main() -> None:
     """Measure, or draw what was measured."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="?", choices=("measure", "plot"), default="measure")
-    parser.add_argument("files", nargs="*", type=Path)
-    parser.add_argument("--scene", choices=("head", "sparse"), default="head")
-    parser.add_argument("--ranks", type=int, default=4)
-    parser.add_argument("--frames", type=int, default=90)
-    parser.add_argument("--size", type=int, default=96)
-    parser.add_argument("--bricks", nargs="+", default=["16"])
-    parser.add_argument("--lit", action="store_true", help="shaded: bricks overlap by two more voxels")
-    parser.add_argument("--paths", nargs="+", choices=("orbit", "to and fro", "near"), default=["orbit"])
-    parser.add_argument("--ways", nargs="+", choices=tuple(WAYS), default=list(WAYS))
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--csv", type=Path)
-    parser.add_argument("-o", "--out", type=Path, default=Path("balance.svg"))
-    options = parser.parse_args()
-    if options.what == "plot":
-        plot(options.files, options.out)
+    asked = options(
+        __doc__,
+        what={"names": ["what"], "nargs": "?", "choices": ("measure", "plot"), "default": "measure"},
+        files={"names": ["files"], "nargs": "*", "type": Path},
+        scene={"choices": ("head", "sparse"), "default": "head"},
+        ranks=4,
+        frames=90,
+        size=96,
+        bricks=["16"],
+        lit={"action": "store_true", "help": "shaded: bricks overlap by two more voxels"},
+        paths={"nargs": "+", "choices": ("orbit", "to and fro", "near"), "default": ["orbit"]},
+        ways={"nargs": "+", "choices": tuple(WAYS), "default": list(WAYS)},
+        csv=Path,
+        out={"names": ["-o", "--out"], "type": Path, "default": Path("balance.svg")},
+    )
+    if asked.what == "plot":
+        plot(asked.files, asked.out)
     else:
-        measure(options)
+        measure(asked)
 
 
 if __name__ == "__main__":

@@ -7,143 +7,91 @@ those that compositing skips over), so the ratio for each sample is printed besi
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
+from collections.abc import Iterator
 from statistics import median
 from typing import Any
 
-import numpy as np
+from measuring import Row, alternate, loaded, opened, options, positional, prepared, sample, show, whole_pieces, write
 
 from clusterviz.cli.arguments import parse_device
-from clusterviz.data import open_source
-from clusterviz.data.bricks import BrickLayout, read_bricks
-from clusterviz.data.samples import fetch_sample
-from clusterviz.data.source import Source
-from clusterviz.data.summary import VolumeSummary, summarise
-from clusterviz.gl.context import open_context
-from clusterviz.partition import Piece, build_tree, leaf_pieces
-from clusterviz.plan.blend_mode import margin_of
-from clusterviz.plan.content import KnownVolume
-from clusterviz.plan.plan import Plan, make_plan
-from clusterviz.render.choice import Device, egl_device, prefers_cpu
-from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.raycast import Raycaster
-from clusterviz.scene import Scene, VolumeInfo, complete_scene
-from clusterviz.scene.values import ImageSettings, Volume
+from clusterviz.scene import Scene
 
 LIGHT: dict[str, Any] = {"position": (1.0, 2.0, 3.0)}
 SURFACES = ((0.5, 1.0), (0.3, 0.3), (0.7, 0.5))
 """Shares of the range of values, and opacities."""
 FADING = ((0.0, 0.2), (2.0, 0.6), (10.0, 1.0))
-LOOKS: dict[str, dict[str, Any]] = {
+QUALITY: dict[str, dict[str, Any]] = {
+    "pre-integrated": {"classification": "pre-integrated"},
+    "pre-integrated, split": {"classification": "pre-integrated", "borders": "split"},
+    "jitter": {"jitter": True},
+    "slices": {"renderer": "slices"},
+    "cubic, texture unit": {"filter": "hardware"},
+    "texture unit": {"filter": "hardware"},
+}
+VOLUME: dict[str, dict[str, Any]] = {
     "composite": {},
-    "maximum": {"volume": {"blending": "maximum"}},
-    "minimum": {"volume": {"blending": "minimum"}},
-    "local-maximum": {"volume": {"blending": "local-maximum"}},
-    "average": {"volume": {"blending": "average"}},
-    "additive": {"volume": {"blending": "additive"}},
-    "pre-integrated": {"scene": {"quality": {"classification": "pre-integrated"}}},
-    "pre-integrated, split": {"scene": {"quality": {"classification": "pre-integrated", "borders": "split"}}},
-    "jitter": {"scene": {"quality": {"jitter": True}}},
-    "slices": {"scene": {"quality": {"renderer": "slices"}}},
-    "shade": {"volume": {"shade": True}},
-    "shade, 3 lights": {"volume": {"shade": True}, "scene": {"lights": (LIGHT, LIGHT, LIGHT)}},
-    "shade, light in a place": {"volume": {"shade": True}, "scene": {"lights": ({**LIGHT, "positional": True},)}},
-    "shade, smooth gradient": {"volume": {"shade": True, "gradient": "smooth"}},
-    "gradient opacity": {"volume": {"gradient_opacity": FADING}},
-    "gradient opacity, shade": {"volume": {"gradient_opacity": FADING, "shade": True}},
-    "nearest": {"volume": {"interpolation": "nearest"}},
-    "cubic": {"volume": {"interpolation": "cubic"}},
-    "cubic, texture unit": {"volume": {"interpolation": "cubic"}, "scene": {"quality": {"filter": "hardware"}}},
-    "texture unit": {"scene": {"quality": {"filter": "hardware"}}},
-    "cubic, shade": {"volume": {"interpolation": "cubic", "shade": True}},
-    "isosurface": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES[:1]}},
-    "isosurface, shade": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES[:1], "shade": True}},
-    "3 isosurfaces, shade": {"volume": {"blending": "isosurface", "isosurfaces": SURFACES, "shade": True}},
-    "composite, isosurface": {"volume": {"isosurfaces": SURFACES[1:2]}},
-    "clip": {"scene": {"clip": {"planes": [[[0.0, 0.0, 0.0], [1.0, 0.5, 0.2]]]}}},
+    **{name: {"blending": name} for name in ("maximum", "minimum", "local-maximum", "average", "additive")},
+    **{name: {} for name in QUALITY},
+    "shade": {"shade": True},
+    "shade, 3 lights": {"shade": True},
+    "shade, light in a place": {"shade": True},
+    "shade, smooth gradient": {"shade": True, "gradient": "smooth"},
+    "gradient opacity": {"gradient_opacity": FADING},
+    "gradient opacity, shade": {"gradient_opacity": FADING, "shade": True},
+    "nearest": {"interpolation": "nearest"},
+    "cubic": {"interpolation": "cubic"},
+    "cubic, texture unit": {"interpolation": "cubic"},
+    "cubic, shade": {"interpolation": "cubic", "shade": True},
+    "isosurface": {"blending": "isosurface", "isosurfaces": SURFACES[:1]},
+    "isosurface, shade": {"blending": "isosurface", "isosurfaces": SURFACES[:1], "shade": True},
+    "3 isosurfaces, shade": {"blending": "isosurface", "isosurfaces": SURFACES, "shade": True},
+    "composite, isosurface": {"isosurfaces": SURFACES[1:2]},
+    "clip": {},
+}
+SCENE: dict[str, dict[str, Any]] = {
+    "shade, 3 lights": {"lights": (LIGHT, LIGHT, LIGHT)},
+    "shade, light in a place": {"lights": ({**LIGHT, "positional": True},)},
+    "clip": {"clip": {"planes": [[[0.0, 0.0, 0.0], [1.0, 0.5, 0.2]]]}},
 }
 
 
-def planned(
-    path: str, source: Source, value_range: tuple[float, float], size: int, look: dict[str, Any]
-) -> tuple[Plan, dict[Any, Any]]:
-    """The plan of a look, and its bricks."""
-    keys = {"path": path} | look.get("volume", {})
-    if "isosurfaces" in keys:
-        low, high = value_range
-        keys["isosurfaces"] = [(low + share * (high - low), opacity) for share, opacity in keys["isosurfaces"]]
-    volume = Volume.model_validate(keys)
-    scene = Scene.model_validate(
-        {"volumes": (volume,), "image": ImageSettings(size=(size, size)), **look.get("scene", {})}
-    )
-    margin = margin_of(volume, scene.quality.classification, scene.quality.borders)
-    layout = BrickLayout(source.grid.shape_zyx, scene.cluster.brick, margin)
-    bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
-    summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
-    completed = complete_scene(scene, facts_of(source, summary))
-    return make_plan(completed, [KnownVolume(source.grid, source.dtype, layout, summary)]), bricks
+def scene_of(path: str, name: str, value_range: tuple[float, float], size: int) -> Scene:
+    """A data file with a look."""
+    low, high = value_range
+    volume = {"path": path} | VOLUME[name]
+    if "isosurfaces" in volume:
+        volume["isosurfaces"] = [(low + share * (high - low), opacity) for share, opacity in volume["isosurfaces"]]
+    keys = {"volumes": [volume], "image": {"size": (size, size)}, "quality": QUALITY.get(name, {})}
+    return Scene.model_validate(keys | SCENE.get(name, {}))
 
 
-def facts_of(source: Source, summary: VolumeSummary) -> VolumeInfo:
-    """What completing a scene needs."""
-    grid, (low, high) = source.grid, summary.value_range
-    ends = summary.percentile(1.0), summary.percentile(99.0)
-    return VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, low, high, *ends)
-
-
-def whole_pieces(plan: Plan) -> tuple[Piece, ...]:
-    """All bricks as one piece."""
-    return leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward)
-
-
-def measure(path: str, size: int, frames: int, names: list[str], device: Device) -> list[dict[str, Any]]:
-    """Time all looks, in turn; those that the CPU cannot draw are left to OpenGL."""
-    source, context = open_source(path, None), open_context(device=egl_device(device))
-    voxels = source.read((0, 0, 0), source.grid.shape_zyx)
-    value_range = float(voxels.min()), float(voxels.max())
-    casters: dict[str, tuple[Raycaster | VectorCaster, Plan]] = {}
-    for name in names:
-        plan, bricks = planned(path, source, value_range, size, LOOKS[name])
-        casters[name] = VectorCaster(plan) if prefers_cpu(device) else Raycaster(context, plan), plan
-        casters[name][0].load(plan, bricks)
-    seconds: dict[str, list[float]] = {name: [] for name in names}
-    samples: dict[str, int] = {}
-    for _ in range(frames + 1):
-        for name, (caster, plan) in casters.items():
-            (drawn,) = caster.draw(plan, whole_pieces(plan))
-            seconds[name].append(drawn.seconds_render)
-            samples[name] = drawn.samples
-    return [
-        {"look": name, "median_s": median(times[1:]), "min_s": min(times[1:]), "samples": samples[name]}
-        for name, times in seconds.items()
-    ]
+def measured(path: str, asked: Any) -> Iterator[Row]:
+    """Time all looks, in turn."""
+    source, voxels = opened(path)
+    ways = {}
+    for name in asked.looks:
+        value_range = float(voxels.min()), float(voxels.max())
+        plan, bricks = prepared(scene_of(path, name, value_range, asked.size), [source])
+        caster = loaded(plan, bricks, asked.device)
+        ways[name] = lambda caster=caster, plan=plan: caster.draw(plan, whole_pieces(plan))[0]
+    plain: tuple[float, int] | None = None
+    for name, runs in alternate(ways, asked.frames).items():
+        seconds, samples = median(run.value.seconds_render for run in runs), runs[0].value.samples
+        plain = plain or (seconds, samples)
+        ratio = seconds / plain[0]
+        yield {"look": name, "s": seconds, "samples": samples, "ratio": ratio, "each": ratio * plain[1] / samples}
 
 
 def main() -> None:
-    """Print the table, and write it as JSON on request."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", nargs="?", help="a data file; default: the sample mni152")
-    parser.add_argument("--size", type=int, default=384)
-    parser.add_argument("--device", type=parse_device, help="an EGL device by its index, or cpu; default: the best")
-    parser.add_argument("--frames", type=int, default=5)
-    parser.add_argument("--looks", nargs="+", choices=list(LOOKS), default=list(LOOKS))
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    path = options.data or str(fetch_sample("mni152"))
-    rows = measure(path, options.size, options.frames, options.looks, options.device)
-    plain = rows[0]
-    print(f"{path}, {options.size} × {options.size}; ratios to {plain['look']}")
-    print(f"{'look':24} {'median':>9} {'ratio':>6} {'samples':>12} {'ratio a sample':>15}")
-    for row in rows:
-        ratio, share = row["median_s"] / plain["median_s"], row["samples"] / plain["samples"]
-        print(
-            f"{row['look']:24} {1e3 * row['median_s']:6.0f} ms {ratio:6.2f} {row['samples']:12,} {ratio / share:15.2f}"
-        )
-    if options.json:
-        report = {"data": path, "size": options.size, "frames": options.frames, "rows": rows}
-        options.json.write_text(json.dumps(report, indent=2) + "\n")
+    """Print the table."""
+    data = positional("data", help="a data file; default: the sample mni152")
+    device = {"type": parse_device, "help": "an EGL device by its index, or cpu; default: the best"}
+    looks = {"nargs": "+", "choices": list(VOLUME), "default": list(VOLUME)}
+    asked = options(__doc__, data=data, size=384, device=device, frames=5, looks=looks)
+    path = sample(asked.data)
+    cells = "{look} | {s!m:.0f} | {ratio:.2f} | {samples:,} | {each:.2f}"
+    title = f"{path}, {asked.size} × {asked.size}; ratios to the first"
+    write(asked, rows=show("look | ms | ratio | samples | ratio a sample", cells, measured(path, asked), title))
 
 
 if __name__ == "__main__":

@@ -11,15 +11,12 @@ or messages only; each is put beside the best fixed choice of its kind.
 
 from __future__ import annotations
 
-import argparse
-import json
-import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 from statistics import median
 
-from compositors import MPIS, Choice, Images, made_images, open_images, run_clusterviz, table
+from compositors import MPIS, Choice, Images, cases_of, options_of_images, report, run_clusterviz
+from measuring import options
 
 from clusterviz.composite.schedules.radix_k import LARGEST_FACTOR
 
@@ -62,7 +59,7 @@ def measure(images: Images, mpi: str, frames: int, passes: int) -> list[Row]:
     rows = []
     for choice, found in zip(choices, zip(*reports, strict=True), strict=True):
         ran = str(Choice(*(found[-1][key] for key in ("algorithm", "codec", "transport"))))
-        middle, least = median(report["median_ms"] for report in found), min(report["min_ms"] for report in found)
+        middle, least = median(one["median_ms"] for one in found), min(one["min_ms"] for one in found)
         rows.append(Row(f"{images.title} ({mpi})", str(choice), ran, found[-1]["predicted_ms"], middle, least))
     return rows
 
@@ -89,32 +86,12 @@ def verdicts(rows: list[Row]) -> list[str]:
 
 
 def main() -> None:
-    """Print the table and what it says; write the rows as JSON on request."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--peers", type=Path, required=True, help="the folder of make_images.py")
-    parser.add_argument("--images", type=Path, nargs="+", default=[], help="folders of images, instead of made ones")
-    parser.add_argument("--made", type=Path, default=Path(tempfile.gettempdir()) / "composite-images")
-    parser.add_argument("--kinds", default="sparse,dense")
-    parser.add_argument("--ranks", default="2,4,8")
-    parser.add_argument("--sides", default="1024")
-    parser.add_argument("--mpi", nargs="+", choices=MPIS, default=["wheel"])
-    parser.add_argument("--frames", type=int, default=30)
-    parser.add_argument("--passes", type=int, default=3)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    cases = [open_images(folder) for folder in options.images]
-    if not cases:
-        wanted = product(options.kinds.split(","), options.sides.split(","), options.ranks.split(","))
-        cases = [made_images(options.peers, options.made, kind, int(ranks), int(side)) for kind, side, ranks in wanted]
-    rows: list[Row] = []
-    print(table(HEAD, []))
-    for images, mpi in product(cases, options.mpi):
-        found = measure(images, mpi, options.frames, options.passes)
-        rows += found
-        print("\n".join(f"| {' | '.join(row.cells)} |" for row in found), flush=True)
+    """Print the table and what it says."""
+    mpis = {"nargs": "+", "choices": MPIS, "default": ["wheel"]}
+    asked = options(__doc__, **options_of_images([1024]), mpi=mpis, frames=30, passes=3)
+    cases = product(cases_of(asked), asked.mpi)
+    rows = report(asked, HEAD, (measure(*case, asked.frames, asked.passes) for case in cases))
     print("", *verdicts(rows), sep="\n")
-    if options.json:
-        options.json.write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -12,11 +12,10 @@ Other work on the machine spoils even ratios: the load is told at the end, and s
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import tempfile
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import product, zip_longest
 from pathlib import Path
 from statistics import median
@@ -27,15 +26,16 @@ from compositors import (
     MPIS,
     Choice,
     Images,
+    cases_of,
     error_levels,
-    made_images,
-    open_images,
+    options_of_images,
     parse_choice,
+    report,
     run_clusterviz,
     run_icet,
-    table,
     wire_bytes,
 )
+from measuring import options
 
 GOALS = {"shared": 0.5, "messages": 1.0}  # of IceT's time; what is not named has the second
 CHOICES = ("auto/auto/shared", "auto/auto/shared/copy", "auto/auto/messages")
@@ -85,22 +85,22 @@ class Row:
         return [self.case, *ours.program, *times, *ratios, *errors, *sent]
 
 
-def measure(images: Images, options: argparse.Namespace) -> list[Row]:
+def measure(images: Images, asked: argparse.Namespace) -> list[Row]:
     """All programs on one folder of images, by turns."""
-    icet = [("", algorithm) for algorithm in options.icet]
-    ours = [(mpi, str(choice)) for mpi, choice in product(options.mpi, options.choices)]
+    icet = [("", algorithm) for algorithm in asked.icet]
+    ours = [(mpi, str(choice)) for mpi, choice in product(asked.mpi, asked.choices)]
     turns = [program for pair in zip_longest(icet, ours) for program in pair if program]
     reports: dict[tuple[str, str], list[dict[str, Any]]] = {program: [] for program in turns}
     levels = {}
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "picture.rgba"
-        for _ in range(options.passes):
+        for _ in range(asked.passes):
             for mpi, name in turns:
                 if mpi:
-                    report = run_clusterviz(images, parse_choice(name), mpi, options.frames, out)
+                    found = run_clusterviz(images, parse_choice(name), mpi, asked.frames, out)
                 else:
-                    report = run_icet(options.peers, images, name, options.frames, out)
-                reports[mpi, name].append(report)
+                    found = run_icet(asked.peers, images, name, asked.frames, out)
+                reports[mpi, name].append(found)
                 levels[mpi, name] = error_levels(out, images)
     runs = {program: summarise(program, reports[program], levels[program]) for program in turns}
     return [beside(images.title, runs[program], [runs[peer] for peer in icet]) for program in ours]
@@ -148,48 +148,15 @@ def automatic(rows: list[Row]) -> Iterable[str]:
 
 
 def main() -> None:
-    """Print the table and what holds; write every number as JSON on request."""
-    options, started = arguments(), os.getloadavg()[0]
-    cases = [open_images(folder) for folder in options.images]
-    if not cases:
-        wanted = product(options.kinds.split(","), numbers(options.sides), numbers(options.ranks))
-        cases = [made_images(options.peers, options.made, kind, ranks, side) for kind, side, ranks in wanted]
-    rows: list[Row] = []
-    print(table([*HEAD, *HEAD_MORE], []))
-    for case in cases:
-        found = measure(case, options)
-        rows += found
-        print("\n".join(f"| {' | '.join(row.cells)} |" for row in found), flush=True)
+    """Print the table and what holds."""
+    choice = {"names": ["choices"], "nargs": "*", "type": parse_choice, "metavar": "ALGORITHM/CODEC/TRANSPORT"}
+    mpis = {"nargs": "+", "choices": MPIS, "default": list(MPIS)}
+    images = options_of_images([1024, 2048])
+    asked = options(__doc__, choices=choice, **images, icet=list(ICET_ALGORITHMS), mpi=mpis, frames=30, passes=3)
+    asked.choices, started = asked.choices or [parse_choice(text) for text in CHOICES], os.getloadavg()[0]
+    rows = report(asked, [*HEAD, *HEAD_MORE], (measure(case, asked) for case in cases_of(asked)))
     load = f"- load {started:.1f} before, {os.getloadavg()[0]:.1f} after, {os.cpu_count()} cores"
     print("", *goals(rows), *automatic(rows), load, sep="\n")
-    if options.json:
-        chosen = {key: str(value) for key, value in vars(options).items()}
-        options.json.write_text(json.dumps({**chosen, "rows": [asdict(row) for row in rows]}, indent=2) + "\n")
-
-
-def numbers(text: str) -> list[int]:
-    """The numbers in a list like "2,4,8"."""
-    return [int(number) for number in text.split(",")]
-
-
-def arguments() -> argparse.Namespace:
-    """The options, completed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("choices", nargs="*", type=parse_choice, metavar="ALGORITHM/CODEC/TRANSPORT")
-    parser.add_argument("--peers", type=Path, required=True, help="the folder of icet.sh and make_images.py")
-    parser.add_argument("--images", type=Path, nargs="+", default=[], help="folders of images, instead of made ones")
-    parser.add_argument("--made", type=Path, default=Path(tempfile.gettempdir()) / "composite-images")
-    parser.add_argument("--kinds", default="sparse,dense")
-    parser.add_argument("--ranks", default="2,4,8")
-    parser.add_argument("--sides", default="1024,2048")
-    parser.add_argument("--icet", nargs="+", default=list(ICET_ALGORITHMS))
-    parser.add_argument("--mpi", nargs="+", choices=MPIS, default=list(MPIS))
-    parser.add_argument("--frames", type=int, default=30)
-    parser.add_argument("--passes", type=int, default=3)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    options.choices = options.choices or [parse_choice(text) for text in CHOICES]
-    return options
 
 
 if __name__ == "__main__":

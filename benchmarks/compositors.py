@@ -9,17 +9,18 @@ float64 (h, w, 4), their composite. The peer is a folder with two programs:
 
 from __future__ import annotations
 
+import argparse
 import json
-import os
-import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import CLUSTERVIZ, commas, output_of, write
 from numpy.typing import NDArray
 
 from clusterviz.cli.jobs import find_mpirun
@@ -86,14 +87,14 @@ def made_images(peers: Path, parent: Path, kind: str, ranks: int, side: int) -> 
     """The peer's images of one kind (sparse or dense), made where they are missing."""
     folder = parent / f"{kind}-{ranks}-{side}"
     if not (folder / "exact.npy").exists():
-        _run([sys.executable, peers / "make_images.py", ranks, side, side, folder, kind])
+        output_of([sys.executable, peers / "make_images.py", ranks, side, side, folder, kind], TIMEOUT_SECONDS)
     return open_images(folder)
 
 
 def run_icet(peers: Path, images: Images, algorithm: str, frames: int, out: Path | None = None) -> dict[str, Any]:
     """IceT's report: median_ms and min_ms of the slowest rank; bytes_sent by all ranks, the final gather with them."""
     words = [peers / "icet.sh", images.ranks, *images.size, images.folder, algorithm, frames, *([out] if out else [])]
-    report: dict[str, Any] = json.loads(_run(words))
+    report: dict[str, Any] = json.loads(output_of(words, TIMEOUT_SECONDS))
     return report
 
 
@@ -105,11 +106,12 @@ def run_clusterviz(
     size = f"{images.size[0]}x{images.size[1]}"
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "report.json"
-        words = [*launcher, "-n", images.ranks, sys.executable, "-m", "clusterviz", "bench", "composite"]
+        words = [*launcher, "-n", images.ranks, *CLUSTERVIZ, "bench", "composite"]
         words += ["--images", images.folder, "--size", size, "--algorithm", choice.algorithm, "--codec", choice.codec]
         words += ["--transport", choice.transport, "--frames", frames, "--json", file]
         words += ["--copy"] * choice.copy + list(extra)
-        _run([*words, *(["--out", out] if out else [])], OPEN_MPI_ENVIRONMENT if mpi == "openmpi" else {})
+        environment = OPEN_MPI_ENVIRONMENT if mpi == "openmpi" else {}
+        output_of([*words, *(["--out", out] if out else [])], TIMEOUT_SECONDS, **environment)
         report: dict[str, Any] = json.loads(file.read_text())
     return report
 
@@ -132,12 +134,33 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {line} |" for line in [*lines, *(" | ".join(row) for row in rows)])
 
 
-def _run(words: Sequence[object], environment: dict[str, str] | None = None) -> str:
-    """What a command printed; the program ends with the command's last words where it fails."""
-    command = [str(word) for word in words]
-    variables = os.environ | (environment or {})
-    done = subprocess.run(command, capture_output=True, text=True, env=variables, timeout=TIMEOUT_SECONDS)
-    if done.returncode:
-        said = [line for line in done.stderr.splitlines() if line.startswith("clusterviz: ")]
-        raise SystemExit(f"{' '.join(command)}\n" + "\n".join(said[:1] or done.stderr.splitlines()[-5:]))
-    return done.stdout
+def options_of_images(sides: list[int]) -> dict[str, Any]:
+    """The options that tell which images are composited."""
+    made = Path(tempfile.gettempdir()) / "composite-images"
+    return {
+        "peers": {"type": Path, "required": True, "help": "the folder of icet.sh and make_images.py"},
+        "images": {"type": Path, "nargs": "+", "default": [], "help": "folders of images, instead of made ones"},
+        "made": made,
+        "kinds": {"type": commas(str), "default": ["sparse", "dense"]},
+        "ranks": {"type": commas(int), "default": [2, 4, 8]},
+        "sides": {"type": commas(int), "default": sides},
+    }
+
+
+def cases_of(asked: argparse.Namespace) -> list[Images]:
+    """The folders of images that are asked for."""
+    if asked.images:
+        return [open_images(folder) for folder in asked.images]
+    wanted = product(asked.kinds, asked.sides, asked.ranks)
+    return [made_images(asked.peers, asked.made, kind, ranks, side) for kind, side, ranks in wanted]
+
+
+def report(asked: argparse.Namespace, head: Sequence[str], found: Iterable[Sequence[Any]]) -> list[Any]:
+    """Print the rows of each case as soon as it is measured, write them on request, and return all."""
+    print(table(head, []), flush=True)
+    rows: list[Any] = []
+    for some in found:
+        rows += some
+        print("\n".join(f"| {' | '.join(row.cells)} |" for row in some), flush=True)
+    write(asked, rows=[asdict(row) for row in rows])
+    return rows

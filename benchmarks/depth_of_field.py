@@ -11,33 +11,30 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
-import argparse
-import json
+from collections.abc import Iterator
 from importlib import import_module
-from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
+from measuring import ROOT, Row, options, sample, show, timed, write
 from numpy.typing import NDArray
 
+from clusterviz.cli.arguments import parse_size
 from clusterviz.comm import LoopbackChannel
 from clusterviz.content.geometry.section import MeshSection
 from clusterviz.data import open_scene
 from clusterviz.data.geometry import Geometry, Mesh
-from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.image import compare
 from clusterviz.image.merge import over
 from clusterviz.image.pyramid.blur import blur
+from clusterviz.pages.tradeoff.rating import luminance, ssim
 from clusterviz.plan.lens import Lens
-from clusterviz.report.tradeoff.rating import luminance, ssim
 from clusterviz.scene import Scene
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Camera, ImageSettings
 
 LENS = import_module("clusterviz.render.lens")
-ROOT = Path(__file__).parents[1]
 METHODS: dict[str, dict[str, Any]] = {
     "pinhole": {"aperture": 0.0},
     "sub-images 8": {"lens": {"sub_images": 8}},
@@ -55,8 +52,7 @@ Picture = NDArray[np.float32]
 
 def head() -> tuple[Scene, Any]:
     """Return the example's head."""
-    path = fetch_sample("cranium")
-    return open_scene(ROOT / "examples/depth_of_field.yaml", [f"volumes.0.path={path}"]), None
+    return open_scene(ROOT / "examples/depth_of_field.yaml", [f"volumes.0.path={sample(name='cranium')}"]), None
 
 
 def surfaces() -> tuple[Scene, Any]:
@@ -99,23 +95,19 @@ def independent(tall: Picture, lens: Lens) -> Picture:
 
 
 def drawn(scene: Scene, given: Any, frames: int = 2) -> tuple[Picture, float]:
-    """Return the picture, and the least time of some frames after the first."""
-    seconds = []
+    """Return the picture, and the least time of some frames."""
     with FrameLoop(scene, LoopbackChannel(), given, Options()) as loop:
-        for number in range(frames):
-            began = perf_counter()
-            image = loop.frame(number=number).image
-            seconds.append(perf_counter() - began)
-    assert image is not None
-    return np.asarray(image), min(seconds)
+        runs = [timed(lambda number=number: loop.frame(number=number).image) for number in range(frames)]
+    return np.asarray(runs[-1].value), min(run.wall for run in runs)
 
 
-def measured(name: str, aperture: float, size: tuple[int, int], eye_points: int) -> list[dict[str, Any]]:
+def measured(name: str, aperture: float, asked: Any) -> Iterator[Row]:
     """Return the time and the error of all methods, one scene at one aperture."""
     scene, given = SCENES[name]()
-    scene = with_settings(scene, {"size": size, "aperture": aperture})
-    truth, seconds = drawn(with_settings(scene, {"lens": {"eye_points": eye_points}}), given, frames=1)
-    rows: list[dict[str, Any]] = [{"method": f"eye points {eye_points}", "seconds": seconds}]
+    scene = with_settings(scene, {"size": asked.size, "aperture": aperture})
+    about = {"scene": name, "aperture": aperture}
+    truth, seconds = drawn(with_settings(scene, {"lens": {"eye_points": asked.eye_points}}), given, frames=1)
+    yield {**about, "method": f"eye points {asked.eye_points}", "seconds": seconds}
     for method, keys in METHODS.items():
         kept = LENS.depth_of_field
         if method == "independent":
@@ -124,8 +116,7 @@ def measured(name: str, aperture: float, size: tuple[int, int], eye_points: int)
         LENS.depth_of_field = kept
         error = compare(image.astype(np.float64), truth.astype(np.float64))
         alike = ssim(*(luminance(over_grey(one)) for one in (image, truth)))
-        rows.append({"method": method, "seconds": seconds, "max": error.max, "rms": error.rms, "ssim": alike})
-    return [{"scene": name, "aperture": aperture, **row} for row in rows]
+        yield {**about, "method": method, "seconds": seconds, "max": error.max, "rms": error.rms, "ssim": alike}
 
 
 def over_grey(rgba: Picture) -> NDArray[np.float32]:
@@ -135,24 +126,11 @@ def over_grey(rgba: Picture) -> NDArray[np.float32]:
 
 def main() -> None:
     """Print a table of all scenes and apertures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", default="320x240", metavar="WxH")
-    parser.add_argument("--eye-points", type=int, default=128)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    width, height = map(int, options.size.split("x"))
-    rows = []
-    print("scene     aperture  method              s      max     rms     ssim")
-    for name, apertures in APERTURES.items():
-        for aperture in apertures:
-            for row in measured(name, aperture, (width, height), options.eye_points):
-                rows.append(row)
-                line = f"{name:9} {aperture:<9g} {row['method']:16} {row['seconds']:6.2f}"
-                if "max" in row:
-                    line += f"   {row['max']:.3f}   {row['rms']:.4f}  {row['ssim']:.4f}"
-                print(line, flush=True)
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1))
+    asked = options(__doc__, size={"type": parse_size, "default": (320, 240), "metavar": "WxH"}, eye_points=128)
+    cases = ((name, aperture) for name, apertures in APERTURES.items() for aperture in apertures)
+    head = "scene | aperture | method | s | max | rms | ssim"
+    cells = "{scene} | {aperture:g} | {method} | {seconds:.2f} | {max:.3f} | {rms:.4f} | {ssim:.4f}"
+    write(asked, rows=show(head, cells, (row for case in cases for row in measured(*case, asked))))
 
 
 if __name__ == "__main__":

@@ -9,127 +9,93 @@ are not well behind the depths at which the last frame's rays ended. Fragments s
 
 from __future__ import annotations
 
-import argparse
-import json
-from contextlib import ExitStack
-from pathlib import Path
+from collections.abc import Iterator
+from itertools import product
 from statistics import median
 from typing import Any
 
 import numpy as np
+from measuring import Row, beside_orbit, options, sample, show, write
 
-from clusterviz.comm.open import open_channel
+from clusterviz.cli.arguments import parse_device
 from clusterviz.data.geometry import Geometry, Mesh
-from clusterviz.data.samples import fetch_sample
-from clusterviz.frame import FrameLoop
-from clusterviz.frame.run import Options
-from clusterviz.render.choice import Device
 from clusterviz.scene import Scene
-from clusterviz.scene.animation import orbit
+from clusterviz.scene.overrides import with_settings
 
-FRAMES = 6
-LAYERS = 64
-FIBRES = {"path": str(fetch_sample("fibres")), "radius": 0.4, "color_by": "direction"}
+FRAMES, LAYERS = 6, 64
 
 
-def layers() -> Mesh:
+def layers() -> Geometry:
     """Waves above one another, of 64 × 64 squares."""
     side = np.linspace(-1.0, 1.0, 65)
     x, y, z = np.meshgrid(side, side, np.linspace(-0.5, 0.5, LAYERS), indexing="ij")
     z = z + 0.1 * np.sin(3 * x) * np.cos(2 * y)
     number = np.arange(x.size).reshape(x.shape)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    triangles = [np.stack(each, axis=-1).reshape(-1, 3) for each in ((a, b, c), (a, c, d))]
-    return Mesh("layers", np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32), np.concatenate(triangles))
+    triangles = np.concatenate([np.stack(each, axis=-1).reshape(-1, 3) for each in ((a, b, c), (a, c, d))])
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32)
+    return Geometry(mesh=Mesh("layers", points, triangles))
 
 
 def scenes_of() -> dict[str, tuple[dict[str, Any], Any, float]]:
     """Sections of a scene, what is given for them, and a unit of the margin, by name."""
-    pial = [{"path": str(fetch_sample(f"pial-{side}")), "opacity": 0.5} for side in ("left", "right")]
-    head = [{"path": str(fetch_sample(f"cranium-{of}")), "opacity": 0.5} for of in ("skin", "bone")]
-    wave = [{"path": "layers", "opacity": 0.5}]
-    return {
-        "fibres, opacity 0.5": ({"lines": [FIBRES | {"opacity": 0.5}]}, None, 1.0),
-        "fibres within the cortex": ({"meshes": pial, "lines": [FIBRES | {"opacity": 0.5}]}, None, 1.0),
-        "fibres, opacity 0.05": ({"lines": [FIBRES | {"opacity": 0.05}]}, None, 1.0),
+    fibres = {"path": sample(name="fibres"), "radius": 0.4, "color_by": "direction"}
+    pial = [{"path": sample(name=f"pial-{side}"), "opacity": 0.5} for side in ("left", "right")]
+    head = [{"path": sample(name=f"cranium-{of}"), "opacity": 0.5} for of in ("skin", "bone")]
+    found: dict[str, tuple[dict[str, Any], Any, float]] = {
+        "fibres, opacity 0.5": ({"lines": [fibres | {"opacity": 0.5}]}, None, 1.0),
+        "fibres within the cortex": ({"meshes": pial, "lines": [fibres | {"opacity": 0.5}]}, None, 1.0),
+        "fibres, opacity 0.05": ({"lines": [fibres | {"opacity": 0.05}]}, None, 1.0),
         "skull and skin": ({"meshes": head}, None, 1.0),
-        f"{LAYERS} layers, opacity 0.5": ({"meshes": wave}, Geometry(mesh=layers()), 0.01),
-        f"{LAYERS} layers, opacity 0.1": ({"meshes": [wave[0] | {"opacity": 0.1}]}, Geometry(mesh=layers()), 0.01),
     }
+    for opacity in (0.5, 0.1):
+        wave = {"path": "layers", "opacity": opacity}
+        found[f"{LAYERS} layers, opacity {opacity}"] = ({"meshes": [wave]}, layers(), 0.01)
+    return found
 
 
-def measure(scene: Scene, given: Any, margin: float, degrees: float, device: Device) -> dict[str, float]:
-    """Both ways along an orbit."""
-    frames = []
-    with ExitStack() as stack:
-        loops = []
-        for one in (None, margin):
-            quality = scene.quality.model_copy(update={"early_discarding": one})
-            shown = scene.model_copy(update={"quality": quality})
-            loops.append(
-                stack.enter_context(FrameLoop(shown, open_channel(), given, Options(device=device, keep_drawn=True)))
-            )
-        first = [loop.frame().scene for loop in loops]
-        for number, camera in enumerate(orbit(first[0].camera, degrees * FRAMES, FRAMES + 1)[1:], 1):
-            turned = [one.model_copy(update={"camera": camera}) for one in first]
-            frames.append(tuple(drawn(loop, one, number) for loop, one in zip(loops, turned, strict=True)))
-    return {
-        "fragments": median(plain["fragments"] for plain, _ in frames),
-        "stored": median(own["fragments"] for _, own in frames),
-        "pixels": median(own["told"].pixels for _, own in frames),
-        "redrawn": median(own["told"].redrawn for _, own in frames),
-        "seconds": median(plain["seconds"] for plain, _ in frames),
-        "seconds_ratio": median(own["seconds"] / plain["seconds"] for plain, own in frames),
-        "max": max(float(np.abs(plain["image"] - own["image"]).max()) for plain, own in frames),
-    }
-
-
-def drawn(loop: FrameLoop, scene: Scene, number: int) -> dict[str, Any]:
+def noted(found: Any) -> Row:
     """One frame, its fragments, and the CPU time of drawing it."""
-    found = loop.frame(scene, number)
     (rank,) = found.statistics.per_rank
-    assert found.drawn, "the loop keeps it"
     fragments = sum(int(one.sum()) for one in found.drawn.fragments)
-    return {
-        "image": found.image,
-        "fragments": fragments,
-        "seconds": rank.cpu_seconds,
-        "told": rank.early_discarding,
-    }
+    return {"image": found.image, "fragments": fragments, "s": rank.cpu_seconds, "told": rank.early_discarding}
+
+
+def measured(asked: Any) -> Iterator[Row]:
+    """A row for each scene, margin and angle."""
+    for name, (sections, given, unit) in scenes_of().items():
+        if asked.only not in name:
+            continue
+        data = {"image": {"size": (asked.size, asked.size)}, "quality": {"early_termination": 1 / 255}}
+        scene = Scene.model_validate(sections | data)
+        for margin, degrees in product(asked.margins, asked.degrees):
+            ways = [with_settings(scene, {"early_discarding": one}) for one in (None, margin * unit)]
+            frames = list(beside_orbit(ways, given, degrees, FRAMES, noted, device=asked.device, keep_drawn=True))
+            fragments, stored = (median(each[n]["fragments"] for each in frames) for n in (0, 1))
+            yield {
+                "scene": name,
+                "margin": margin * unit,
+                "degrees": degrees,
+                "fragments": fragments,
+                "stored": stored,
+                "share": stored / fragments,
+                "pixels": median(own["told"].pixels for _, own in frames),
+                "again": median(own["told"].redrawn for _, own in frames),
+                "s": median(plain["s"] for plain, _ in frames),
+                "ratio": median(own["s"] / plain["s"] for plain, own in frames),
+                "max": max(float(np.abs(plain["image"] - own["image"]).max()) for plain, own in frames),
+            }
 
 
 def main() -> None:
-    """Print the table, and write it as JSON on request."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--size", type=int, default=512)
-    parser.add_argument("--degrees", type=float, nargs="*", default=(0.5, 2.0), help="from frame to frame")
-    parser.add_argument("--margins", type=float, nargs="*", default=(2.0,), help="millimetres, or 1/100 of the layers")
-    parser.add_argument("--only", default="", help="part of the names of the scenes")
-    parser.add_argument("--device", default="cpu", help="cpu, or the index of an EGL device, which OpenGL draws on")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    device: Device = "cpu" if options.device == "cpu" else int(options.device)
-    columns = (
-        f"{'fragments':>11} {'stored':>11} {'share':>6} {'pixels':>7} {'again':>6} {'s':>6} {'time':>6} {'max':>8}"
-    )
-    print(f"{'scene':26} {'margin':>6} {'degrees':>7} {columns}")
-    rows = []
-    for name, (sections, given, unit) in scenes_of().items():
-        if options.only not in name:
-            continue
-        data = {"image": {"size": (options.size, options.size)}, "quality": {"early_termination": 1 / 255}}
-        scene = Scene.model_validate(sections | data)
-        for margin in options.margins:
-            for degrees in options.degrees:
-                row = measure(scene, given, margin * unit, degrees, device)
-                rows.append({"scene": name, "margin": margin * unit, "degrees": degrees, **row})
-                counted = f"{row['fragments']:11,.0f} {row['stored']:11,.0f} {row['stored'] / row['fragments']:6.3f}"
-                again = (
-                    f"{row['pixels']:7,.0f} {row['redrawn']:6,.0f} {row['seconds']:6.2f} {row['seconds_ratio']:6.2f}"
-                )
-                print(f"{name:26} {margin * unit:6.2f} {degrees:7.2f} {counted} {again} {row['max']:8.1e}", flush=True)
-    if options.json:
-        options.json.write_text(json.dumps({"size": options.size, "rows": rows}, indent=2) + "\n")
+    """Print the table."""
+    margins = {"type": float, "nargs": "*", "default": [2.0], "help": "millimetres, or 1/100 of the layers"}
+    device = {"type": parse_device, "default": "cpu", "help": "cpu, or the index of an EGL device"}
+    asked = options(__doc__, size=512, degrees=[0.5, 2.0], margins=margins, only="", device=device)
+    head = "scene | margin | degrees | fragments | stored | share | pixels | again | s | time | max"
+    cells = "{scene} | {margin:.2f} | {degrees:g} | {fragments:,.0f} | {stored:,.0f} | {share:.3f} | {pixels:,.0f} | "
+    rows = show(head, cells + "{again:,.0f} | {s:.2f} | {ratio:.2f} | {max:.1e}", measured(asked))
+    write(asked, rows=rows)
 
 
 if __name__ == "__main__":

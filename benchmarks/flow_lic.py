@@ -13,16 +13,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 import tempfile
-import time
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
+from measuring import Row, Timed, answer_of, answers_of, beside, show, timed
 
 from clusterviz.comm import limit_threads, open_channel
 from clusterviz.content.flow.section import Lic
@@ -31,12 +31,10 @@ from clusterviz.flow.lic import LicSource, line_weights, noise_of, steps_of
 from clusterviz.flow.lic_lines import LicOverRanks
 from clusterviz.reference.line_integral_convolution import Lines, line_integral_convolution
 
-PEER = Path(__file__).with_name("flow_lic_peer.py")
 SIDE, NUMBA_SIDE, NUMPY_SIDE, SLICE_SIDE, RANKS_SIDE = 256, 96, 32, 512, 96
 RANKS = (1, 2, 4)
 SLICE = Lic(noise="white", kernel="box", contrast=False)
 ORIGIN = (0, 0, 0)
-Rows = list[dict[str, Any]]
 
 
 def abc(side: int) -> VectorArray:
@@ -45,13 +43,10 @@ def abc(side: int) -> VectorArray:
     return VectorArray(field.read(ORIGIN, field.grid.shape_zyx), field.grid)
 
 
-def row(part: str, program: str, side: int, samples: int, wall: float, cpu: float, **more: Any) -> dict[str, Any]:
-    """Return and print the speed of a program."""
-    speed = samples / cpu / 1e6
-    text = ", ".join(f"{name} {value:.3g}" for name, value in more.items())
-    measured = f"{wall:6.2f} s, CPU {cpu:6.2f} s, {speed:6.2f} million samples a second and core"
-    print(f"{part:10} {program:11} {side}: {measured}" + (f", {text}" if text else ""), flush=True)
-    return {"part": part, "program": program, "side": side, "seconds": wall, "cpu_seconds": cpu, "speed": speed} | more
+def row(program: str, side: int, samples: int, run: Timed, **more: Any) -> Row:
+    """Return the speed of a program."""
+    speed = samples / run.cpu
+    return {"program": program, "side": side, "seconds": run.wall, "cpu_seconds": run.cpu, "speed": speed} | more
 
 
 @numba.njit(error_model="numpy", fastmath=True)  # type: ignore[untyped-decorator]
@@ -104,89 +99,72 @@ def numba_lic(field: Any, weights: Any, step: float, values: Any) -> None:
         values[k, j, i] = total / whole
 
 
-def timed(call: Any) -> tuple[Any, float, float]:
-    """Return what a call returns, and its seconds and CPU seconds."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    found = call()
-    return found, time.perf_counter() - wall, time.process_time() - cpu
+HEAD = "program | side | s | CPU s | million samples a second and core | difference"
+CELLS = "{program} | {side} | {seconds:.2f} | {cpu_seconds:.2f} | {speed!M:.2f} | {difference:.1e}"
 
 
-def measure_lic(options: argparse.Namespace) -> Rows:
-    """Compare programs in three dimensions."""
+def convolved() -> Iterator[Row]:
+    """Programs in three dimensions."""
     lic = Lic(contrast=False)
     samples = 2 * steps_of(lic) + 1
     vectors = abc(SIDE)
     LicSource(vectors, lic).read(ORIGIN, (8, 8, 8))  # which loads the kernel
-    _, wall, cpu = timed(lambda: LicSource(vectors, lic).read(ORIGIN, (SIDE,) * 3))
-    rows = [row("lic", "clusterviz", SIDE, samples * SIDE**3, wall, cpu)]
+    run = timed(lambda: LicSource(vectors, lic).read(ORIGIN, (SIDE,) * 3))
+    yield row("clusterviz", SIDE, samples * SIDE**3, run)
     weights = line_weights(lic.kernel, lic.length, lic.step)
 
-    vectors, side = abc(NUMBA_SIDE), (NUMBA_SIDE,) * 3
-    field = np.empty((*side, 4), np.float32)
-    field[..., :3], field[..., 3] = vectors.read(ORIGIN, side), noise_of(lic).read(side, ORIGIN, side)
-    values, expected = np.empty(side, np.float32), LicSource(vectors, lic).read(ORIGIN, side)
-    numba_lic(field[:4, :4, :4].copy(), weights, lic.step, values[:4, :4, :4].copy())  # which compiles
-    _, wall, cpu = timed(lambda: numba_lic(field, weights, lic.step, values))
-    error = float(np.median(np.abs(values - expected)))
-    rows.append(row("lic", "numba", NUMBA_SIDE, samples * values.size, wall, cpu, difference=error))
+    field, side = abc(NUMBA_SIDE), (NUMBA_SIDE,) * 3
+    packed, values = np.empty((*side, 4), np.float32), np.empty(side, np.float32)
+    packed[..., :3], packed[..., 3] = field.read(ORIGIN, side), noise_of(lic).read(side, ORIGIN, side)
+    numba_lic(packed[:4, :4, :4].copy(), weights, lic.step, values[:4, :4, :4].copy())  # which compiles
+    run = timed(lambda: numba_lic(packed, weights, lic.step, values))
+    error = float(np.median(np.abs(values - LicSource(field, lic).read(ORIGIN, side))))
+    yield row("numba", NUMBA_SIDE, samples * values.size, run, difference=error)
 
-    vectors, side = abc(NUMPY_SIDE), (NUMPY_SIDE,) * 3
-    lines = Lines(vectors.read(ORIGIN, side).astype(np.float64), vectors.grid)
-    noise, middle = noise_of(lic).read(side, ORIGIN, side), len(weights) // 2
-
-    def by_numpy() -> Any:
-        return line_integral_convolution(lines, noise, lambda n: float(weights[middle + n]), middle, lic.step)
-
-    found, wall, cpu = timed(by_numpy)
-    error = float(np.median(np.abs(found - LicSource(vectors, lic).read(ORIGIN, side))))
-    rows.append(row("lic", "numpy", NUMPY_SIDE, samples * found.size, wall, cpu, difference=error))
-    return rows
+    field, side, middle = abc(NUMPY_SIDE), (NUMPY_SIDE,) * 3, len(weights) // 2
+    lines, noise = (
+        Lines(field.read(ORIGIN, side).astype(np.float64), field.grid),
+        noise_of(lic).read(side, ORIGIN, side),
+    )
+    run = timed(lambda: line_integral_convolution(lines, noise, lambda n: float(weights[middle + n]), middle, lic.step))
+    error = float(np.median(np.abs(run.value - LicSource(field, lic).read(ORIGIN, side))))
+    yield row("numpy", NUMPY_SIDE, samples * run.value.size, run, difference=error)
 
 
-def measure_slice(options: argparse.Namespace) -> Rows:
+def measure_lic(asked: argparse.Namespace) -> list[Row]:
+    """Compare programs in three dimensions."""
+    return show(HEAD, CELLS, convolved(), "lic")
+
+
+def measure_slice(asked: argparse.Namespace) -> list[Row]:
     """Compare with VTK in a plane."""
-    side, shape, rows = SLICE_SIDE, (1, SLICE_SIDE, SLICE_SIDE), list[dict[str, Any]]()
-    steps = steps_of(SLICE)
-    along = np.arange(side) * (2 * np.pi / side)
+    side, shape = SLICE_SIDE, (1, SLICE_SIDE, SLICE_SIDE)
+    steps, along = steps_of(SLICE), np.arange(SLICE_SIDE) * (2 * np.pi / SLICE_SIDE)
     values = np.zeros((*shape, 3), np.float32)
     values[0, :, :, 0] = np.sin(along)[:, None] + 0.5 * np.cos(3 * along)
     values[0, :, :, 1] = np.cos(2 * along)
     vectors, noise = VectorArray(values), noise_of(SLICE).read(shape, ORIGIN, shape)
     LicSource(vectors, SLICE).read(ORIGIN, (1, 8, 8))
-    own: list[tuple[float, float]] = []
-    for _ in range(options.rounds):
-        _, wall, cpu = timed(lambda: LicSource(vectors, SLICE).read(ORIGIN, shape))
-        own.append((cpu, wall))
+    runs = [timed(lambda: LicSource(vectors, SLICE).read(ORIGIN, shape)) for _ in range(asked.rounds)]
     with tempfile.TemporaryDirectory() as folder:
         problem = Path(folder) / "problem.npz"
-        np.savez(problem, vectors=values[0], noise=noise[0], steps=steps, step=SLICE.step, rounds=options.rounds)
-        command = [options.peer_python, str(PEER), str(problem)]
-        printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1]
-        theirs = json.loads(printed)
-    samples = (2 * steps + 1) * side * side
-    rows.append(row("lic-slice", "clusterviz", side, samples, min(own)[1], min(own)[0]))
-    wall, cpu = theirs["seconds"], theirs["cpu_seconds"]
-    rows.append(row("lic-slice", "vtk", side, samples * 3 // 2, wall, cpu))
-    return rows
+        np.savez(problem, vectors=values[0], noise=noise[0], steps=steps, step=SLICE.step, rounds=asked.rounds)
+        theirs = answer_of([asked.peer_python, beside("flow_peer.py"), "lic", problem, "-"])
+    samples, vtk = (2 * steps + 1) * side * side, Timed(None, theirs["seconds"], theirs["cpu_seconds"])
+    ours = row("clusterviz", side, samples, min(runs, key=lambda run: run.cpu))
+    return show(HEAD, CELLS, [ours, row("vtk", side, samples * 3 // 2, vtk)], "lic-slice")
 
 
-def measure_ranks(options: argparse.Namespace) -> Rows:
+def measure_ranks(asked: argparse.Namespace) -> list[Row]:
     """Convolve on several ranks, both ways."""
-    rows: Rows = []
-    for ranks in RANKS:
-        command = ["mpirun", "-n", str(ranks), sys.executable, __file__]
-        lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
-        rows += (json.loads(line) for line in lines if line.startswith("{"))
-    for each in rows:
-        print(
-            f"lic-ranks  {each['ranks']} {each['way']:5} length {each['length']:g}: {each['seconds']:.2f} s, CPU "
-            f"{each['cpu_seconds']:.2f} s, {each['bytes_sent'] / 1e6:.2f} MB of lines; {each['note']}",
-            flush=True,
-        )
-    for length in {each["length"] for each in rows}:
-        digests = {each["digest"] for each in rows if each["length"] == length}
-        print(f"lic-ranks  length {length:g}: {'the same bits' if len(digests) == 1 else 'DIFFERENT bits'} in all")
-    return rows
+    rows = (each for ranks in RANKS for each in answers_of(["mpirun", "-n", ranks, sys.executable, __file__]))
+    head = "ranks | way | length | s | CPU s | MB of lines | note"
+    cells = "{ranks} | {way} | {length:g} | {seconds:.2f} | {cpu_seconds:.2f} | {bytes_sent!M:.2f} | {note}"
+    found = show(head, cells, rows, "lic-ranks")
+    for length in {each["length"] for each in found}:
+        digests = {each["digest"] for each in found if each["length"] == length}
+        print(f"length {length:g}: {'the same bits' if len(digests) == 1 else 'DIFFERENT bits'} in all")
+    return found
 
 
 def rank_job() -> None:
@@ -199,11 +177,12 @@ def rank_job() -> None:
         LicSource(vectors, lic).read(ORIGIN, (8, 8, 8))
         for way in ("halo", "lines"):
             channel.barrier()
-            volume, wall, cpu = timed(lambda: LicOverRanks(channel, vectors, lic, way))  # noqa: B023
+            run = timed(lambda: LicOverRanks(channel, vectors, lic, way))  # noqa: B023
+            volume = run.value
             channel.barrier()
-            spent = 1e-6 * channel.allgather_numbers([int(1e6 * cpu), int(1e6 * wall), volume.bytes_sent])
+            spent = 1e-6 * channel.allgather_numbers([int(1e6 * run.cpu), int(1e6 * run.wall), volume.bytes_sent])
             if channel.rank == 0:
-                found = {"part": "lic-ranks", "ranks": channel.size, "way": way, "length": length, "note": volume.note}
+                found = {"ranks": channel.size, "way": way, "length": length, "note": volume.note}
                 found |= {"seconds": spent[:, 1].max(), "cpu_seconds": spent[:, 0].sum()}
                 digest = zlib.crc32(volume.read(ORIGIN, vectors.grid.shape_zyx))
                 print(json.dumps(found | {"bytes_sent": 1e6 * spent[:, 2].sum(), "digest": digest}))

@@ -16,17 +16,18 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import flow_lic
 import flow_surface
 import numpy as np
+from measuring import PEER_PYTHON, Row, answer_of, answers_of, beside, commas, options, show, timed, write
 
 from clusterviz.comm import open_channel
 from clusterviz.content.flow.section import Trace
@@ -35,8 +36,8 @@ from clusterviz.flow.tracing import trace
 
 SIDES, SEEDS, STEP_VOXELS, LENGTH = (64, 128), 10_000, 0.5, 2.0
 TOLERANCE = 1e-5
-PEER = Path(__file__).with_name("flow_peer.py")
-Rows = list[dict[str, Any]]
+Traced = tuple[float, int, Any]
+"""CPU seconds, points of lines, and their ends by seed."""
 
 
 def problem(side: int) -> tuple[VectorArray, Any]:
@@ -48,91 +49,60 @@ def problem(side: int) -> tuple[VectorArray, Any]:
 
 def settings(method: str, refined: int = 1) -> Trace:
     """Return what lines are traced by."""
-    step = STEP_VOXELS / refined
-    return Trace(
-        integrator=method, step=step, tolerance=TOLERANCE, direction="forward", max_length=LENGTH, max_steps=100_000
-    )
+    how: dict[str, Any] = {"integrator": method, "step": STEP_VOXELS / refined, "tolerance": TOLERANCE}
+    return Trace(**how, direction="forward", max_length=LENGTH, max_steps=100_000)
 
 
-def own_lines(side: int, method: str, refined: int = 1) -> tuple[float, int, Any]:
-    """Return CPU seconds on one core, points, and the ends of lines by seed."""
+def own_lines(side: int, method: str, refined: int = 1) -> Traced:
+    """Trace on one core."""
     vectors, seeds = problem(side)
     trace(vectors, seeds[:1], settings(method), close=0, threads=1)  # which loads the kernel
-    began = time.process_time()
-    lines = trace(vectors, seeds, settings(method, refined), close=0, threads=1).lines
-    seconds = time.process_time() - began
-    ends = np.full((SEEDS, 3), np.nan)
+    run = timed(lambda: trace(vectors, seeds, settings(method, refined), close=0, threads=1).lines)
+    lines, ends = run.value, np.full((SEEDS, 3), np.nan)
     ends[lines.line_attributes["seed"]] = lines.points[lines.offsets[1:] - 1]
-    return seconds, len(lines.points), ends
+    return run.cpu, len(lines.points), ends
 
 
-def measure_trace(options: argparse.Namespace) -> Rows:
-    """Compare programs on one core."""
-    return [row for side in SIDES for row in compare(side, options)]
-
-
-def compare(side: int, options: argparse.Namespace) -> Rows:
+def compare(side: int, method: str, asked: argparse.Namespace) -> Iterator[Row]:
     """Compare programs on a grid of this many samples a side."""
-    rows = []
     vectors, seeds = problem(side)
-    spacing = vectors.grid.spacing[0]
-    exact = own_lines(side, "rk4", 8)[2]
+    spacing, exact = vectors.grid.spacing[0], own_lines(side, "rk4", 8)[2]
     stays = (np.abs(exact) < 1 - spacing).all(axis=1)
-    for method in ("rk4", "rk45"):
-        found: dict[str, list[tuple[float, int, float]]] = {}
-        with tempfile.TemporaryDirectory() as folder:
-            file, output = Path(folder) / "problem.npz", Path(folder) / "ends.npz"
-            numbers: dict[str, Any] = {"step": STEP_VOXELS * spacing, "length": LENGTH, "tolerance": TOLERANCE}
-            read = vectors.read((0, 0, 0), vectors.grid.shape_zyx)
-            np.savez(file, vectors=read, spacing=spacing, seeds=seeds, method=method, **numbers)
-            for turn in range(options.rounds):
-                results = {"clusterviz": own_lines(side, method)}
-                for program in ("vtk", *(["numpy"] if method == "rk4" and not turn else [])):
-                    command = [options.peer_python, str(PEER), str(file), program, str(output)]
-                    printed = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-                    with np.load(output) as ends:
-                        results[program] = printed["cpu_seconds"], printed["points"], ends["ends"]
-                for program, (seconds, points, ends) in results.items():
-                    errors = np.linalg.norm(ends - exact, axis=1)[stays]
-                    found.setdefault(program, []).append((seconds, points, float(np.nanmedian(errors))))
-        for program, rounds in found.items():
-            seconds, points, error = min(rounds)
-            ratio = min(found["vtk"])[0] / min(found["vtk"])[1] / (seconds / points)
-            rows.append(
-                {
-                    "part": "trace",
-                    "side": side,
-                    "method": method,
-                    "program": program,
-                    "points": points,
-                    "cpu_seconds": seconds,
-                    "million_points_per_second": points / seconds / 1e6,
-                    "median_error": error,
-                    "times_vtk": ratio,
-                }
-            )
-            print(
-                f"trace  {side:3}³ {method:5} {program:11} {points / seconds / 1e6:7.3f} million points a second "
-                f"and core, median error {error:.1e}, {ratio:.2f} times VTK",
-                flush=True,
-            )
-    return rows
+    found: dict[str, list[Traced]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        file, output = Path(folder) / "problem.npz", Path(folder) / "ends.npz"
+        numbers: dict[str, Any] = {"step": STEP_VOXELS * spacing, "length": LENGTH, "tolerance": TOLERANCE}
+        read = vectors.read((0, 0, 0), vectors.grid.shape_zyx)
+        np.savez(file, vectors=read, spacing=spacing, seeds=seeds, method=method, **numbers)
+        for turn in range(asked.rounds):
+            found.setdefault("clusterviz", []).append(own_lines(side, method))
+            for program in ("vtk", *(["numpy"] if method == "rk4" and not turn else [])):
+                told = answer_of([asked.peer_python, beside("flow_peer.py"), program, file, output])
+                with np.load(output) as ends:
+                    found.setdefault(program, []).append((told["cpu_seconds"], told["points"], ends["ends"]))
+    theirs = min(found["vtk"], key=lambda each: each[0])
+    for program, rounds in found.items():
+        seconds, points, ends = min(rounds, key=lambda each: each[0])
+        row: Row = {"side": side, "method": method, "program": program, "rate": points / seconds}
+        row["error"] = float(np.nanmedian(np.linalg.norm(ends - exact, axis=1)[stays]))
+        yield row | {"times_vtk": theirs[0] / theirs[1] / (seconds / points)}
 
 
-def measure_ranks(options: argparse.Namespace) -> Rows:
+def measure_trace(asked: argparse.Namespace) -> list[Row]:
+    """Compare programs on one core."""
+    rows = (row for pair in product(SIDES, ("rk4", "rk45")) for row in compare(*pair, asked))
+    head = "side | method | program | million points a second and core | median error | times VTK"
+    cells = "{side} | {method} | {program} | {rate!M:.3f} | {error:.1e} | {times_vtk:.2f}"
+    return show(head, cells, rows, "trace")
+
+
+def measure_ranks(asked: argparse.Namespace) -> list[Row]:
     """Trace the same lines on several ranks."""
-    rows: Rows = []
-    for ranks in (1, 2, 4):
-        command = ["mpirun", "-n", str(ranks), sys.executable, __file__, "--rank-job"]
-        lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
-        rows += (json.loads(line) for line in lines if line.startswith("{"))
-    for row in rows:
-        print(
-            f"ranks  {row['ranks']} over {row['over']:5} {row['seconds']:.2f} s, CPU {row['cpu_seconds']:.2f} s, "
-            f"{row['bytes_handed_over'] / 1e6:.2f} MB in {row['rounds']} rounds",
-            flush=True,
-        )
-    return rows
+    command = [sys.executable, __file__, "--rank-job"]
+    rows = (row for ranks in (1, 2, 4) for row in answers_of(["mpirun", "-n", ranks, *command]))
+    head = "ranks | over | s | CPU s | MB handed over | rounds"
+    cells = "{ranks} | {over} | {seconds:.2f} | {cpu_seconds:.2f} | {bytes_handed_over!M:.2f} | {rounds}"
+    return show(head, cells, rows, "ranks")
 
 
 def rank_job() -> None:
@@ -145,12 +115,12 @@ def rank_job() -> None:
         traced = trace(vectors, seeds, settings("rk45"), channel=channel, over=over, threads=1)  # type: ignore[arg-type]
         used = 1e-6 * channel.allgather_numbers([int(1e6 * (time.process_time() - cpu))]).sum()
         if channel.rank == 0:
-            row = {"part": "ranks", "ranks": channel.size, "over": over, "seconds": time.perf_counter() - began}
+            row = {"ranks": channel.size, "over": over, "seconds": time.perf_counter() - began}
             row |= {"cpu_seconds": float(used), "steps": traced.steps, "rounds": traced.rounds}
             print(json.dumps(row | {"bytes_handed_over": traced.bytes_handed_over}))
 
 
-PARTS: dict[str, Callable[[argparse.Namespace], Rows]] = {
+PARTS: dict[str, Callable[[argparse.Namespace], list[Row]]] = {
     "trace": measure_trace,
     "ranks": measure_ranks,
     **flow_lic.PARTS,
@@ -160,20 +130,15 @@ PARTS: dict[str, Callable[[argparse.Namespace], Rows]] = {
 
 def main() -> None:
     """Measure the parts that are named."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--peer-python", default=os.environ.get("CLUSTERVIZ_PEER_PYTHON", sys.executable))
-    parser.add_argument("--parts", default=",".join(PARTS))
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--rank-job", action="store_true", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.rank_job:
+    parts = {"type": commas(str), "default": list(PARTS)}
+    hidden = {"action": "store_true", "help": argparse.SUPPRESS}
+    asked = options(__doc__, peer_python=PEER_PYTHON, parts=parts, rounds=3, rank_job=hidden)
+    if asked.rank_job:
         rank_job()
         return
-    rows = [row for name in options.parts.split(",") for row in PARTS[name](options)]
-    print(f"load {os.getloadavg()[0]:.1f}")
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=2) + "\n")
+    found = {name: PARTS[name](asked) for name in asked.parts}
+    print(f"\nload {os.getloadavg()[0]:.1f}")
+    write(asked, **found)
 
 
 if __name__ == "__main__":

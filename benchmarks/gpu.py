@@ -5,7 +5,7 @@
 Each row is an orbit of one degree a frame, drawn by `FrameLoop` in processes of its own: the median and the least
 milliseconds of a frame from the camera to the picture in memory, its stages on the slowest rank, the calls of OpenGL
 (`clusterviz.gl.device.Counts`) of the last frame on rank 0, and millions of samples a second of the frame. VTK draws
-the same scene by `vtk_orbit.py`, drawn and with the readback; without VTK in PYTHON_WITH_VTK its columns are empty.
+the same scene by `vtk_peer.py`, drawn and with the readback; without VTK in PYTHON_WITH_VTK its columns are empty.
 `--tests` runs the tests marked gl and not mpi at the end. A row that takes too long, or whose data cannot be fetched,
 says so, and none begins after `--minutes`. `--small` runs all rows with little data, in two minutes on llvmpipe.
 FOLDER receives gpu.md and gpu.json.
@@ -28,18 +28,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import PEER_PYTHON, beside, opened, options, picked, sample
+from measuring import Row as Answer
 from vtk_peeling_ratio import sphere, write_ply
-from vtk_raycast_ratio import equivalent_scene, synthetic
+from vtk_raycast_ratio import equivalent_scene, synthetic, write_peer_scene
 
 from clusterviz.comm import open_channel
-from clusterviz.data import open_source
-from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.gl.device import Counts, Device
 from clusterviz.scene import Scene, load_scene
 from clusterviz.scene.overrides import with_settings
 
-Answer = dict[str, Any]
 HD, UHD, SQUARE = (1920, 1080), (3840, 2160), (1024, 1024)
 STAGES = ("plan", "render", "readback", "exchange", "collect")
 STEP, EARLY_TERMINATION = 1.0, 0.0039
@@ -83,26 +82,19 @@ ROWS = (
 )
 
 
-def head(side: int) -> np.ndarray[Any, Any]:
-    """Return the sample mni152 with voxels repeated or left out, uint8 (side, side, side)."""
-    source = open_source(str(fetch_sample("mni152")), None)
-    voxels = np.asarray(source.read((0, 0, 0), source.grid.shape_zyx))
-    return voxels[np.ix_(*(np.linspace(0, size - 1, side).round().astype(int) for size in voxels.shape))]
-
-
-def volume_scene(row: Row, folder: Path) -> tuple[Scene, list[str]]:
-    """Write a volume; return its scene, and what vtk_orbit.py needs to draw it."""
+def volume_scene(row: Row, folder: Path) -> tuple[Scene, Path | None]:
+    """Write a volume; return its scene, and what vtk_peer.py needs to draw it."""
     path = folder / f"{row.data}-{row.side}.npy"
     if not path.exists():
-        np.save(path, (head if row.data == "head" else synthetic)(row.side))
-    settings = argparse.Namespace(width=64, step=STEP, our_step=None, early_termination=EARLY_TERMINATION, brick=64)
-    scene = equivalent_scene(path, (row.side,) * 3, settings)
-    scene = with_settings(scene, {"filter": row.filter})
+        np.save(path, picked(opened(sample())[1], *(row.side,) * 3) if row.data == "head" else synthetic(row.side))
+    scene = equivalent_scene(path, (row.side,) * 3, 64, STEP, EARLY_TERMINATION)
     volumes = tuple(one.model_copy(update={"shade": row.lit}) for one in scene.volumes)
-    return scene.model_copy(update={"volumes": volumes}), ["volume", str(path), str(STEP), str(int(row.lit))]
+    scene = with_settings(scene, {"filter": row.filter}).model_copy(update={"volumes": volumes})
+    write_peer_scene(peer := folder / "peer.npz", scene, np.load(path), STEP)
+    return scene, peer
 
 
-def mesh_scene(row: Row, folder: Path) -> tuple[Scene, list[str]]:
+def mesh_scene(row: Row, folder: Path) -> tuple[Scene, Path | None]:
     """Write four nested folded spheres of 4 · side² triangles."""
     sections, arrays = [], {}
     for number, radius in enumerate((100.0, 93.0, 86.0, 79.0)):
@@ -113,12 +105,12 @@ def mesh_scene(row: Row, folder: Path) -> tuple[Scene, list[str]]:
         write_ply(path := folder / f"cortex-{number}.ply", vertices, triangles)
         sections.append({"path": str(path), "color": rgba[:3], "opacity": rgba[3], "shade": False})
         arrays |= {f"vertices_{number}": vertices, f"triangles_{number}": triangles, f"rgba_{number}": rgba}
-    np.savez(folder / "cortices.npz", **arrays)
     camera = {"position": [260, 180, 320], "focal_point": [0, 0, 0], "view_up": [0, 1, 0], "view_angle": 30}
-    return Scene(meshes=sections, camera=camera), ["mesh", str(folder / "cortices.npz")]  # type: ignore[arg-type]
+    np.savez(peer := folder / "cortices.npz", **arrays, **camera)
+    return Scene(meshes=sections, camera=camera), peer  # type: ignore[arg-type]
 
 
-def grid_scene(row: Row, folder: Path) -> tuple[Scene, list[str]]:
+def grid_scene(row: Row, folder: Path) -> tuple[Scene, Path | None]:
     """Write 6 · side³ tetrahedra between two cylinders, as a file of VTK."""
     count = row.side + 1
     radius, around, along = np.meshgrid(*(np.linspace(0, 1, count) for _ in range(3)), indexing="ij")
@@ -143,10 +135,10 @@ def grid_scene(row: Row, folder: Path) -> tuple[Scene, list[str]]:
         + values.astype(">f4").tobytes()
     )
     camera = {"position": [6, 4, 8], "focal_point": [0, 0, 1], "view_up": [0, 0, 1], "view_angle": 30}
-    return Scene(grids=({"path": str(path)},), camera=camera), []  # type: ignore[arg-type]
+    return Scene(grids=({"path": str(path)},), camera=camera), None  # type: ignore[arg-type]
 
 
-BUILDERS: dict[str, Callable[[Row, Path], tuple[Scene, list[str]]]] = {
+BUILDERS: dict[str, Callable[[Row, Path], tuple[Scene, Path | None]]] = {
     "head": volume_scene,
     "ball": volume_scene,
     "cortices": mesh_scene,
@@ -169,8 +161,7 @@ def orbit(scene_file: Path, frames: int, device: int) -> None:
     with FrameLoop(scene, channel, None, Options(device=device)) as loop:
         scene = loop.scene
         for number in range(frames + 1):
-            before = _sum(devices)
-            started = time.perf_counter()
+            before, started = _sum(devices), time.perf_counter()
             found = loop.frame(_turned(scene, number), number)
             seconds.append(time.perf_counter() - started if number else time.perf_counter() - begin)
             stages.append(found.statistics.seconds)
@@ -180,12 +171,8 @@ def orbit(scene_file: Path, frames: int, device: int) -> None:
     samples, median = sum(rank.samples for rank in found.statistics.per_rank), statistics.median(seconds[1:])
     told = {name: statistics.median(one.get(name, 0.0) for one in stages[1:]) for name in STAGES}
     answer = {"first_s": seconds[0], "median_s": median, "least_s": min(seconds[1:]), "stages_s": told}
-    answer |= {
-        "samples": samples,
-        "samples_per_second": samples / median,
-        "counts": asdict(counts) if devices else None,
-    }
-    print(json.dumps(answer | {"renderer": found.statistics.renderer}), flush=True)
+    answer |= {"samples": samples, "samples_per_second": samples / median, "renderer": found.statistics.renderer}
+    print(json.dumps(answer | {"counts": asdict(counts) if devices else None}), flush=True)
 
 
 def _sum(devices: list[Device]) -> Counts:
@@ -216,7 +203,7 @@ def ask(command: list[Any], seconds: float) -> Answer:
     return dict(json.loads(lines[-1]))
 
 
-def measure(row: Row, folder: Path, options: argparse.Namespace, has_vtk: bool) -> Answer:
+def measure(row: Row, folder: Path, asked: argparse.Namespace, has_vtk: bool) -> Answer:
     """Draw a row here and with VTK."""
     try:
         scene, peer = BUILDERS[row.data](row, folder)
@@ -226,13 +213,12 @@ def measure(row: Row, folder: Path, options: argparse.Namespace, has_vtk: bool) 
     path = folder / "scene.json"
     path.write_text(scene.model_copy(update={"image": size}).model_dump_json())
     ranks = ["mpirun", "-n", row.ranks] if row.ranks > 1 else []
-    ours = [*ranks, sys.executable, __file__, "--orbit", path, "--frames", options.frames, "--device", options.device]
-    found: Answer = {**asdict(row), "ours": ask(ours, options.patience), "vtk": None}
+    ours = [*ranks, sys.executable, __file__, "--orbit", path, "--frames", asked.frames, "--device", asked.device]
+    found: Answer = {**asdict(row), "ours": ask(ours, asked.patience), "vtk": None}
     if has_vtk and peer and row.ranks == 1:
-        kind, data, *rest = peer
-        script = Path(__file__).with_name("vtk_orbit.py")
-        command = [options.python, script, kind, data, *row.picture, options.frames, *rest]
-        found["vtk"] = ask(command, options.patience)
+        size, out = "x".join(map(str, row.picture)), folder / "peer.npy"
+        command = [asked.python, beside("vtk_peer.py"), peer, "gpu", size, asked.frames, out, "orbit"]
+        found["vtk"] = ask(command, asked.patience)
     return found
 
 
@@ -257,7 +243,7 @@ def cells_of(row: Answer) -> list[str]:
     if "failed" in ours:
         return [*head, ours["failed"], *[""] * (len(HEADER) - 3)]
     ms = lambda seconds: f"{1e3 * seconds:.1f}"  # noqa: E731
-    told = [vtk[name] for name in ("median_s", "with_readback_s")] if "median_s" in vtk else []
+    told = [vtk[name] for name in ("drawn_s", "median_s")] if "median_s" in vtk else []
     return [
         *head,
         f"{ms(ours['median_s'])}, {ms(ours['least_s'])}",
@@ -297,50 +283,51 @@ def driver_of(device: int) -> str:
 
 def parsed() -> argparse.Namespace:
     """Return the options."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", nargs="?", type=Path, default=Path("gpu"))
-    parser.add_argument("--device", type=int, default=0, help="EGL's number")
-    parser.add_argument("--python", default=os.environ.get("CLUSTERVIZ_PEER_PYTHON", sys.executable))
-    parser.add_argument("--small", action="store_true", help="little data, for trying this program")
-    parser.add_argument("--tests", action="store_true", help="run the tests that need OpenGL, too")
-    parser.add_argument("--only", nargs="*", help="rows whose names begin with one of these")
-    parser.add_argument("--frames", type=int, help="of an orbit; default: 20, small 3")
-    parser.add_argument("--patience", type=float, default=45.0, help="seconds for a row of one program")
-    parser.add_argument("--minutes", type=float, default=7.0, help="after which no row begins")
-    parser.add_argument("--orbit", type=Path, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    options.frames = options.frames or (3 if options.small else 20)
-    return options
+    asked = options(
+        __doc__,
+        folder={"names": ["folder"], "nargs": "?", "type": Path, "default": Path("gpu")},
+        device={"type": int, "default": 0, "help": "EGL's number"},
+        python=PEER_PYTHON,
+        small={"action": "store_true", "help": "little data, for trying this program"},
+        tests={"action": "store_true", "help": "run the tests that need OpenGL, too"},
+        only={"nargs": "*", "help": "rows whose names begin with one of these"},
+        frames={"type": int, "help": "of an orbit; default: 20, small 3"},
+        patience={"type": float, "default": 45.0, "help": "seconds for a row of one program"},
+        minutes={"type": float, "default": 7.0, "help": "after which no row begins"},
+        orbit={"type": Path, "help": argparse.SUPPRESS},
+    )
+    asked.frames = asked.frames or (3 if asked.small else 20)
+    return asked
 
 
 def main() -> None:
     """Measure all rows, print and write the table."""
-    options, begin = parsed(), time.perf_counter()
-    if options.orbit:
-        return orbit(options.orbit, options.frames, options.device)
-    card, has_vtk = driver_of(options.device), _has("vtkmodules.vtkRenderingVolumeOpenGL2", options.python)
-    lines = [f"{card}; {'VTK beside it' if has_vtk else 'no VTK here'}; medians of {options.frames} frames", ""]
+    asked, begin = parsed(), time.perf_counter()
+    if asked.orbit:
+        return orbit(asked.orbit, asked.frames, asked.device)
+    card, has_vtk = driver_of(asked.device), _has("vtkmodules.vtkRenderingVolumeOpenGL2", asked.python)
+    lines = [f"{card}; {'VTK beside it' if has_vtk else 'no VTK here'}; medians of {asked.frames} frames", ""]
     lines += [f"| {' | '.join(HEADER)} |", "|" + "---|" * len(HEADER)]
     print(*lines, sep="\n", flush=True)
     rows = list[Answer]()
     with tempfile.TemporaryDirectory() as folder:
         for row in ROWS:
-            if options.only and not row.name.startswith(tuple(options.only)):
+            if asked.only and not row.name.startswith(tuple(asked.only)):
                 continue
-            late = time.perf_counter() - begin > 60 * options.minutes
-            one = row.scaled_down if options.small else row
+            late = time.perf_counter() - begin > 60 * asked.minutes
+            one = row.scaled_down if asked.small else row
             no_time: Answer = {**asdict(one), "ours": {"failed": "no time was left"}, "vtk": None}
-            rows.append(no_time if late else measure(one, Path(folder), options, has_vtk))
+            rows.append(no_time if late else measure(one, Path(folder), asked, has_vtk))
             lines.append(f"| {' | '.join(cells_of(rows[-1]))} |")
             print(lines[-1], flush=True)
-    tests = run_tests(60 * (options.minutes + 1) - (time.perf_counter() - begin)) if options.tests else None
+    tests = run_tests(60 * (asked.minutes + 1) - (time.perf_counter() - begin)) if asked.tests else None
     if tests:
         lines += ["", f"Tests marked gl and not mpi: {tests}"]
         print(*lines[-2:], sep="\n", flush=True)
-    options.folder.mkdir(parents=True, exist_ok=True)
-    (options.folder / "gpu.md").write_text("\n".join(lines) + "\n")
-    report = {"card": card, "vtk": has_vtk, "frames": options.frames, "rows": rows, "tests": tests}
-    (options.folder / "gpu.json").write_text(json.dumps(report, indent=1) + "\n")
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    (asked.folder / "gpu.md").write_text("\n".join(lines) + "\n")
+    report = {"card": card, "vtk": has_vtk, "frames": asked.frames, "rows": rows, "tests": tests}
+    (asked.folder / "gpu.json").write_text(json.dumps(report, indent=1) + "\n")
     return None
 
 

@@ -6,66 +6,44 @@ latter after 4 × 4 pixels were averaged, as eyes and smaller pictures do. Rings
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
+from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from measuring import Row, options, positional, sample, show, write
 
 import clusterviz
-from clusterviz.data.samples import fetch_sample
 
 STEPS = (1.0, 2.0, 4.0)
 CONVERGED = 1 / 16
 BLOCK = 4
-Pixels = NDArray[np.float64]
 
 
-def picture(path: str, size: int, **quality: Any) -> Pixels:
+def picture(path: str, size: int, **quality: Any) -> Any:
     """The volume from its usual camera."""
     found = clusterviz.render(path, size=(size, size), **quality)
     assert found is not None, "one rank"
     return found.astype(np.float64)
 
 
-def averaged(pixels: Pixels) -> Pixels:
-    """Means of blocks."""
-    side = len(pixels) // BLOCK
-    means: Pixels = pixels[: side * BLOCK, : side * BLOCK].reshape(side, BLOCK, side, BLOCK, 4).mean(axis=(1, 3))
-    return means
-
-
-def errors(path: str, size: int, volume: dict[str, Any]) -> list[dict[str, Any]]:
+def errors(path: str, size: int) -> Iterator[Row]:
     """One row for each step and switch."""
-    truth = picture(path, size, step=CONVERGED, **volume)
-    rows = []
-    for step in STEPS:
-        for jitter in (False, True):
-            difference = picture(path, size, step=step, jitter=jitter, **volume) - truth
-            rms, blurred = (float(np.sqrt(np.mean(part**2))) for part in (difference, averaged(difference)))
-            row = {"step": step, "jitter": jitter, "max": float(np.abs(difference).max()), "rms": rms}
-            rows.append(row | {"averaged_rms": blurred})
-    return rows
+    truth, side = picture(path, size, step=CONVERGED), size // BLOCK
+    for step, jitter in product(STEPS, (False, True)):
+        apart = picture(path, size, step=step, jitter=jitter) - truth
+        means = apart[: side * BLOCK, : side * BLOCK].reshape(side, BLOCK, side, BLOCK, 4).mean(axis=(1, 3))
+        rms, averaged = (float(np.sqrt(np.mean(part**2))) for part in (apart, means))
+        yield {"step": step, "jitter": str(jitter), "max": np.abs(apart).max(), "rms": rms, "averaged": averaged}
 
 
 def main() -> None:
-    """Print the table, and write it as JSON on request."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", nargs="?", help="a data file; default: the sample mni152")
-    parser.add_argument("--size", type=int, default=256)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    path = options.data or str(fetch_sample("mni152"))
-    rows = errors(path, options.size, {})
-    print(f"{path}, {options.size} × {options.size}, against step {CONVERGED}, in 255ths")
-    for row in rows:
-        name = f"step {row['step']:g}, {'jittered' if row['jitter'] else 'straight'}"
-        largest, rms, blurred = (255 * row[key] for key in ("max", "rms", "averaged_rms"))
-        print(f"{name:18} max {largest:6.2f}  rms {rms:6.3f}  averaged {blurred:6.3f}")
-    if options.json:
-        options.json.write_text(json.dumps({"data": path, "size": options.size, "rows": rows}, indent=2) + "\n")
+    """Print the table."""
+    asked = options(__doc__, data=positional("data", help="default: the sample mni152"), size=256)
+    path = sample(asked.data)
+    cells = "{step:g} | {jitter} | {max!l:.2f} | {rms!l:.3f} | {averaged!l:.3f}"
+    rows = show("step | jitter | max | rms | rms of means", cells, errors(path, asked.size), f"{path}, in 255ths")
+    write(asked, rows=rows)
 
 
 if __name__ == "__main__":

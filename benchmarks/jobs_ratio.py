@@ -20,17 +20,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import runpy
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
+from measuring import ROOT, answer_of, options, write
+from measuring import Row as Result
+from measuring import least as least_seconds
 from mpi4py import MPI
 
 from clusterviz import jobs
@@ -40,7 +40,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.jobs.scheduler import SCHEDULES
 
-EXAMPLES = Path(__file__).parents[1] / "examples" / "jobs"
+EXAMPLES = ROOT / "examples" / "jobs"
 CONE_BEAM = runpy.run_path(str(EXAMPLES / "cone_beam.py"))
 TIMEOUT_SECONDS = 300
 EMPTY_BLOCKS, PEER_TASKS, LAUNCHES = 4000, 1000, 500
@@ -70,17 +70,6 @@ if __name__ == "__main__":
             seconds.append(time.perf_counter() - began)
     print(json.dumps({"microseconds": 1e6 * overhead, "seconds": min(seconds)}))
 """
-Result = dict[str, Any]
-
-
-def least_seconds(work: Callable[[], Any], count: int = 3) -> float:
-    """Run something several times."""
-    found = []
-    for _ in range(count):
-        began = perf_counter()
-        work()
-        found.append(perf_counter() - began)
-    return min(found)
 
 
 def empty_blocks(cluster: jobs.Cluster) -> Result:
@@ -221,18 +210,7 @@ def run_ranks(
 ) -> Result:
     """Run one measurement under mpirun; what rank 0 found."""
     command = [find_mpirun(), "-n", ranks, sys.executable, *module, __file__, "--measure", name, *arguments]
-    return run(command, **(environment or {}))
-
-
-def run(command: Sequence[object], **environment: str) -> Result:
-    """Run a program whose last line is JSON."""
-    done = subprocess.run(
-        list(map(str, command)), capture_output=True, text=True, timeout=TIMEOUT_SECONDS, env=os.environ | environment
-    )
-    if done.returncode:
-        raise SystemExit(f"{' '.join(map(str, command))}\n{done.stdout}{done.stderr}")
-    found: Result = json.loads(done.stdout.splitlines()[-1])
-    return found
+    return answer_of(command, TIMEOUT_SECONDS, **(environment or {}))
 
 
 def nothing(number: int) -> None:
@@ -269,7 +247,7 @@ def overheads(dask: Result) -> Iterator[list[object]]:
 def products(dask: Result) -> Iterator[list[object]]:
     """Seconds, GFLOP/s, speed-up and the share of BLAS's speed."""
     first = None
-    peer = run([sys.executable, __file__, "--measure", "blas", MATRIX])["seconds"]
+    peer = answer_of([sys.executable, __file__, "--measure", "blas", MATRIX])["seconds"]
     for ranks in (1, 2, 4):
         found = run_ranks(ranks, "sgemm", MATRIX, environment=ONE_THREAD)
         first = first or found["seconds"]
@@ -277,7 +255,7 @@ def products(dask: Result) -> Iterator[list[object]]:
     yield product_row("NumPy (BLAS), its threads", peer, first, peer)
     if dask:
         yield product_row("Dask, 2 workers", dask["seconds"], first, peer)
-    single = run([sys.executable, __file__, "--measure", "blas", MATRIX], **ONE_THREAD)["seconds"]
+    single = answer_of([sys.executable, __file__, "--measure", "blas", MATRIX], **ONE_THREAD)["seconds"]
     yield product_row("NumPy (BLAS), 1 thread", single, first, peer)
 
 
@@ -333,39 +311,31 @@ def measure(name: str, arguments: Sequence[str]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--peer-python", help="a Python with Dask's distributed")
-    parser.add_argument("--json", type=Path, help="write all cells")
-    parser.add_argument("--measure", nargs="+", help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.measure:
-        measure(given.measure[0], given.measure[1:])
+    """Print all tables, or measure on this rank."""
+    peer = {"help": "a Python with Dask's distributed"}
+    asked = options(__doc__, peer_python=peer, measure={"nargs": "+", "help": argparse.SUPPRESS})
+    if asked.measure:
+        measure(asked.measure[0], asked.measure[1:])
         return
     dask: Result = {}
     with tempfile.TemporaryDirectory() as folder:
-        if given.peer_python:
+        if asked.peer_python:
             program = Path(folder) / "dask_peer.py"
             program.write_text(DASK)
-            dask = run([given.peer_python, program, PEER_TASKS, MATRIX, MATRIX // 4])
-        found = {
-            "overhead": table("Overhead", "what | µs", overheads(dask)),
-            "sgemm": table(
-                f"SGEMM, {MATRIX}²", "what | s | GFLOP/s | speed-up | speed / BLAS's | error", products(dask)
-            ),
-            "reconstruction": table(
+            dask = answer_of([asked.peer_python, program, PEER_TASKS, MATRIX, MATRIX // 4], TIMEOUT_SECONDS)
+        head = "what | s | GFLOP/s | speed-up | speed / BLAS's | error"
+        schedule = f"job | ranks | {' | '.join(SCHEDULES)} | random / local"
+        rates = iter(run_ranks(2, "remote_memory").items())
+        write(
+            asked,
+            overhead=table("Overhead", "what | µs", overheads(dask)),
+            sgemm=table(f"SGEMM, {MATRIX}²", head, products(dask)),
+            reconstruction=table(
                 "Reconstruction", "what | ranks | s | speed-up | error", reconstructions(Path(folder))
             ),
-            "bytes": table(
-                "MiB read from other ranks",
-                f"job | ranks | {' | '.join(SCHEDULES)} | random / local",
-                schedules(),
-            ),
-            "remote memory": table(
-                "Remote memory, one node", "what | MB/s", iter(run_ranks(2, "remote_memory").items())
-            ),
-        }
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=1))
+            bytes=table("MiB read from other ranks", schedule, schedules()),
+            memory=table("Remote memory, one node", "what | MB/s", rates),
+        )
 
 
 if __name__ == "__main__":

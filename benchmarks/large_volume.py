@@ -26,6 +26,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from measuring import CLUSTERVIZ, beside, commas, options, write
+
 SIZE = (2048, 1024, 1878)
 BRICKS = 200
 """Bricks that are compressed by other programs, spread evenly over the volume."""
@@ -164,14 +166,14 @@ def first_pictures(folder: Path, stores: list[Path], ranks: int, width: int, key
     for path in (*stores, folder / "large.mhd"):
         scene, picture = folder / f"{path.name}.json", folder / f"{path.name}.png"
         scene.write_text(json.dumps(scene_of(folder, str(path), width)))
-        command = [*start, sys.executable, "-m", "clusterviz", "--quiet", "render", str(scene), "-o", str(picture)]
+        command = [*start, *CLUSTERVIZ, "--quiet", "render", str(scene), "-o", str(picture)]
         command += [word for key in keys for word in ("-D", key)]
         found[path.name] = measured(command, **environment)
     if shutil.which("pvbatch") and shutil.which("xvfb-run"):
         content = scene_of(folder, "", width)
         order, position = folder / "order.json", content["camera"]["position"]
         order.write_text(json.dumps({"file": str(folder / "large.mhd"), "scene": content, "frames": [position]}))
-        program = str(Path(__file__).with_name("pvbatch_pictures.py"))
+        program = str(beside("pvbatch_pictures.py"))
         command = ["pvbatch", "--force-offscreen-rendering", program, str(order), str(folder / "pvbatch")]
         system = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if "venv" not in part)
         # Without -noreset the server may refuse a client that comes while it resets after the one before.
@@ -180,18 +182,18 @@ def first_pictures(folder: Path, stores: list[Path], ranks: int, width: int, key
     return found
 
 
-def measure(options: argparse.Namespace) -> None:
+def measure(asked: argparse.Namespace) -> None:
     """Run all programs, each in a process of its own: it begins with the peak memory of the one that starts it."""
-    folder = options.folder
+    folder = asked.folder
     folder.mkdir(exist_ok=True)
-    here = [sys.executable, __file__, str(folder), "--size", ",".join(map(str, options.size))]
-    size, found = math.prod(options.size), dict[str, Any]()
+    here = [sys.executable, __file__, str(folder), "--size", ",".join(map(str, asked.size))]
+    size, found = math.prod(asked.size), dict[str, Any]()
     print(f"made in {measured([*here, '--part', 'make'])[0]:.0f} s, if it was missing; load {os.getloadavg()[0]:.1f}")
-    start, environment = ranks_of(options.ranks)
-    stores = [folder / f"error{error:g}.ome.zarr" for error in options.errors]
-    for error, store in zip(options.errors, stores, strict=True):
+    start, environment = ranks_of(asked.ranks)
+    stores = [folder / f"error{error:g}.ome.zarr" for error in asked.errors]
+    for error, store in zip(asked.errors, stores, strict=True):
         shutil.rmtree(store, ignore_errors=True)
-        command = [sys.executable, "-m", "clusterviz", "--quiet", "store", str(folder / "large.mhd"), str(store)]
+        command = [*CLUSTERVIZ, "--quiet", "store", str(folder / "large.mhd"), str(store)]
         seconds, cpu, memory = measured([*start, *command, "--error", str(error)], **environment)
         levels = [
             sum(file.stat().st_size for file in (store / name / "c").rglob("*") if file.is_file())
@@ -199,16 +201,16 @@ def measure(options: argparse.Namespace) -> None:
         ]
         found[store.name] = {"seconds": seconds, "cpu": cpu, "memory_mib": memory, "levels": levels}
         print(
-            f"{store.name}: {seconds:.0f} s on {options.ranks} ranks, {size / cpu / 1e6:.0f} MB/s a core, "
+            f"{store.name}: {seconds:.0f} s on {asked.ranks} ranks, {size / cpu / 1e6:.0f} MB/s a core, "
             f"{memory:.0f} MiB at most a rank; the finest level {100 * levels[0] / size:.2f} % of its samples, "
             f"all {100 * sum(levels) / size:.2f} %",
             flush=True,
         )
-    measured([*here, "--part", "bricks", "--bricks", str(options.bricks)])
+    measured([*here, "--part", "bricks", "--bricks", str(asked.bricks)])
     found["bricks"] = json.loads((folder / "bricks.json").read_text())
     for name, value in found["bricks"].items():
         print(f"{name}: {value:.0f}" if value > 1 else f"{name}: {100 * value:.2f} % of the bytes of these bricks")
-    found["first picture"] = first_pictures(folder, stores, options.ranks, options.width, options.keys)
+    found["first picture"] = first_pictures(folder, stores, asked.ranks, asked.width, asked.keys)
     for name, (seconds, cpu, memory) in found["first picture"].items():
         print(f"first picture of {name}: {seconds:.1f} s ({cpu:.1f} s of CPU time), {memory:.0f} MiB at most a process")
     if "pvbatch" in found["first picture"]:
@@ -217,31 +219,28 @@ def measure(options: argparse.Namespace) -> None:
         theirs, ours = (read_image(folder / f"{name}.png")[..., :3] for name in ("pvbatch", "large.mhd"))
         found["away"] = 255 * compare(theirs, ours).rms
         print(f"pvbatch's picture is {found['away']:.1f} of 255 away from that of large.mhd (rms)")
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=2) + "\n")
+    write(asked, **found)
 
 
 def main() -> None:
     """Measure, or do a part of it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="where volume and stores are kept; they are made if they are missing")
-    parser.add_argument("--errors", type=lambda text: [float(part) for part in text.split(",")], default=[0.0])
-    parser.add_argument("--size", type=lambda text: [int(part) for part in text.split(",")], default=SIZE)
-    parser.add_argument("--ranks", type=int, default=1)
-    parser.add_argument("--width", type=int, default=512)
-    parser.add_argument("--bricks", type=int, default=BRICKS, help="that other programs compress")
-    keys = ["cluster.memory_limit=536870912"]
-    parser.add_argument("-D", dest="keys", action="append", default=keys, help="keys of our scene; 512 MiB of bricks")
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--part", choices=("make", "bricks"), help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    folder = options.folder
-    if options.part == "make":
-        make(folder, options.size)
-    elif options.part == "bricks":
-        (folder / "bricks.json").write_text(json.dumps(compare_bricks(folder, options.bricks)))
+    asked = options(
+        __doc__,
+        folder={"names": ["folder"], "type": Path, "help": "where volume and stores are kept, and made if missing"},
+        errors={"type": commas(float), "default": [0.0]},
+        size={"type": commas(int), "default": SIZE},
+        ranks=1,
+        width=512,
+        bricks={"type": int, "default": BRICKS, "help": "that other programs compress"},
+        keys={"names": ["-D"], "dest": "keys", "action": "append", "default": ["cluster.memory_limit=536870912"]},
+        part={"choices": ("make", "bricks"), "help": argparse.SUPPRESS},
+    )
+    if asked.part == "make":
+        make(asked.folder, asked.size)
+    elif asked.part == "bricks":
+        (asked.folder / "bricks.json").write_text(json.dumps(compare_bricks(asked.folder, asked.bricks)))
     else:
-        measure(options)
+        measure(asked)
 
 
 if __name__ == "__main__":

@@ -17,21 +17,17 @@ Prints a line for each scene, then how many bounds were held, refused, and broke
 
 from __future__ import annotations
 
-import argparse
-import json
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from time import process_time
 from typing import Any
 
 import numpy as np
+from measuring import options, sample, timed, write
 from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_source
 from clusterviz.data.field import open_field
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Grid
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options
@@ -75,27 +71,20 @@ class Tried:
 
 def main() -> None:
     """Try all scenes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--size", type=int, default=128)
-    parser.add_argument("--hard", action="store_true", help="small adversarial scenes; --size is not used")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    hard = {"action": "store_true", "help": "small adversarial scenes; --size is not used"}
+    asked = options(__doc__, scenes=200, first=0, size=128, hard=hard)
     found = []
-    for number in range(options.first, options.first + options.scenes):
-        one = tried(number, None if options.hard else options.size)
-        found.append(one)
+    for number in range(asked.first, asked.first + asked.scenes):
+        found.append(one := tried(number, None if asked.hard else asked.size))
         verdict = "BROKEN" if one.broken else "refused" if one.refused else "held"
+        lit, clipped = "lit" if one.lit else "   ", "clipped" if one.clipped else "       "
         print(
-            f"{number:4} {one.kind:15} {one.dtype:8} {one.function:12} {one.volumes} {'lit' if one.lit else '   '} "
-            f"{'clipped' if one.clipped else '       '} bound "
+            f"{number:4} {one.kind:15} {one.dtype:8} {one.function:12} {one.volumes} {lit} {clipped} bound "
             f"{one.bound:.4f} expected {one.expected:.4f} error {one.error:.5f} ± {one.known_to:.0e} step "
             f"{1 / one.step:6.1f} {one.classification:14} pilots {one.pilot_share:.2f} {verdict}",
             flush=True,
         )
-        if options.json:
-            options.json.write_text(json.dumps([asdict(each) for each in found], indent=1) + "\n")
+        write(asked, rows=[asdict(each) for each in found])
     print("\n".join(summary(found)))
 
 
@@ -118,20 +107,16 @@ def tried(number: int, size: int | None) -> Tried:
     """Draw one scene with its bound, and its truth; no size: an adversarial scene."""
     scene, sources, told = hard_scene(number) if size is None else usual_scene(number, size)
     bound = scene.quality.max_error or 0.0
-    began = process_time()
-    try:
-        drawn = frame_of(scene, sources)
-    except SceneError as refusal:
-        if "out of reach" not in str(refusal):
-            raise
-        return Tried(*told, 0.0, 0.0, 0.0, True, 1.0, "none", 0.0, process_time() - began)
-    seconds = process_time() - began
+    run = timed(lambda: frame_or_refusal(scene, sources))
+    drawn = run.value
+    if drawn is None:
+        return Tried(*told, 0.0, 0.0, 0.0, True, 1.0, "none", 0.0, run.cpu)
     accuracy, samples = drawn.statistics.accuracy, sum(rank.samples for rank in drawn.statistics.per_rank)
     error, known_to = error_of(drawn, sources, bound)
     return Tried(
         *told,
         *(accuracy.error, error, known_to, False),
-        *(accuracy.step, accuracy.classification, accuracy.pilot_samples / max(1, samples), seconds),
+        *(accuracy.step, accuracy.classification, accuracy.pilot_samples / max(1, samples), run.cpu),
     )
 
 
@@ -198,6 +183,16 @@ def frame_of(scene: Scene, sources: list[ArraySource]) -> Any:
     """One frame."""
     with FrameLoop(scene, LoopbackChannel(), sources, Options(device="cpu", overlap=False), several=False) as loop:
         return loop.frame()
+
+
+def frame_or_refusal(scene: Scene, sources: list[ArraySource]) -> Any:
+    """One frame; None where its bound is out of reach."""
+    try:
+        return frame_of(scene, sources)
+    except SceneError as refusal:
+        if "out of reach" not in str(refusal):
+            raise
+        return None
 
 
 def centre_of(sources: list[ArraySource]) -> NDArray[Any]:
@@ -283,7 +278,7 @@ def hard_values(rng: np.random.Generator, kind: str, shape: tuple[int, ...]) -> 
     if kind in KINDS:
         return values_of(rng, kind, shape)
     if kind == "head":
-        head = open_source(str(fetch_sample("cranium")), None)
+        head = open_source(sample(name="cranium"), None)
         for _ in range(20):
             at = tuple(int(rng.integers(0, n - m)) for n, m in zip(head.grid.shape_zyx, shape, strict=True))
             found = head.read(at, tuple(np.add(at, shape).tolist())).astype(np.float64)

@@ -10,33 +10,21 @@ medians: wall time on rank 0, and CPU time of all ranks, which counts what other
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
-from pathlib import Path
-from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
+from measuring import Row, head_scene, options, show, timed, write
 
 from clusterviz.comm import Channel, open_channel
-from clusterviz.data.samples import fetch_sample
 from clusterviz.distribution import balancer
 from clusterviz.distribution.flights import Migration, Move, withdraw
 from clusterviz.frame import FrameLoop
-from clusterviz.scene import load_scene
 from clusterviz.scene.animation import orbit
-from clusterviz.scene.overrides import with_settings
-
-EXAMPLE = Path(__file__).parents[1] / "examples" / "head.yaml"
 
 
 class Forced:
-    """Moves that nobody asked for, and that come to nothing.
-
-    Parameters
-    ----------
-    bricks : that each rank sends in a frame
-    """
+    """Moves that nobody asked for, and that come to nothing: each rank sends some bricks in a frame."""
 
     def __init__(self, bricks: int) -> None:
         self._bricks, self._frames = bricks, 0
@@ -67,22 +55,20 @@ def frames(channel: Channel, options: argparse.Namespace) -> Iterator[dict[str, 
     """Each frame's times and bytes; the first of a block without moves are left out while bricks still come."""
     forced = Forced(options.bricks)
     vars(balancer).update(rebalance=forced.moves, hand_over=forced.given_up)
-    scene = load_scene(EXAMPLE, [f"volumes.0.path={fetch_sample('mni152')}"])
-    keys = {"size": (options.size, options.size), "brick": options.brick, "distribution": "dynamic"}
-    with FrameLoop(with_settings(scene, keys | {"migration_share": options.share}), channel) as loop:
+    keys = {"size": (options.size, options.size), "brick": options.brick, "migration_share": options.share}
+    with FrameLoop(head_scene(distribution="dynamic", **keys), channel) as loop:
         scenes = [loop.scene.model_copy(update={"camera": c}) for c in orbit(loop.scene.camera, 20.0, options.frames)]
         loop.frame(scenes[0])
         for block in range(2 * options.blocks):
             forced.is_on = block % 2 == 1
             for number, scene in enumerate(scenes):
                 channel.barrier()
-                began, processor = perf_counter(), process_time()
-                told = loop.frame(scene, number).statistics
-                seconds, cpu = perf_counter() - began, sum(channel.allgather(process_time() - processor))
+                run = timed(lambda scene=scene, number=number: loop.frame(scene, number).statistics)
+                told, cpu = run.value, sum(channel.allgather(run.cpu))
                 each = told.migration or {}
                 opened = sum(rank.balance.get("bytes_opened", 0) for rank in told.per_rank)
                 if forced.is_on or not (each["bytes_raw"] or each["bricks"] or opened):
-                    yield {"on": forced.is_on, "wall": seconds, "cpu": cpu, **each}
+                    yield {"on": forced.is_on, "wall": run.wall, "cpu": cpu, **each}
 
 
 def summary(drawn: list[dict[str, Any]], options: argparse.Namespace) -> dict[str, Any]:
@@ -110,23 +96,22 @@ def summary(drawn: list[dict[str, Any]], options: argparse.Namespace) -> dict[st
 
 
 def main() -> None:
-    """Print a table, and write it as JSON on request."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--share", type=float, default=0.05)
-    parser.add_argument("--bricks", type=int, default=2, help="that each rank sends in a frame, if there is time")
-    parser.add_argument("--brick", type=int, default=32)
-    parser.add_argument("--size", type=int, default=256)
-    parser.add_argument("--frames", type=int, default=8, help="in a block")
-    parser.add_argument("--blocks", type=int, default=4, help="of either kind")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    """Print a table on rank 0."""
+    asked = options(
+        __doc__,
+        share=0.05,
+        bricks={"type": int, "default": 2, "help": "that each rank sends in a frame, if there is time"},
+        brick=32,
+        size=256,
+        frames={"type": int, "default": 8, "help": "in a block"},
+        blocks={"type": int, "default": 4, "help": "of either kind"},
+    )
     channel = open_channel()
-    found = summary(list(frames(channel, options)), options)
+    found = summary(list(frames(channel, asked)), asked)
     if channel.rank == 0:
-        for name, value in found.items():
-            print(f"| {name} | {value:.3f} |" if isinstance(value, float) else f"| {name} | {value} |")
-        if options.json:
-            options.json.write_text(json.dumps(vars(options) | {"json": None} | found, indent=1))
+        rows: list[Row] = [{"name": name, "value": value} for name, value in found.items()]
+        show("what | value", "{name} | {value}", rows)
+        write(asked, **found)
 
 
 if __name__ == "__main__":

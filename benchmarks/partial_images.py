@@ -11,20 +11,17 @@ for its own errors only.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import ROOT, options, picture_of, prepared, sample
 from numpy.typing import NDArray
 
 from clusterviz.cli.arguments import parse_size
-from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_scene
-from clusterviz.data.samples import fetch_sample
-from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.context import open_context
 from clusterviz.image import write_image
 from clusterviz.partition import build_tree, leaf_pieces
@@ -33,16 +30,15 @@ from clusterviz.render.raycast import Raycaster
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.values import Cluster, ImageSettings
 
-HEAD = Path(__file__).parents[1] / "examples" / "head.yaml"
 FORKS = 9  # from a trunk to its thinnest twigs
 Floats = NDArray[np.float32]
 
 
 def head(_folder: Path, size: tuple[int, int]) -> Scene:
     """The cortex of the MNI head."""
-    path = fetch_sample("mni152")
     # Cubes of 32 cells, so that eight ranks still get shares of about one size.
-    return open_scene(str(HEAD), [f"volumes.0.path={path}", f"image.size={list(size)}", "cluster.brick=32"])
+    keys = [f"volumes.0.path={sample()}", f"image.size={list(size)}", "cluster.brick=32"]
+    return open_scene(str(ROOT / "examples" / "head.yaml"), keys)
 
 
 def vessels(folder: Path, size: tuple[int, int], side: int = 256) -> Scene:
@@ -99,47 +95,40 @@ def draw_tube(voxels: NDArray[np.uint8], begin: NDArray[Any], end: NDArray[Any],
 
 def partial_images(scene: Scene, ranks: int) -> Iterator[Floats]:
     """What each rank would draw, float32 (h, w, 4), premultiplied, front to back."""
-    share, bricks = prepare(Run(LoopbackChannel(), Options()), scene)
-    plan = share.plan
-    if plan is None:
-        return
-    view = plan.view
-    pieces = leaf_pieces(build_tree(plan.cost, ranks), plan.cost, plan.eye_in_bricks(), view.forward)
+    plan, bricks = prepared(scene)
+    pieces = leaf_pieces(build_tree(plan.cost, ranks), plan.cost, plan.eye_in_bricks(), plan.view.forward)
     caster = Raycaster(open_context(), plan)
     caster.load(plan, bricks)
-    width, height = share.scene.image.size
     for drawn in caster.draw(plan, pieces):
-        picture = np.zeros((height, width, 4), np.float32)
-        rect = drawn.partial.rect
-        picture[rect.y_begin : rect.y_end, rect.x_begin : rect.x_end] = drawn.partial.rgba
-        yield picture
-    yield from np.zeros((ranks - len(pieces), height, width, 4), np.float32)
+        yield picture_of(plan.view.size, [drawn])
+    yield from np.zeros((ranks - len(pieces), *plan.view.size[::-1], 4), np.float32)
 
 
 def main() -> None:
     """Write the images, and say how much of each is not blank."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", choices=sorted(SCENES))
-    parser.add_argument("folder", type=Path, metavar="DIR")
-    parser.add_argument("--ranks", type=int, default=8)
-    parser.add_argument("--size", type=parse_size, default=(1024, 1024), metavar="WxH")
-    parser.add_argument("--png", action="store_true", help="write img_<n>.png and exact.png too, over black")
-    options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
+    asked = options(
+        __doc__,
+        scene={"names": ["scene"], "choices": sorted(SCENES)},
+        folder={"names": ["folder"], "type": Path, "metavar": "DIR"},
+        ranks=8,
+        size={"type": parse_size, "default": (1024, 1024), "metavar": "WxH"},
+        png={"action": "store_true", "help": "write img_<n>.png and exact.png too, over black"},
+    )
+    asked.folder.mkdir(parents=True, exist_ok=True)
     layers = []
     with tempfile.TemporaryDirectory() as folder:
-        scene = SCENES[options.scene](Path(folder), options.size)
-        for number, picture in enumerate(partial_images(scene, options.ranks)):
+        scene = SCENES[asked.scene](Path(folder), asked.size)
+        for number, picture in enumerate(partial_images(scene, asked.ranks)):
             pixels = np.rint(255 * picture).astype(np.uint8)
-            pixels.tofile(options.folder / f"img_{number}.rgba")
+            pixels.tofile(asked.folder / f"img_{number}.rgba")
             layers.append(pixels / 255)
-            if options.png:
-                write_image(options.folder / f"img_{number}.png", picture, (0.0, 0.0, 0.0))
+            if asked.png:
+                write_image(asked.folder / f"img_{number}.png", picture, (0.0, 0.0, 0.0))
             print(f"img_{number}: {(pixels[..., 3] > 0).mean():.1%} not blank", flush=True)
     exact = over(layers)
-    np.save(options.folder / "exact.npy", exact)
-    if options.png:
-        write_image(options.folder / "exact.png", exact.astype(np.float32), (0.0, 0.0, 0.0))
+    np.save(asked.folder / "exact.npy", exact)
+    if asked.png:
+        write_image(asked.folder / "exact.png", exact.astype(np.float32), (0.0, 0.0, 0.0))
     print(f"exact: {(exact[..., 3] > 0).mean():.1%} not blank")
 
 

@@ -7,14 +7,15 @@ in turn), and the largest error beside float32.
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Iterator
 from statistics import median
+from typing import Any
 
 import numpy as np
+from measuring import Row, options, sample, show, write
 
 from clusterviz.comm import open_channel
 from clusterviz.composite import rounding_bound
-from clusterviz.data.samples import fetch_sample
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.scene import scene_of_data
 from clusterviz.scene.overrides import with_settings
@@ -23,31 +24,37 @@ FORMATS = ("float32", "float16", "uint8")
 STAGES = ("encode", "exchange", "blend", "collect", "finish")
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--size", type=int, default=1024)
-    parser.add_argument("--frames", type=int, default=7)
-    arguments = parser.parse_args()
-    channel = open_channel()
-    scene = scene_of_data(str(fetch_sample("mni152")), [f"image.size=[{arguments.size},{arguments.size}]"])
+def measured(asked: Any, channel: Any) -> Iterator[Row]:
+    """A row for each transport and format."""
+    scene = scene_of_data(sample(), [f"image.size=[{asked.size},{asked.size}]"])
     for transport in ("messages", "shared"):
         keys = {"transport": transport, "codec": "raw", "mode": "sort-last", "step": 2.0}
         scenes = {pixel: with_settings(scene, {**keys, "pixel": pixel}) for pixel in FORMATS}
         with FrameLoop(scenes["float32"], channel, options=Options(overlap=False)) as loop:
-            drawn = [{pixel: loop.frame(one) for pixel, one in scenes.items()} for _ in range(arguments.frames)]
-        if channel.rank:
-            continue
+            drawn = [{pixel: loop.frame(one) for pixel, one in scenes.items()} for _ in range(asked.frames)]
         exact = drawn[0]["float32"].image
-        for pixel in FORMATS:
-            image, ranks = drawn[0][pixel].image, drawn[0][pixel].statistics.per_rank
-            assert image is not None
-            assert exact is not None
-            seconds = median(sum(one[pixel].statistics.seconds[name] for name in STAGES) for one in drawn[1:])
-            sent = sum(rank.bytes_sent + rank.compositing["bytes_collected"] for rank in ranks) / 2**20
-            error, bound = float(np.abs(image - exact).max()), rounding_bound(pixel, channel.size)
-            cells = (str(channel.size), transport, pixel, f"{sent:.1f}", f"{1e3 * seconds:.1f}")
-            print(f"| {' | '.join(cells)} | {error:.1e} | {bound:.1e} |")
+        for pixel in FORMATS if channel.rank == 0 else ():
+            ranks = drawn[0][pixel].statistics.per_rank
+            yield {
+                "ranks": channel.size,
+                "transport": transport,
+                "pixel": pixel,
+                "sent": sum(rank.bytes_sent + rank.compositing["bytes_collected"] for rank in ranks) / 2**20,
+                "s": median(sum(one[pixel].statistics.seconds[name] for name in STAGES) for one in drawn[1:]),
+                "error": float(np.abs(np.asarray(drawn[0][pixel].image) - exact).max()),
+                "bound": rounding_bound(pixel, channel.size),  # type: ignore[arg-type]
+            }
+
+
+def main() -> None:
+    """Print the table on rank 0."""
+    asked, channel = options(__doc__, size=1024, frames=7), open_channel()
+    rows = measured(asked, channel)
+    if channel.rank:
+        list(rows)
+        return
+    cells = "{ranks} | {transport} | {pixel} | {sent:.1f} | {s!m:.1f} | {error:.1e} | {bound:.1e}"
+    write(asked, rows=show("ranks | transport | pixel | MiB sent | ms | error | bound", cells, rows))
 
 
 if __name__ == "__main__":

@@ -8,16 +8,13 @@ what sending magnified pictures to a viewer would take. Least times of three run
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 from collections.abc import Callable
 from importlib import import_module
-from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
+from measuring import ROOT, least, options, write
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
@@ -26,13 +23,12 @@ from clusterviz.image.pyramid import apply_filter, blur, zoom
 from clusterviz.image.pyramid.executor import Fetches
 from clusterviz.image.pyramid.filters import ANALYSIS, BASIC, SYNTHESIS
 from clusterviz.jobs.device import current_device
-from clusterviz.report.tradeoff.rating import luminance, ssim
+from clusterviz.pages.tradeoff.rating import luminance, ssim
 from clusterviz.viewer.encoding import Encoding, encode
 
 Floats = NDArray[np.float32]
 SIDES, SIGMAS = (512, 1024, 2048), (0.5, 1.0, 1.8, 3.0, 8.0, 32.0, 128.0)
 PICTURES = ("head", "bones", "skin_and_brain", "orbital", "flow", "shells", "tissues", "annotated", "surface_flow")
-RUNS = 3
 
 
 def optional(name: str) -> Any:
@@ -46,12 +42,7 @@ def optional(name: str) -> Any:
 def milliseconds(work: Callable[[], object]) -> float:
     """Return the least time of some runs, after the first one."""
     work()
-    times = []
-    for _ in range(RUNS):
-        began = perf_counter()
-        work()
-        times.append(perf_counter() - began)
-    return 1e3 * min(times)
+    return 1e3 * least(work)
 
 
 def row(*words: object) -> None:
@@ -153,7 +144,7 @@ def zooms() -> list[Any]:
         "bicubic": lambda small, size: pillow(small, size, Image.Resampling.BICUBIC),
         "Lanczos": lambda small, size: pillow(small, size, Image.Resampling.LANCZOS),
     }
-    folder, found = Path(__file__).parents[1] / "docs/pictures", []
+    folder, found = ROOT / "docs/pictures", []
     row("factor", "method", "SSIM, mean", "rms of 255")
     for factor in (2, 4):
         rated: dict[str, list[tuple[float, float]]] = {}
@@ -175,7 +166,7 @@ def zooms() -> list[Any]:
 
 def previews() -> list[Any]:
     """Compare a moving picture that is sent small with one that is magnified before."""
-    whole = np.asarray(Image.open(Path(__file__).parents[1] / "docs/pictures/skin_and_brain.png").convert("RGBA"))
+    whole = np.asarray(Image.open(ROOT / "docs/pictures/skin_and_brain.png").convert("RGBA"))
     whole = np.asarray(Image.fromarray(whole).resize((1024, 768)), np.float32) / 255
     jpeg, found = Encoding("jpeg", 75), []
     row("sides", "zoom, ms", "JPEG of the small one, ms", "KiB", "JPEG of the large one, ms", "KiB")
@@ -192,16 +183,13 @@ def previews() -> list[Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="write the numbers")
-    written = parser.parse_args().json
+    asked = options(__doc__)
     print(f"{current_device()}, load {os.getloadavg()[0]:.1f}")
     numbers = {}
     for part in (filters, blurs, gridding, zooms, previews):
         print(f"\n{part.__name__}\n")
         numbers[part.__name__] = part()
-    if written:
-        written.write_text(json.dumps(numbers))
+    write(asked, **numbers)
 
 
 if __name__ == "__main__":

@@ -10,19 +10,20 @@ auto sent exactly as many bytes as raw, part that it packed some of the messages
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from compositors import MPIS, Choice, Images, open_images, run_clusterviz, table, wire_bytes
+from compositors import MPIS, Choice, Images, open_images, report, run_clusterviz, wire_bytes
+from measuring import commas, options
 
 from clusterviz.reference.over import over
 
-CODECS = "raw,active,lz4,shuffle+lz4,delta+lz4,auto"
+CODECS = ["raw", "active", "lz4", "shuffle+lz4", "delta+lz4", "auto"]
 
 
 @dataclass(frozen=True)
@@ -63,46 +64,38 @@ def write_noise(folder: Path, ranks: int, size: tuple[int, int]) -> Images:
     return open_images(folder)
 
 
-def measure(images: Images, link: str, codecs: Sequence[str], options: argparse.Namespace) -> Row:
+def measure(images: Images, link: str, codecs: Sequence[str], asked: argparse.Namespace) -> Row:
     """All codecs on one folder of images, by turns; `link` in Gb/s, or "own"."""
     extra = [] if link == "own" else ["--link-gbit", link]
     reports: dict[str, list[dict[str, Any]]] = {codec: [] for codec in dict.fromkeys(["raw", *codecs])}
-    for _ in range(options.passes):
+    for _ in range(asked.passes):
         for codec, found in reports.items():
-            choice = Choice(options.algorithm, codec, "messages")
-            found.append(run_clusterviz(images, choice, options.mpi, options.frames, extra=extra))
-    least = {codec: min(report["min_ms"] for report in found) for codec, found in reports.items()}
+            choice = Choice(asked.algorithm, codec, "messages")
+            found.append(run_clusterviz(images, choice, asked.mpi, asked.frames, extra=extra))
+    least = {codec: min(one["min_ms"] for one in found) for codec, found in reports.items()}
     # What auto sends may change while it learns; the last pass's last frame counts.
     return Row(images.title, link, least, {codec: wire_bytes(found[-1]) for codec, found in reports.items()})
 
 
 def main() -> None:
-    """Print the table, and write every number as JSON on request."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--images", type=Path, nargs="+", required=True, metavar="FOLDER")
-    parser.add_argument("--gbit", default="1", help="speed of the slowed link, 10⁹ bits a second")
-    parser.add_argument("--codecs", default=CODECS)
-    parser.add_argument("--algorithm", default="direct-send")
-    parser.add_argument("--mpi", choices=MPIS, default="wheel")
-    parser.add_argument("--frames", type=int, default=20)
-    parser.add_argument("--passes", type=int, default=2)
-    parser.add_argument("--noise", default="4x1024", metavar="RANKSxSIDE", help="how many images of noise, how large")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    codecs = options.codecs.split(",")
-    head = ["images | ranks | pixels", "Gb/s", "raw ms", *(codec for codec in codecs if codec != "raw"), "auto sent"]
-    print(table(head, []))
-    rows = []
+    """Print the table."""
+    asked = options(
+        __doc__,
+        images={"type": Path, "nargs": "+", "required": True, "metavar": "FOLDER"},
+        gbit={"default": "1", "help": "speed of the slowed link, 10⁹ bits a second"},
+        codecs={"type": commas(str), "default": CODECS},
+        algorithm="direct-send",
+        mpi={"choices": MPIS, "default": "wheel"},
+        frames=20,
+        passes=2,
+        noise={"default": "4x1024", "metavar": "RANKSxSIDE", "help": "how many images of noise, how large"},
+    )
+    shares = [codec for codec in asked.codecs if codec != "raw"]
     with tempfile.TemporaryDirectory(prefix="noise-") as folder:
-        ranks, side = map(int, options.noise.split("x"))
-        cases = [*map(open_images, options.images), write_noise(Path(folder), ranks, (side, side))]
-        for images in cases:
-            for link in (options.gbit, "own"):
-                rows.append(measure(images, link, codecs, options))
-                print(f"| {' | '.join(rows[-1].cells)} |", flush=True)
-    if options.json:
-        chosen = {key: str(value) for key, value in vars(options).items()}
-        options.json.write_text(json.dumps({**chosen, "rows": [asdict(row) for row in rows]}, indent=2) + "\n")
+        ranks, side = map(int, asked.noise.split("x"))
+        cases = [*map(open_images, asked.images), write_noise(Path(folder), ranks, (side, side))]
+        found = ([measure(*case, asked.codecs, asked)] for case in product(cases, (asked.gbit, "own")))
+        report(asked, ["images | ranks | pixels", "Gb/s", "raw ms", *shares, "auto sent"], found)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ Samples are exact and the same in every run; CPU time is of drawing, all threads
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -17,16 +16,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import Row, head_scene, options, show, svg, write
 
 from clusterviz.comm import LoopbackChannel, open_channel
 from clusterviz.data import open_source
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Source
 from clusterviz.distribution.sort_first import expected_map
 from clusterviz.frame import FrameLoop, Options, Rendered, Run
 from clusterviz.frame.drawing import Drawing
-from clusterviz.image.replace import replacing
 from clusterviz.partition import Piece
 from clusterviz.partition.screen import (
     COARSE,
@@ -44,7 +42,6 @@ from clusterviz.partition.screen import (
 from clusterviz.plan.plan import Plan
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.animation import orbit
-from clusterviz.scene.files import load_scene
 from clusterviz.scene.overrides import with_settings
 
 WAYS: dict[str, dict[str, Any]] = {
@@ -79,9 +76,8 @@ def scene_of(name: str, size: int) -> tuple[Scene, Source]:
     if name == "sparse":
         volume = Volume(path="sparse", clim=(0.0, 1.0), opacity=((0.02, 0.0), (1.0, 0.3)), opacity_unit_distance=4.0)
         return with_settings(Scene(volumes=(volume,)), {"size": (size, size), "brick": 16}), ArraySource(sparse())
-    example = Path(__file__).parents[1] / "examples" / "head.yaml"
-    scene = load_scene(example, [f"volumes.0.path={fetch_sample('mni152')}"])
-    return with_settings(scene, {"size": (size, size), "brick": 16}), open_source(scene.volumes[0].path)
+    scene = head_scene(size=(size, size), brick=16)
+    return scene, open_source(scene.volumes[0].path)
 
 
 def frames_of(scene: Scene, source: Source, degrees: float, frames: int) -> list[Scene]:
@@ -91,40 +87,33 @@ def frames_of(scene: Scene, source: Source, degrees: float, frames: int) -> list
     return [scene.model_copy(update={"camera": view}) for view in orbit(camera, degrees, frames)]
 
 
-def figure(name: str, size: int) -> list[dict[str, Any]]:
-    """The third of three frames that follow each other, by each way; the table on rank 0."""
+def figure(name: str, size: int) -> Iterator[Row]:
+    """The third of three frames that follow each other, by each way; rows on rank 0."""
     channel = open_channel()
     scene, source = scene_of(name, size)
-    scenes, table = frames_of(scene, source, 3 * STILL_DEGREES, 3), []
+    scenes = frames_of(scene, source, 3 * STILL_DEGREES, 3)
     for way, settings in WAYS.items():
         if settings.get("groups", 1) > channel.size:
             continue
         with FrameLoop(with_settings(scenes[0], settings), channel, source) as loop:
             drawn = [loop.frame(with_settings(each, settings), n) for n, each in enumerate(scenes)]
-        table.append({"way": way, **_row(drawn[-1])})
         if channel.rank == 0:
-            print(f"{way:22} {_text(table[-1])}", flush=True)
-    return table if channel.rank == 0 else []
+            yield {"way": way, **_row(drawn[-1])}
 
 
-def _row(frame: Rendered) -> dict[str, Any]:
+def _row(frame: Rendered) -> Row:
     ranks = frame.statistics.per_rank
+    samples, cpu = [rank.samples for rank in ranks], [1000 * rank.cpu_seconds for rank in ranks]
     return {
-        "samples": [rank.samples for rank in ranks],
-        "cpu_ms": [1000 * rank.cpu_seconds for rank in ranks],
-        "extra": sum(rank.samples_estimate for rank in ranks),
+        "samples": samples,
+        "cpu_ms": cpu,
+        "most": max(samples) / np.mean(samples),
+        "fewest": min(samples) / np.mean(samples),
+        "slowest": max(cpu),
+        "extra": sum(rank.samples_estimate for rank in ranks) / sum(samples),
         "bytes_sent": sum(rank.bytes_sent + rank.compositing.get("bytes_collected", 0) for rank in ranks),
         "voxel_bytes": max(rank.voxel_bytes for rank in ranks),
     }
-
-
-def _text(row: dict[str, Any]) -> str:
-    samples, mean = row["samples"], np.mean(row["samples"])
-    return (
-        f"samples / mean {max(samples) / mean:6.3f} {min(samples) / mean:6.3f}   "
-        f"cpu ms {max(row['cpu_ms']):7.1f} {min(row['cpu_ms']):7.1f}   extra {row['extra'] / sum(samples):6.3f}   "
-        f"kB sent {row['bytes_sent'] / 1000:8.0f}   MB held {row['voxel_bytes'] / 1e6:7.1f}"
-    )
 
 
 class Counting:
@@ -188,63 +177,56 @@ def orbit_table(name: str, size: int, ranks: int, frames: int) -> list[dict[str,
         for way, samples in found.items():
             busiest.setdefault(way, []).append(max(samples))
         last, total = cost, total + float(cost.cost.sum()) / ranks
-    table = [{"way": way, "total / even": sum(most) / total} for way, most in busiest.items()]
-    for row in table:
-        print(f"{row['way']:18} {row['total / even']:.3f}")
-    return table
+    return [{"way": way, "total / even": sum(most) / total} for way, most in busiest.items()]
 
 
 def plot(files: Sequence[Path], out: Path) -> None:
     """Bars to the slowest rank, from the fastest."""
-    import matplotlib
 
-    matplotlib.use("svg")
-    from matplotlib import pyplot
-
-    matplotlib.rcParams["svg.hashsalt"] = "sort-first"
-    figure, axes = pyplot.subplots(1, len(files), figsize=(5.2 * len(files), 3.6), sharey=True, layout="constrained")
-    for axis, file in zip(np.atleast_1d(axes), files, strict=True):
-        report = json.loads(file.read_text())
+    def draw(axis: Any, report: Row) -> None:
         rows = report["table"]
         samples = [np.array(row["samples"]) / np.mean(row["samples"]) for row in rows]
         colours = ["tab:orange" if row["way"].split(",")[0] in ("scheduled", "temporal", "estimated") else
                    "tab:blue" if row["way"][:3] in ("int", "pat") else "tab:grey" for row in rows]  # fmt: skip
         most, least = ([pick(each) for each in samples] for pick in (np.max, np.min))
         axis.bar(range(len(rows)), most, color=colours)
-        axis.errorbar(
-            range(len(rows)), most, yerr=[np.subtract(most, least), np.zeros(len(rows))], fmt="none", ecolor="k"
-        )
+        down = [np.subtract(most, least), np.zeros(len(rows))]
+        axis.errorbar(range(len(rows)), most, yerr=down, fmt="none", ecolor="k")
         axis.axhline(1.0, color="k", linewidth=0.6)
         axis.set_xticks(range(len(rows)), [row["way"] for row in rows], rotation=60, ha="right", fontsize=8)
         axis.set_title(f"{report['scene']}, {report['ranks']} ranks")
-    np.atleast_1d(axes)[0].set_ylabel("samples of the slowest rank\n(lines: to the fastest) / mean")
-    with replacing(out) as temporary:
-        figure.savefig(temporary, format="svg", metadata={"Date": None})
+        axis.set_ylabel("samples of the slowest rank\n(lines: to the fastest) / mean")
+        axis.label_outer()
+
+    svg([json.loads(file.read_text()) for file in files], 3.6, "sort-first", draw, out)
 
 
 def main() -> None:
     """Measure, or draw what was measured."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("figure", "orbit", "plot"))
-    parser.add_argument("files", nargs="*", type=Path)
-    parser.add_argument("--scene", choices=("head", "sparse"), default="head")
-    parser.add_argument("--size", type=int, default=320, help="pixels along both sides")
-    parser.add_argument("--ranks", type=int, default=8, help="of an orbit")
-    parser.add_argument("--frames", type=int, default=90, help="of an orbit")
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("-o", "--out", type=Path)
-    options = parser.parse_args()
-    if options.what == "plot":
-        plot(options.files, options.out)
-        return
-    if options.what == "figure":
-        ranks, table = open_channel().size, figure(options.scene, options.size)
+    asked = options(
+        __doc__,
+        what={"names": ["what"], "choices": ("figure", "orbit", "plot")},
+        files={"names": ["files"], "nargs": "*", "type": Path},
+        scene={"choices": ("head", "sparse"), "default": "head"},
+        size={"type": int, "default": 320, "help": "pixels along both sides"},
+        ranks={"type": int, "default": 8, "help": "of an orbit"},
+        frames={"type": int, "default": 90, "help": "of an orbit"},
+        out={"names": ["-o", "--out"], "type": Path},
+    )
+    if asked.what == "plot":
+        plot(asked.files, asked.out)
+    elif asked.what == "orbit":
+        rows = orbit_table(asked.scene, asked.size, asked.ranks, asked.frames)
+        write(asked, table=show("way | total / even", "{way} | {total / even:.3f}", rows))
+    elif open_channel().rank:
+        list(figure(asked.scene, asked.size))
     else:
-        ranks, table = options.ranks, orbit_table(options.scene, options.size, options.ranks, options.frames)
-    if options.json and table:
-        report = {"scene": options.scene, "size": options.size, "ranks": ranks, "table": table}
-        with replacing(options.json) as temporary:
-            temporary.write_text(json.dumps(report, indent=1))
+        asked.ranks = open_channel().size
+        head = "way | most samples / mean | fewest | slowest, CPU ms | extra | MB sent | MB held"
+        cells = (
+            "{way} | {most:.3f} | {fewest:.3f} | {slowest:.1f} | {extra:.3f} | {bytes_sent!M:.3f} | {voxel_bytes!M:.1f}"
+        )
+        write(asked, table=show(head, cells, figure(asked.scene, asked.size)))
 
 
 if __name__ == "__main__":

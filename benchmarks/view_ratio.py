@@ -13,7 +13,6 @@ change. The picture's own format and quality while moving are each program's def
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import os
@@ -21,7 +20,6 @@ import signal
 import socket
 import statistics
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -30,13 +28,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measuring import CLUSTERVIZ, beside, options, sample, write
+from measuring import opened as opened_volume
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from clusterviz.data import open_source
-from clusterviz.data.samples import fetch_sample
-
-CLUSTERVIZ = [sys.executable, "-m", "clusterviz"]
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 SIZE = (800, 600)
 SIDE = 256
@@ -71,8 +67,7 @@ PROBE = """() => {
 
 def head(path: Path) -> None:
     """Write mni152, resampled linearly to 256³ samples, as .npy."""
-    source = open_source(str(fetch_sample("mni152")), None)
-    samples = source.read((0, 0, 0), source.grid.shape_zyx).astype(np.float32)
+    samples = opened_volume(sample())[1].astype(np.float32)
     for axis, count in enumerate(samples.shape):
         at = np.linspace(0, count - 1, SIDE)
         first = np.minimum(at.astype(int), count - 2)
@@ -268,56 +263,55 @@ def endured(page: Page, url: str, pid: int, minutes: float) -> list[dict[str, fl
 
 def main() -> None:
     """Measure ours and the peer in turn, or ours for a long time."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--peer-python", help="a Python with pyvista and trame; without it ours alone is measured")
-    parser.add_argument("--ranks", default="1", help="of ours, as in 1,2,4")
-    parser.add_argument("--shade", action="store_true")
-    parser.add_argument("--rounds", type=int, default=2)
-    parser.add_argument("--seconds", type=float, default=8, help="of each drag")
-    parser.add_argument("--moves", type=int, default=40, help="whose latency is measured")
-    parser.add_argument("--minutes", type=float, help="drag and rest for so long")
-    parser.add_argument("--pictures", type=Path, help="a folder for screenshots")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    asked = options(
+        __doc__,
+        peer_python={"help": "a Python with pyvista and trame; without it ours alone is measured"},
+        ranks={"default": "1", "help": "of ours, as in 1,2,4"},
+        shade=False,
+        rounds=2,
+        seconds={"type": float, "default": 8, "help": "of each drag"},
+        moves={"type": int, "default": 40, "help": "whose latency is measured"},
+        minutes={"type": float, "help": "drag and rest for so long"},
+        pictures={"type": Path, "help": "a folder for screenshots"},
+    )
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         volume, scene = Path(folder) / "head.npy", Path(folder) / "scene.json"
         head(volume)
-        scene.write_text(json.dumps(scene_of(volume, options.shade)))
+        scene.write_text(json.dumps(scene_of(volume, asked.shade)))
         programs: dict[str, tuple[list[Any], str | None]] = {
             f"clusterviz, {ranks} rank{'s' * (ranks != '1')}": (
                 [*CLUSTERVIZ, "view", scene, "--ranks", ranks, "--port", free_port()],
                 None,
             )
-            for ranks in options.ranks.split(",")
+            for ranks in asked.ranks.split(",")
         }
-        if options.peer_python:
-            peer, shade = Path(__file__).with_name("view_peer.py"), str(options.shade).lower()
+        if asked.peer_python:
+            peer, shade = beside("view_peer.py"), str(asked.shade).lower()
             for mapper in ("smart", "fixed_point"):
                 port = free_port()
-                arguments = [options.peer_python, peer, volume, port, shade, mapper]
+                arguments = [asked.peer_python, peer, volume, port, shade, mapper]
                 programs[f"{PEER}, {mapper}"] = arguments, f"http://127.0.0.1:{port}"
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        if options.minutes:
+        if asked.minutes:
             arguments, url = next(iter(programs.values()))
             with served(arguments, url) as (address, _, pid):
-                rows = endured(browser.new_page(bypass_csp=True), address, pid, options.minutes)
+                rows = endured(browser.new_page(bypass_csp=True), address, pid, asked.minutes)
             programs = {}
-        for number in range(options.rounds if programs else 0):
+        for number in range(asked.rounds if programs else 0):
             for name, (arguments, url) in programs.items():
                 page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]}, bypass_csp=True)
                 with served(arguments, url) as (address, began, _):
-                    numbers, picture = measured(page, address, began, options.seconds, options.moves)
+                    numbers, picture = measured(page, address, began, asked.seconds, asked.moves)
                 page.close()
                 rows.append({"program": name, "round": number, **numbers, "load": os.getloadavg()[0]})
                 print(json.dumps(rows[-1]), flush=True)
-                if options.pictures:
-                    Image.open(io.BytesIO(picture)).save(options.pictures / f"{name.replace(', ', '-')}.png")
+                if asked.pictures:
+                    Image.open(io.BytesIO(picture)).save(asked.pictures / f"{name.replace(', ', '-')}.png")
         browser.close()
-    if options.peer_python and not options.minutes:
+    if asked.peer_python and not asked.minutes:
         report(rows)
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=2) + "\n")
+    write(asked, rows=rows)
 
 
 def report(rows: list[dict[str, Any]]) -> None:

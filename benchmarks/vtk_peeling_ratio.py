@@ -2,7 +2,7 @@
 
     python benchmarks/vtk_peeling_ratio.py --python PYTHON_WITH_VTK [--only NAME]… [--width 512] [--json F]
 
-Runs of `vtk_peeling.py`, which draws with VTK, and of `clusterviz bench raycast` alternate, on the same meshes, volume,
+Runs of `vtk_peer.py`, which draws with VTK, and of `clusterviz bench raycast` alternate, on the same meshes, volume,
 camera and step. Errors are those of both pictures at a smaller size from the float64 reference, which meets every
 triangle exactly. VTK places its samples elsewhere, so its error is that from the reference at an eighth of the step,
 too, if that is smaller.
@@ -14,27 +14,24 @@ import argparse
 import json
 import os
 import statistics
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from vtk_raycast_ratio import synthetic
+from measuring import CLUSTERVIZ, PEER_PYTHON, Row, opened, options, output_of, sample, write
+from vtk_raycast_ratio import peer, synthetic
 
 from clusterviz.comm import LoopbackChannel
-from clusterviz.data import open_source
+from clusterviz.data import read_geometry
 from clusterviz.data.geometry import Mesh
-from clusterviz.data.samples import fetch_sample
 from clusterviz.data.source import Grid
 from clusterviz.frame import render_frame
 from clusterviz.reference import render_reference
 from clusterviz.scene import Scene, load_scene
 
 Arrays = dict[str, Any]
-CLUSTERVIZ = [sys.executable, "-m", "clusterviz"]
 VIEW = {"focal_point": [0, 0, 0], "view_up": [0, 0, 1], "view_angle": 30.0}
 RAMP: Arrays = {
     "value": [0, 60, 120, 255],
@@ -72,13 +69,10 @@ def cortex() -> Arrays:
     """The cortex of both hemispheres in a head MRI."""
     found: Arrays = {"position": [330, 290, 200], **VIEW, "focal_point": [0, -18, 4]}
     for number, name in enumerate(("pial-left", "pial-right")):
-        from clusterviz.data import read_geometry
-
-        mesh = read_geometry(str(fetch_sample(name))).mesh
+        mesh = read_geometry(sample(name=name)).mesh
         found |= _mesh(number, (mesh.vertices, mesh.triangles), (0.9, 0.6, 0.5, 0.4))
-    head = open_source(fetch_sample("mni152"))
+    head, voxels = opened(sample())
     grid = head.grid
-    voxels = np.asarray(head.read((0, 0, 0), grid.shape_zyx))
     return found | RAMP | {"voxels": voxels, "spacing": grid.spacing, "origin": grid.origin, "step": min(grid.spacing)}
 
 
@@ -140,10 +134,10 @@ def write_ply(path: Path, vertices: np.ndarray[Any, Any], triangles: np.ndarray[
     path.write_bytes(header.encode() + np.asarray(vertices, "<f4").tobytes() + faces.tobytes())
 
 
-def errors(given: Arrays, folder: Path, options: argparse.Namespace) -> dict[str, float]:
+def errors(given: Arrays, folder: Path, asked: argparse.Namespace) -> dict[str, float]:
     """Largest error of both pictures from the reference, at a small size."""
-    rendered = render_frame(load_scene(write_scene(given, folder, options.small)), LoopbackChannel())
-    _peer(folder, options.small, options, 1)
+    rendered = render_frame(load_scene(write_scene(given, folder, asked.small)), LoopbackChannel())
+    peer(asked.python, folder / "scene.npz", "gpu", (asked.small, asked.small), 1, folder / "peer.npy")
     theirs, ours = np.load(folder / "peer.npy"), np.asarray(rendered.image)[..., :3]
     exact, fine = (reference(rendered.scene, given, step) for step in (1.0, 0.125))
     far = [np.abs(theirs - each).max(axis=2) for each in (exact, fine)]
@@ -168,32 +162,21 @@ def reference(scene: Scene, given: Arrays, step: float) -> np.ndarray[Any, Any]:
     return found
 
 
-def _peer(folder: Path, width: int, options: argparse.Namespace, frames: int) -> dict[str, Any]:
-    script = Path(__file__).with_name("vtk_peeling.py")
-    printed = _output_of([options.python, script, folder / "scene.npz", width, folder / "peer.npy", frames])
-    found: dict[str, Any] = next(json.loads(line) for line in printed.splitlines() if line.startswith("{"))
-    return found
-
-
-def _output_of(arguments: list[Any]) -> str:
-    return subprocess.run(list(map(str, arguments)), check=True, capture_output=True, text=True).stdout
-
-
-def report_on(name: str, options: argparse.Namespace) -> dict[str, Any]:
+def report_on(name: str, asked: argparse.Namespace) -> Row:
     """Measure one scene and print a line."""
-    given, rounds = SCENES[name](), []
+    given, rounds, size = SCENES[name](), [], (asked.width, asked.width)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         np.savez(folder / "scene.npz", **given)
-        found = {"scene": name, **errors(given, folder, options)} if options.small else {"scene": name}
-        path = write_scene(given, folder, options.width)
-        for _ in range(options.rounds):
-            peer = _peer(folder, options.width, options, options.frames)
+        found = {"scene": name, **errors(given, folder, asked)} if asked.small else {"scene": name}
+        path = write_scene(given, folder, asked.width)
+        for _ in range(asked.rounds):
+            theirs = peer(asked.python, folder / "scene.npz", "gpu", size, asked.frames, folder / "peer.npy")
             report = folder / "report.json"
-            _output_of([*CLUSTERVIZ, "bench", "raycast", path, "--frames", options.frames, "--json", report])
-            rounds.append((peer["median_s"], json.loads(report.read_text())["median_s"]))
+            output_of([*CLUSTERVIZ, "bench", "raycast", path, "--frames", asked.frames, "--json", report])
+            rounds.append((theirs["median_s"], json.loads(report.read_text())["median_s"]))
     peer_s, own_s = (statistics.median(each) for each in zip(*rounds, strict=True))
-    ratios = [peer / own for peer, own in rounds]
+    ratios = [theirs / own for theirs, own in rounds]
     found |= {"peer_s": peer_s, "median_s": own_s, "times_faster": ratios, "load": os.getloadavg()[0]}
     told = "".join(f", {key} {found[key]:.1e}" for key in ("ours", "vtk", "vtk_rms") if key in found)
     faster = statistics.median(ratios)
@@ -203,18 +186,16 @@ def report_on(name: str, options: argparse.Namespace) -> dict[str, Any]:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--python", default=os.environ.get("CLUSTERVIZ_PEER_PYTHON", sys.executable))
-    parser.add_argument("--only", nargs="*", default=list(SCENES), choices=list(SCENES))
-    parser.add_argument("--width", type=int, default=512)
-    parser.add_argument("--small", type=int, default=96, help="width of the pictures whose errors are told; 0: none")
-    parser.add_argument("--frames", type=int, default=5)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    found = [report_on(name, options) for name in options.only]
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=1))
+    asked = options(
+        __doc__,
+        python=PEER_PYTHON,
+        only={"nargs": "*", "default": list(SCENES), "choices": list(SCENES)},
+        width=512,
+        small={"type": int, "default": 96, "help": "width of the pictures whose errors are told; 0: none"},
+        frames=5,
+        rounds=3,
+    )
+    write(asked, rows=[report_on(name, asked) for name in asked.only])
 
 
 if __name__ == "__main__":

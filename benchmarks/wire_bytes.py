@@ -11,10 +11,8 @@ partial_images.py writes some, composite_icet.py has others made.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from compositors import (
@@ -23,15 +21,16 @@ from compositors import (
     Choice,
     Images,
     open_images,
+    report,
     run_clusterviz,
     run_icet,
-    table,
     wire_bytes,
 )
+from measuring import commas, options
 
 FRAMES = 2
-CODECS = "raw,active,rectangle,lz4,shuffle+lz4,delta+lz4,rectangle+shuffle+lz4,auto"
-ALGORITHMS = "serial,direct-send,binary-swap"
+CODECS = ["raw", "active", "rectangle", "lz4", "shuffle+lz4", "delta+lz4", "rectangle+shuffle+lz4", "auto"]
+ALGORITHMS = ["serial", "direct-send", "binary-swap"]
 
 
 @dataclass(frozen=True)
@@ -61,36 +60,28 @@ def measure(images: Images, peers: Path, algorithms: Sequence[str], codecs: Sequ
     for algorithm in algorithms:
         choices = [Choice(algorithm, codec, "messages") for codec in dict.fromkeys(["raw", *codecs])]
         reports = {choice.codec: run_clusterviz(images, choice, mpi, FRAMES) for choice in choices}
-        counted = all("bytes_collected" in report for report in reports.values())
-        ours = {codec: wire_bytes(report) for codec, report in reports.items()}
+        counted = all("bytes_collected" in one for one in reports.values())
+        ours = {codec: wire_bytes(one) for codec, one in reports.items()}
         rows.append(Row(images.title, algorithm, ours, icet, counted))
     return rows
 
 
 def main() -> None:
-    """Print the table, and write every number as JSON on request."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--peers", type=Path, required=True, help="the folder of icet.sh")
-    parser.add_argument("--images", type=Path, nargs="+", required=True, metavar="FOLDER")
-    parser.add_argument("--codecs", default=CODECS)
-    parser.add_argument("--algorithms", default=ALGORITHMS)
-    parser.add_argument("--mpi", choices=MPIS, default="wheel")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    algorithms, codecs = options.algorithms.split(","), options.codecs.split(",")
-    rows: list[Row] = []
-    shares = [codec for codec in codecs if codec != "raw"]
+    """Print the table."""
+    asked = options(
+        __doc__,
+        peers={"type": Path, "required": True, "help": "the folder of icet.sh"},
+        images={"type": Path, "nargs": "+", "required": True, "metavar": "FOLDER"},
+        codecs={"type": commas(str), "default": CODECS},
+        algorithms={"type": commas(str), "default": ALGORITHMS},
+        mpi={"choices": MPIS, "default": "wheel"},
+    )
+    shares = [codec for codec in asked.codecs if codec != "raw"]
     head = ["images | ranks | pixels", "algorithm", "raw MB", *shares, "IceT MB, fewest", "ours, fewest / IceT"]
-    print(table(head, []))
-    for folder in options.images:
-        found = measure(open_images(folder), options.peers, algorithms, codecs, options.mpi)
-        rows += found
-        print("\n".join(f"| {' | '.join(row.cells)} |" for row in found), flush=True)
+    how = (asked.algorithms, asked.codecs, asked.mpi)
+    rows = report(asked, head, (measure(open_images(folder), asked.peers, *how) for folder in asked.images))
     if not all(row.gather_counted for row in rows):
         print("\nOurs without the final gather, which the reports do not count.")
-    if options.json:
-        chosen = {key: str(value) for key, value in vars(options).items()}
-        options.json.write_text(json.dumps({**chosen, "rows": [asdict(row) for row in rows]}, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -82,13 +82,24 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
                 item.add_marker(pytest.mark.skip(reason="GLSL does not promise these bits"))
 
 
+@pytest.fixture
+def takes_all(request: pytest.FixtureRequest) -> bool:
+    """Whether the run takes the long tests, so that a test may try many more cases."""
+    return bool(request.config.option.all)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Hypothesis judges answers alone, and starts with no rank of a test."""
     if config.pluginmanager.has_plugin("hypothesispytest"):
         from hypothesis import HealthCheck, settings
 
         # How long an example takes says how busy the machine is, not whether the code is right.
-        settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+        settings.register_profile(
+            "untimed",
+            deadline=None,
+            suppress_health_check=[HealthCheck.too_slow],
+            max_examples=100 if config.option.all else 30,
+        )
         settings.load_profile("untimed")
     # What pytest-isolate-mpi tells the pytest of each rank; a test that draws examples imports hypothesis by itself.
     config.option.plugins.append("no:hypothesispytest")

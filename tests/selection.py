@@ -2,8 +2,8 @@
 
 - `@pytest.mark.long` leaves a test, or a row of its parameters, to `--all`.
 - `@pytest.mark.cover` says that a test's rows combine values that others combine, too: rows that together hold each
-  value once stay, and the others are long. Values are the arguments, the fields of a record, the keys of a dict, and
-  what stands between the commas of a name. Rows whose ids the marker lists are long whatever they hold.
+  value once stay, and the others are long. Values are the arguments, the fields of a record, the keys of a dict,
+  and what stands between the commas of a name. Rows whose ids the marker lists are long whatever they hold.
 - `--quick` takes the first row of every test that is neither marked `fresh` or `browser` nor named in `slow.txt`.
   `python tests/selection.py REPORT` writes that list anew, from the JUnit report of a run of all tests.
 
@@ -34,6 +34,9 @@ def values_of(name: str, value: Any) -> Iterator[Hashable]:
     if is_dataclass(value):
         for field in fields(value):
             yield from values_of(f"{name}.{field.name}", getattr(value, field.name))
+    elif isinstance(value, tuple) and any(map(is_dataclass, value)):
+        for part in value:
+            yield from values_of(name, part)
     elif isinstance(value, Mapping):
         yield from ((f"{name}.{key}", repr(one)) for key, one in value.items())
     elif isinstance(value, str):
@@ -65,7 +68,7 @@ def mark_long(items: Iterable[pytest.Item]) -> None:
     """Mark the rows that no cover of their test needs."""
     for name, rows in by_test(items).items():
         marker = rows[0].get_closest_marker("cover")
-        if marker is None:
+        if marker is None or not hasattr(rows[0], "callspec"):
             continue
         ids = [row.nodeid.removeprefix(f"{name}[")[:-1] for row in rows]
         if unknown := set(marker.args) - set(ids):

@@ -182,7 +182,7 @@ def check_frames(frames: list[Rendered], scenes: list[Scene]) -> None:
     check_same(frames, [render_frame(scene, LoopbackChannel()) for scene in scenes])
 
 
-@pytest.mark.cover
+@pytest.mark.cover("{'interpolation': 'cubic', 'filter': 'exact'}-1")
 @pytest.mark.gl
 @pytest.mark.parametrize("ranks", [1, 3])
 @pytest.mark.parametrize("look", LOOKS, ids=str)
@@ -277,6 +277,7 @@ def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
         on_ranks(1, scenes)
 
 
+@pytest.mark.cover("0-0.1")
 @pytest.mark.gl
 @pytest.mark.parametrize(("device", "step"), [("cpu", 0.002), (0, 0.1)])
 def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pytest.MonkeyPatch) -> None:

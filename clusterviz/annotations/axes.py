@@ -158,7 +158,6 @@ def draw_orientation(canvas: Canvas, style: Style, camera: Camera, titles: Seque
 
     Parameters
     ----------
-    titles : of the axes
     orientation : letters of the body's directions, such as "RAS"; "" if unknown
     """
     right, up, forward = camera_axes(*camera_vectors(camera))

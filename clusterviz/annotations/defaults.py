@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from clusterviz.content.table import own_entries
 from clusterviz.scene.values import Scene
 
 NAMES = ("scalar_bar", "outline", "axes", "orientation", "time")
@@ -12,9 +13,8 @@ def with_annotations(scene: Scene) -> Scene:
 
     A legend joins them if some of several contents have no scalars, which a scalar bar would name.
     """
-    given, entries = scene.annotations, (*scene.volumes, *scene.grids, *scene.geometry, *scene.flows)
-    several = sum(not each.of_flow for each in entries) > 1
-    has_plain = any(section.scalars is None for section in scene.geometry)
+    given, entries = scene.annotations, own_entries(scene)
+    several, has_plain = len(entries) > 1, any(entry.section.has_one_colour for entry in entries)
     names = [*NAMES, "legend"] if several and has_plain else NAMES
     found = {name: True for name in names if name not in given.model_fields_set}
     return scene.model_copy(update={"annotations": given.model_copy(update=found)})

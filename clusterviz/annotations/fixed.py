@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from clusterviz.annotations.canvas import Canvas, Rect, fitted_text, text_width
-from clusterviz.annotations.contents import Content
 from clusterviz.annotations.scalar_bar import Style, draw_scalar_bars
+from clusterviz.content.contract import LegendEntry
 from clusterviz.scene.annotations import Annotations, Legend, ScalarBar, TimeStamp, section_of
 from clusterviz.scene.values import Scene
 
@@ -25,7 +25,7 @@ LONGEST_TITLE, LONGEST_TEXT = 0.9, 0.36
 
 
 def draw_fixed(
-    canvas: Canvas, style: Style, settings: Annotations, contents: Sequence[Content], time: str
+    canvas: Canvas, style: Style, settings: Annotations, contents: Sequence[LegendEntry], time: str
 ) -> tuple[Rect, ...]:
     """Draw everything that does not depend on the camera; return the rectangles that are in use."""
     width = canvas.size[0]
@@ -40,7 +40,9 @@ def draw_fixed(
     if bar is not None:
         rects += draw_scalar_bars(canvas, style, bar, contents)
     legend = section_of(settings.legend, Legend)
-    rows: list[tuple[str, Content | None]] = [(line, None) for line in ([time] if time else []) + list(settings.text)]
+    rows: list[tuple[str, LegendEntry | None]] = [
+        (line, None) for line in ([time] if time else []) + list(settings.text)
+    ]
     if legend is not None:
         labels = legend.labels
         rows += [(labels[n] if n < len(labels) else content.name, content) for n, content in enumerate(contents)]
@@ -48,7 +50,7 @@ def draw_fixed(
 
 
 def _draw_rows(
-    canvas: Canvas, style: Style, rows: Sequence[tuple[str, Content | None]], y: float, on_right: bool
+    canvas: Canvas, style: Style, rows: Sequence[tuple[str, LegendEntry | None]], y: float, on_right: bool
 ) -> list[Rect]:
     """Draw lines of text, with the colours of contents before them, from the top until the picture's middle."""
     (width, height), font = canvas.size, style.font
@@ -71,7 +73,7 @@ def _draw_rows(
     return rects
 
 
-def _draw_swatch(canvas: Canvas, style: Style, content: Content, left: float, y: float) -> None:
+def _draw_swatch(canvas: Canvas, style: Style, content: LegendEntry, left: float, y: float) -> None:
     font, colours = style.font, content.colours
     top, bottom = y - 0.38 * font, y + 0.38 * font
     steps = np.linspace(left, left + SWATCH * font, len(colours) + 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -12,13 +13,15 @@ from numpy.typing import NDArray
 from clusterviz.annotations.axes import AxisTicks, draw_orientation, draw_scale_bar
 from clusterviz.annotations.box import Box, adjacent_front_faces, box_of, edge_shares, grid_lines, projected
 from clusterviz.annotations.canvas import Canvas, Colour, Overlay, Rect
-from clusterviz.annotations.contents import contents_of
 from clusterviz.annotations.fixed import draw_fixed, time_text
 from clusterviz.annotations.scalar_bar import Style
+from clusterviz.content.complete import content_corners
+from clusterviz.content.facts import Facts, box_corners
 from clusterviz.content.sections import CONTENT_SECTIONS
+from clusterviz.content.summary import legends_of
+from clusterviz.content.table import entries_of, with_sections
 from clusterviz.scene.annotations import Annotations, AxesGrid, ScalarBar, section_of
 from clusterviz.scene.background import background_rgb
-from clusterviz.scene.complete import Info, VolumeInfo, box_corners, content_corners, divided_infos
 from clusterviz.scene.values import Scene
 
 LEAST_SIDE = 128
@@ -30,7 +33,7 @@ OUTLINE, GRID = 0.85, 0.3
 INKS: tuple[Colour, Colour] = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 
 
-def annotated(picture: NDArray[np.float32], scene: Scene, infos: Sequence[Info]) -> NDArray[np.float32]:
+def annotated(picture: NDArray[np.float32], scene: Scene, infos: Sequence[Facts]) -> NDArray[np.float32]:
     """Return a picture with the annotations of its scene.
 
     Lines in front of the data are blended over the picture, lines behind it under it (see `annotations.box`), and text
@@ -68,15 +71,14 @@ def annotated(picture: NDArray[np.float32], scene: Scene, infos: Sequence[Info])
     return found
 
 
-def _with_names(scene: Scene, infos: Sequence[Info]) -> Scene:
-    """Return a scene whose volumes and grids name the arrays that they show."""
-    volumes, _, grids = divided_infos(infos)
+def _with_names(scene: Scene, infos: Sequence[Facts]) -> Scene:
+    """Return a scene whose entries name the arrays that they show."""
 
-    def named(sections: Sequence[Any], each: Sequence[Any]) -> tuple[Any, ...]:
-        pairs = zip(sections, each, strict=True)
-        return tuple(one.model_copy(update={"array": one.array or info.array or None}) for one, info in pairs)
+    def named(section: Any, info: Facts) -> Any:
+        return section.model_copy(update={"array": info.array}) if info.array and not section.shown_array else section
 
-    return scene.model_copy(update={"volumes": named(scene.volumes, volumes), "grids": named(scene.grids, grids)})
+    entries = [replace(entry, section=named(entry.section, entry.info)) for entry in entries_of(scene, infos)]
+    return with_sections(scene, entries)
 
 
 def _style(settings: Annotations, background: Colour | None, side: int) -> Style:
@@ -122,18 +124,18 @@ def _fixed(scene: Scene, size: tuple[int, int], style: Style) -> tuple[Overlay, 
 @lru_cache(maxsize=4)
 def _kept_fixed(scene: Scene, size: tuple[int, int], style: Style) -> tuple[Overlay, tuple[Rect, ...]]:
     canvas = Canvas(size)
-    rects = draw_fixed(canvas, style, scene.annotations, contents_of(scene), time_text(scene))
+    rects = draw_fixed(canvas, style, scene.annotations, legends_of(scene), time_text(scene))
     return canvas.overlay(style.halo, 0.13 * style.font), rects
 
 
 def _of_camera(
-    scene: Scene, infos: Sequence[Info], size: tuple[int, int], style: Style, rects: list[Rect], has_text: bool
+    scene: Scene, infos: Sequence[Facts], size: tuple[int, int], style: Style, rects: list[Rect], has_text: bool
 ) -> tuple[list[Overlay], list[Overlay], list[Overlay]]:
     """Return the overlays behind the data, before it, and of text."""
     settings, camera = scene.annotations, scene.camera
     axes = section_of(settings.axes, AxesGrid)
     behind, front, text = (Canvas(size) for _ in range(3))
-    orientation = next((info.orientation for info in infos if isinstance(info, VolumeInfo) and info.orientation), "")
+    orientation = next((info.orientation for info in infos if info.orientation), "")
     titles = axes.titles if axes else AxesGrid().titles
     if has_text and settings.orientation:
         rects.append(draw_orientation(text, style, camera, titles, orientation))

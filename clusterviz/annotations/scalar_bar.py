@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.annotations.canvas import Canvas, Colour, Rect, fitted_text, text_width
-from clusterviz.annotations.contents import Content
 from clusterviz.annotations.numbers import number_text, tick_labels, ticks
+from clusterviz.content.contract import LegendEntry
 from clusterviz.scene.annotations import ScalarBar
 from clusterviz.scene.transfer import rescale
 from clusterviz.scene.transfer_2d import TransferTable
@@ -47,7 +47,7 @@ class Style:
         return max(1.0, 0.08 * self.font)
 
 
-def draw_scalar_bars(canvas: Canvas, style: Style, settings: ScalarBar, contents: Sequence[Content]) -> list[Rect]:
+def draw_scalar_bars(canvas: Canvas, style: Style, settings: ScalarBar, contents: Sequence[LegendEntry]) -> list[Rect]:
     """Draw the bars of all contents with scalars in columns at a side of the picture; return their rectangles.
 
     Bars for which there is no room, in at most two columns, are left out.
@@ -87,7 +87,7 @@ def draw_scalar_bars(canvas: Canvas, style: Style, settings: ScalarBar, contents
 class _Bar:
     """One scalar bar."""
 
-    def __init__(self, content: Content, title: str, settings: ScalarBar, style: Style) -> None:
+    def __init__(self, content: LegendEntry, title: str, settings: ScalarBar, style: Style) -> None:
         self._content, self._title, self._settings, self._style = content, title, settings, style
         assert content.transfer is not None
         self._transfer, self._table = content.transfer, content.table

@@ -16,6 +16,7 @@ from time import perf_counter
 from clusterviz.auto.calibration import LEAST_PIXELS, Calibration, SmallPicture, calibrate, chosen, covered_pixels
 from clusterviz.comm import mark_agreed
 from clusterviz.composite import rounding_bound
+from clusterviz.content.diff import check_same_volume
 from clusterviz.errors import SceneError
 from clusterviz.frame.run import Run
 from clusterviz.partition import Piece
@@ -23,7 +24,6 @@ from clusterviz.plan.accuracy import Aim, Picked, has_strayed, make_aim, pick_pi
 from clusterviz.plan.estimate import Trial
 from clusterviz.plan.plan import Plan
 from clusterviz.report.decisions import Accuracy
-from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.values import Scene
 
 FOLLOWED_FOR = 8

@@ -22,6 +22,7 @@ from clusterviz.composite.model.choice import Request, fastest
 from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.composite.model.network import Network, default_network
 from clusterviz.composite.model.prediction import place_ranks, predict
+from clusterviz.content.table import entries_of
 from clusterviz.data.source import Index
 from clusterviz.distribution.contract import DistributionHooks, distribution_of, groups_of, sharing_of
 from clusterviz.distribution.memory_budget import MemoryBudget, memory_budget_of
@@ -76,7 +77,7 @@ class AutoMode:
             self._candidates = groups_of(scene, self._ranks, several)
         shares_screen = self._candidates != [1] or self._cluster.mode in ("sort-first", "hybrid")
         with run.collective("plan", "plan"):
-            has_surfaces = bool(scene.geometry or scene.grids)
+            has_surfaces = any(entry.kind.must_fit for entry in entries_of(scene))
             self._budget = memory_budget_of(run, self._cluster, shares_screen, has_surfaces)
         self._is_open = opened is not None and len(self._candidates) > 1
         self._groups = self._candidates[0] if not self._is_open else None

@@ -28,8 +28,6 @@ class Command(NamedTuple):
 
     Attributes
     ----------
-    module : the module with `command` or `application`
-    help : the help line
     example : a command line shown in the help; "" for none
     """
 
@@ -183,10 +181,6 @@ def run(arguments: Sequence[str]) -> int:
     Parameters
     ----------
     arguments : the command line without the program's name
-
-    Returns
-    -------
-    status : the exit status of the process
     """
     flags, arguments = _without_flags(arguments)
     debug = "--debug" in flags

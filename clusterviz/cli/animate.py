@@ -37,6 +37,8 @@ from clusterviz.cli.arguments import (
 from clusterviz.cli.console import print_info, show_progress
 from clusterviz.cli.instrumentation import Tracing, check_reports, slowest_startup, start, write_statistics
 from clusterviz.comm import Channel, agree
+from clusterviz.content.diff import differences
+from clusterviz.content.summary import chosen_arrays
 from clusterviz.data import open_scene, open_volume
 from clusterviz.errors import InputError, OutputError
 from clusterviz.frame import FrameLoop, Options
@@ -51,9 +53,7 @@ from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
 from clusterviz.scene import background_rgb
 from clusterviz.scene.animation import KeyFrames, load_path, scenes_along
-from clusterviz.scene.diff import differences
 from clusterviz.scene.files import public_data
-from clusterviz.scene.text import chosen_arrays
 from clusterviz.scene.values import Scene
 
 NUMBER_FIELD = re.compile(r"%0?\d*d")
@@ -112,7 +112,6 @@ class FrameFiles:
         Parameters
         ----------
         scene : the completed scene
-        frames : number of frames
         path : orbit and key frames, as JSON values
 
         Raises

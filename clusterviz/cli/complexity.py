@@ -9,20 +9,19 @@ import typer
 
 from clusterviz.cli.animate import fit_to_orbit, frame_count
 from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
-from clusterviz.cli.console import print_report, show_progress
+from clusterviz.cli.console import show_progress
 from clusterviz.cli.instrumentation import start
+from clusterviz.cli.reporting import AsNumbers, Output, check_report, print_report, write_report
 from clusterviz.comm import agree
 from clusterviz.data import open_scene
 from clusterviz.errors import InputError, public_address
-from clusterviz.report.complexity.measure import Report, measure
-from clusterviz.report.complexity.page import NUMBERS, PAGE, as_json, write_report
-from clusterviz.report.output import check_folder, replacing_folder
-from clusterviz.report.tradeoff.page import check_libraries
+from clusterviz.pages.complexity.measure import Report, measure
+from clusterviz.pages.complexity.page import KIND, as_json, write_files
 
 
 def command(
     scene: SceneArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
+    output: Output,
     orbit: Annotated[
         float | None, typer.Option(metavar="DEGREES", help="Turn about the focal point, round view_up.")
     ] = None,
@@ -30,7 +29,7 @@ def command(
     define: Define = None,
     size: Size = None,
     device: DeviceOption = None,
-    as_numbers: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
+    as_numbers: AsNumbers = False,
 ) -> None:
     """Count the fragments of meshes, lines, points and flows at each pixel; under mpirun, on all ranks."""
     channel, _ = start()
@@ -45,18 +44,16 @@ def command(
         opened = opened if orbit is None else fit_to_orbit(opened)
     with agree(channel, 0, "output"):
         if channel.rank == 0:
-            check_libraries()
-            check_folder(output, NUMBERS)
+            check_report(output, KIND)
     names = [f"frame {number + 1} of {count}" for number in range(count)]
     with show_progress(names if channel.rank == 0 else ()) as progress:
         report = measure(opened, channel, device_choice, (orbit, count), progress)
     with agree(channel, count, "write"):
         if report is not None:
-            with replacing_folder(output, NUMBERS) as temporary:
-                write_report(temporary, Path(public_address(scene)).name, report)
+            write_report(output, KIND, lambda folder: write_files(folder, Path(public_address(scene)).name, report))
     if report is None:
         return
-    print_report(summary(report), as_json(report) if as_numbers else None, output / PAGE, output / NUMBERS)
+    print_report(output, KIND, summary(report), as_json(report) if as_numbers else None)
 
 
 def summary(report: Report) -> str:

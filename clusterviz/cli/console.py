@@ -7,7 +7,6 @@ bar appears after two seconds, and only on a terminal, so that logs and pipes ho
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -103,15 +102,6 @@ def prepare_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def print_report(summary: str, numbers: dict[str, Any] | None, page: Path, file: Path) -> None:
-    """Print the summary of a report and where it lies; or only its numbers, as JSON, if they are given."""
-    if numbers is not None:
-        print(json.dumps(numbers, indent=2))
-        return
-    print_info(summary)
-    print_info(f"\nthe page is {page}, its numbers are in {file}")
-
-
 DELAY_SECONDS = 2.0
 """Delay before the bar appears."""
 
@@ -175,8 +165,6 @@ class _Bar:
 
     Parameters
     ----------
-    terminal : the stream to write to
-    steps : the names of the steps in order
     weights : relative durations of the steps; empty for a bar of one step at a time
     """
 

@@ -120,7 +120,7 @@ def _test(host: str, egl_device: int, ranks: tuple[int, ...], progress: Callable
     """Test a device of this rank, and keep what is found."""
     from clusterviz.gl.context import open_context
     from clusterviz.gl.driver_record import driver_of, forget_record, keep_record, record_folder
-    from clusterviz.report.self_test import outcomes_of
+    from clusterviz.self_test import outcomes_of
 
     context = open_context(device=egl_device)
     driver = driver_of(context.info)

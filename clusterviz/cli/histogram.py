@@ -12,7 +12,7 @@ import numpy as np
 
 from clusterviz.errors import OutputError
 from clusterviz.image.replace import check_replaceable, replacing
-from clusterviz.report.output import make_figure
+from clusterviz.pages.output import make_figure
 
 BINS, MAX_PANELS = 256, 12
 LABEL_SHARE = 0.045
@@ -23,15 +23,7 @@ MARKED = (1.0, 25.0, 50.0, 75.0, 99.0)
 
 @dataclass(frozen=True)
 class Histogram:
-    """Histogram of one array.
-
-    Attributes
-    ----------
-    name : of the array
-    low, high : ends of the bins
-    counts : in equal bins
-    percentiles : value by percentile
-    """
+    """Histogram of one array."""
 
     name: str
     low: float

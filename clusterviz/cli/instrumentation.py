@@ -95,7 +95,6 @@ def print_cost_table(statistics: FrameStatistics, startup: Mapping[str, float]) 
 
     Parameters
     ----------
-    statistics : statistics of the frame
     startup : part of the start-up -> seconds on the slowest rank
     """
     several = len(statistics.per_rank) > 1

@@ -66,10 +66,8 @@ def run_job(
 
     Parameters
     ----------
-    ranks : number of ranks
     arguments : the command line without the program's name
     timeout_seconds : time limit; None for no limit
-    environment : additional environment variables
 
     Raises
     ------

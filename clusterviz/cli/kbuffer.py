@@ -3,43 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
-from clusterviz.cli.console import print_report, show_progress
+from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
+from clusterviz.cli.reporting import AsNumbers, Output, check_report, print_report, write_report
 from clusterviz.data import open_scene
 from clusterviz.errors import InputError, public_address
-from clusterviz.report.kbuffer.measure import Report, measure, steps
-from clusterviz.report.kbuffer.page import NUMBERS, PAGE, as_json, write_report
-from clusterviz.report.output import check_folder, replacing_folder
-from clusterviz.report.tradeoff.page import check_libraries
+from clusterviz.pages.kbuffer.measure import Report, measure, steps
+from clusterviz.pages.kbuffer.page import KIND, as_json, write_files
 
 
 def command(
     scene: SceneArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
+    output: Output,
     define: Define = None,
     size: Size = None,
     device: DeviceOption = None,
-    as_numbers: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
+    as_numbers: AsNumbers = False,
 ) -> None:
     """Survey k-buffers of an unstructured grid from 14 sides: entries, wrong pixels, comparisons and time."""
     refuse_launcher("kbuffer", "draws all views by itself")
-    check_libraries()
     opened, device_choice = open_scene(scene, overrides_of(define, size)), parse_device(device)
     if len(opened.grids) != 1 or opened.volumes or opened.geometry:
         allowed = "a scene of one unstructured grid, and nothing else"
         raise InputError("no k-buffer draws it", where=f"{scene}: grids", found=len(opened.grids), allowed=allowed)
-    check_folder(output, NUMBERS)
+    check_report(output, KIND)
     with show_progress([*steps(), "write"]) as progress:
         report = measure(opened, device_choice, progress)
         progress("write")
-        with replacing_folder(output, NUMBERS) as temporary:
-            write_report(temporary, Path(public_address(scene)).name, report)
-    print_report(summary(report), as_json(report) if as_numbers else None, output / PAGE, output / NUMBERS)
+        write_report(output, KIND, lambda folder: write_files(folder, Path(public_address(scene)).name, report))
+    print_report(output, KIND, summary(report), as_json(report) if as_numbers else None)
 
 
 def summary(report: Report) -> str:

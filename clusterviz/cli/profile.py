@@ -8,22 +8,21 @@ from typing import Annotated
 import typer
 
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
-from clusterviz.cli.console import print_report, show_progress
+from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
+from clusterviz.cli.reporting import AsNumbers, Output, check_report, print_report, write_report
 from clusterviz.data import open_scene
 from clusterviz.errors import InputError, SceneError, public_address
 from clusterviz.gl.devices import prefers_cpu
-from clusterviz.report.output import check_folder, replacing_folder
-from clusterviz.report.profile.measure import Report, measure
-from clusterviz.report.profile.page import NUMBERS, PAGE, as_json, write_report
-from clusterviz.report.tradeoff.page import check_libraries
+from clusterviz.pages.profile.measure import Report, measure
+from clusterviz.pages.profile.page import KIND, as_json, write_files
 
 BY = "cpu", "gl"
 
 
 def command(
     scene: SceneArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
+    output: Output,
     ranks: Annotated[
         int, typer.Option(min=1, max=1024, help="Number of ranks among which bricks are divided; drawn in turn.")
     ] = 1,
@@ -32,24 +31,22 @@ def command(
     ] = None,
     define: Define = None,
     size: Size = None,
-    as_numbers: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
+    as_numbers: AsNumbers = False,
 ) -> None:
     """Show what each pixel costs, and on CPUs each line of the shader."""
     refuse_launcher("profile", "draws all ranks by itself")
-    check_libraries()
     if by not in (None, *BY):
         raise InputError("nothing that draws", where="--by", found=by, allowed=" or ".join(BY))
     opened = open_scene(scene, overrides_of(define, size))
     if not opened.has_content:
         raise SceneError("nothing to draw", where=scene, allowed="a scene with content")
-    check_folder(output, NUMBERS)
+    check_report(output, KIND)
     steps = ("read", "compile", *(f"rank {rank}" for rank in range(ranks)), "write")
     with show_progress(steps) as progress:
         report = measure(opened, ranks, prefers_cpu() if by is None else by == "cpu", progress)
         progress("write")
-        with replacing_folder(output, NUMBERS) as temporary:
-            write_report(temporary, Path(public_address(scene)).name, report)
-    print_report(summary(report), as_json(report) if as_numbers else None, output / PAGE, output / NUMBERS)
+        write_report(output, KIND, lambda folder: write_files(folder, Path(public_address(scene)).name, report))
+    print_report(output, KIND, summary(report), as_json(report) if as_numbers else None)
 
 
 def summary(report: Report) -> str:

@@ -30,12 +30,12 @@ from clusterviz.cli.instrumentation import (
     write_statistics,
 )
 from clusterviz.comm import agree
+from clusterviz.content.summary import chosen_arrays, scene_summary
 from clusterviz.data import open_scene
 from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.frame.picture_file import write_picture
 from clusterviz.image.files import check_writable
 from clusterviz.report.provenance import Provenance
-from clusterviz.scene.text import chosen_arrays, scene_summary
 from clusterviz.scene.values import Scene
 
 

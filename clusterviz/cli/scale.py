@@ -12,6 +12,7 @@ import os
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,28 +20,36 @@ import numpy as np
 import typer
 
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts
-from clusterviz.cli.console import print_info, show_progress
+from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher, run_job
-from clusterviz.comm import agree, limit_threads, open_channel
+from clusterviz.cli.reporting import (
+    PICTURE,
+    RESULT,
+    Frames,
+    OneJob,
+    Output,
+    check_report,
+    do_order,
+    print_report,
+    run_measuring,
+    write_report,
+)
+from clusterviz.comm import Channel
 from clusterviz.comm.placement import THREAD_VARIABLES, granted_cores
 from clusterviz.composite.model.network import default_network, open_network, shipped_networks
 from clusterviz.data import open_scene
 from clusterviz.errors import ClustervizError, SceneError, public_address
-from clusterviz.report.output import check_folder, replacing_folder
-from clusterviz.report.scale.forecast import Machine, PredictedFrame, Rates, fit_rates, forecast, rank_counts
-from clusterviz.report.scale.measure import Image, Measured, measure, measured_from_json
-from clusterviz.report.scale.page import NUMBERS, PAGE, TABLE, Report, write_report
-from clusterviz.report.scale.points import DEGREES, FRAMES
-from clusterviz.report.scale.survey import SurveyResult, run_survey, steps_of
-from clusterviz.report.tradeoff.page import check_libraries
+from clusterviz.pages.scale.forecast import Machine, PredictedFrame, Rates, fit_rates, forecast, rank_counts
+from clusterviz.pages.scale.measure import Image, Measured, measure, measured_from_json
+from clusterviz.pages.scale.page import KIND, TABLE, Report, write_files
+from clusterviz.pages.scale.points import DEGREES, FRAMES
+from clusterviz.pages.scale.survey import SurveyResult, run_survey, steps_of
 from clusterviz.scene import Cluster, Scene
-
-PICTURE, RESULT = "picture.npy", "result.json"
 
 
 def command(
     scene: SceneArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")],
+    output: Output,
     ranks: Annotated[str, typer.Option(metavar="N,N,…", help="Numbers of ranks.")] = "1,2,4",
     weak: Annotated[bool, typer.Option("--weak/--no-weak", help="Weak scaling too: step / n on n ranks.")] = True,
     balance: Annotated[
@@ -49,7 +58,7 @@ def command(
     ] = True,
     define: Define = None,
     size: Size = None,
-    frames: Annotated[int, typer.Option(min=1, help="Number of timed frames, after one warm-up frame.")] = 5,
+    frames: Frames = 5,
     network: Annotated[
         str | None,
         typer.Option(metavar="F.json", help=f"Predict for this network: a file, or {', '.join(shipped_networks())}."),
@@ -57,20 +66,19 @@ def command(
     ranks_per_node: Annotated[
         int | None, typer.Option(min=1, help="Predict for this number of ranks a node; default: this machine's cores.")
     ] = None,
-    one_job: Annotated[bool, typer.Option("--measure", hidden=True, help="Do one job of this command.")] = False,
+    one_job: OneJob = False,
 ) -> None:
     """Measure how a scene scales (starting mpirun by itself), and predict how it would on up to 65,536 ranks."""
     if one_job:
-        measure_job(Path(scene), output)
+        do_order(Path(scene), output, partial(_draw, output))
         return
     refuse_launcher("scale")
-    check_libraries()
     counts = sorted(parse_counts(ranks, 1, "--ranks"))
     machine = _machine(network, ranks_per_node)
     opened = open_scene(scene, overrides_of(define, size))
     if not opened.has_content:
         raise SceneError("nothing to measure", where=f"{scene}: volumes", allowed="a scene with content")
-    check_folder(output, NUMBERS)
+    check_report(output, KIND)
     threads = threads_per_rank(counts)
     with (
         tempfile.TemporaryDirectory(prefix="clusterviz-scale-") as folder,
@@ -81,12 +89,9 @@ def command(
         drawn = Scene.model_validate(json.loads((Path(folder) / RESULT).read_text())["scene"])
     shown = opened.model_copy(update={"camera": drawn.camera, "volumes": drawn.volumes, "image": drawn.image})
     report = make_report(Path(public_address(scene)).name, shown, frames, threads, found, machine)
-    with replacing_folder(output, NUMBERS) as temporary:
-        write_report(temporary, report)
-    print_info("\n".join(report.verdict))
-    for failed in found.failed:
-        print_info(f"\n{failed.scaling} scaling, {failed.ranks} ranks: {failed.reason}")
-    print_info(f"\nthe page is {output / PAGE}, its numbers are in {output / NUMBERS} and {output / TABLE}")
+    write_report(output, KIND, lambda folder: write_files(folder, report))
+    lost = [f"\n{failed.scaling} scaling, {failed.ranks} ranks: {failed.reason}" for failed in found.failed]
+    print_report(output, KIND, "\n".join([*report.verdict, *lost]), beside=f" and {output / TABLE}")
 
 
 def threads_per_rank(counts: Sequence[int]) -> str:
@@ -153,7 +158,6 @@ class MpirunJob:
 
     Attributes
     ----------
-    frames : number of timed frames
     threads : threads of each rank; "" to use the environment's
     folder : folder for files exchanged with the jobs
     """
@@ -166,21 +170,13 @@ class MpirunJob:
         """Draw one scene; errors are those of `run_job`."""
         frames = {"frames": FRAMES, "warm_up": 0, "orbit": DEGREES} if orbit else {"frames": self.frames}
         order = {"scene": scene.model_dump(mode="json"), **frames}
-        task = self.folder / "job.json"
-        task.write_text(json.dumps(order))
         limits = dict.fromkeys(THREAD_VARIABLES, self.threads) if self.threads else {}
-        run_job(ranks, ["scale", str(task), "-o", str(self.folder), "--measure"], environment=limits)
-        found = json.loads((self.folder / RESULT).read_text())
-        return measured_from_json(found["measured"]), np.load(self.folder / PICTURE, allow_pickle=False)
+        found, image = run_measuring(KIND, ranks, order, self.folder, limits)
+        return measured_from_json(found["measured"]), image
 
 
-def measure_job(task: Path, folder: Path) -> None:
-    """Run one job on each rank; rank 0 writes the picture and the result."""
-    channel = open_channel()
-    limit_threads(channel.placement())
-    with agree(channel, 0, "job"):
-        read: dict[str, Any] = json.loads(task.read_text()) if channel.rank == 0 else {}
-    order = channel.broadcast(read)  # other nodes may not have this temporary folder
+def _draw(folder: Path, channel: Channel, order: dict[str, Any]) -> tuple[Any, None]:
+    """Do one job; collective. The time of writing the picture is measured, too."""
     drawn: list[Scene] = []
 
     def write(image: Image, scene: Scene) -> None:
@@ -189,7 +185,5 @@ def measure_job(task: Path, folder: Path) -> None:
 
     how = {name: order[name] for name in ("warm_up", "orbit") if name in order}
     measured = measure(Scene.model_validate(order["scene"]), channel, order["frames"], write, **how)
-    with agree(channel, 0, "result"):
-        if drawn:
-            found = {"measured": measured.as_json(), "scene": drawn[0].model_dump(mode="json")}
-            (folder / RESULT).write_text(json.dumps(found))
+    found = {"measured": measured.as_json(), "scene": drawn[0].model_dump(mode="json")} if drawn else None
+    return found, None

@@ -11,14 +11,16 @@ from clusterviz.cli.arguments import Define, PresetOption, Size, overrides_of
 from clusterviz.cli.console import print_document
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
+from clusterviz.content.automatic import classify_values
+from clusterviz.content.summary import chosen_arrays
+from clusterviz.content.table import infos_of
+from clusterviz.content.volume.kind import VOLUME
 from clusterviz.data import open_scene
 from clusterviz.frame import Options, Run
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.image.files import read_text
-from clusterviz.scene.automatic import classify_values
-from clusterviz.scene.complete import divided_infos
 from clusterviz.scene.files import dump_scene, load_picture_scene
-from clusterviz.scene.text import chosen_arrays, commented_scene
+from clusterviz.scene.text import commented_scene
 
 
 def command(
@@ -34,9 +36,9 @@ def command(
     channel, _ = start()
     with agree(channel, 0, "scene"):
         opened_scene = open_scene(scene, overrides_of(define, size), preset)
-    completed, opened, _ = open_volumes(Run(channel, Options()), opened_scene)
+    completed, opened, _ = open_content(Run(channel, Options()), opened_scene)
     if channel.rank == 0:
-        infos = divided_infos(opened.infos)[0] if opened and opened_scene.automatic else []
+        infos = infos_of(VOLUME, opened.infos) if opened and opened_scene.automatic else []
         each = zip(infos, opened_scene.volumes, strict=False)
         kinds = [volume.preset or classify_values(info) for info, volume in each]
         print_document(commented_scene(completed, [*_notes(scene, kinds), *chosen_arrays(opened_scene, completed)]))

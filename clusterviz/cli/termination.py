@@ -39,12 +39,7 @@ def fail(error: BaseException, debug: bool) -> int:
 
     Parameters
     ----------
-    error : the error raised by the command
     debug : whether to print the traceback
-
-    Returns
-    -------
-    status : the exit status of the process
     """
     if _signalled and not isinstance(error, KeyboardInterrupt):  # which Python or a library has wrapped
         error = KeyboardInterrupt()

@@ -29,17 +29,17 @@ from clusterviz.cli.console import Verbosity, show_progress, verbosity
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
+from clusterviz.content.flow.opening import geometry_with_flows, open_flows
+from clusterviz.content.geometry.bricks import part_of
 from clusterviz.data import open_scene, open_volume, read_geometry, read_grid
 from clusterviz.data.labels import as_labels
 from clusterviz.data.levels import MixedSource
 from clusterviz.data.source import Source, levels_of
 from clusterviz.errors import ClustervizError
-from clusterviz.flow.content import geometry_with_flows, open_flows
 from clusterviz.frame import Options, Run, prepare, render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
-from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import place_cells
 from clusterviz.scene import Cluster, Scene
@@ -89,10 +89,6 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
 
     The difference is caused by float32 pixels, `quality.filter` and `quality.early_termination` only. A lens is
     replaced by a pinhole, and its own error measured apart.
-
-    Parameters
-    ----------
-    scene : a scene with content
     """
     width, height = scene.image.size
     most = BENT_WIDTH if _bends(scene) else WIDTH
@@ -221,11 +217,9 @@ class Result:
     Attributes
     ----------
     check : "picture" or "ownership"
-    configuration : the configuration compared
     max, rms : maximum and root mean square of the difference; for ownership relative to the brightest pixel
     tolerance : the largest difference allowed
     first_wrong_pixel : (row, column), or None if no pixel exceeds the tolerance
-    samples : field samples of all ranks
     problem : the problem found, or ""
     """
 

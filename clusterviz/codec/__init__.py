@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 from clusterviz.codec.auto import AutoCodec
-from clusterviz.codec.chain import CODECS, STAGES, Chain, choose_codec
+from clusterviz.codec.chain import CODECS, STAGES, choose_codec
 from clusterviz.codec.contract import CodecError, Rows
 from clusterviz.codec.message import open_message, pack, prepare_codecs, unpack
 
@@ -19,7 +19,6 @@ __all__ = [
     "CODECS",
     "STAGES",
     "AutoCodec",
-    "Chain",
     "CodecError",
     "Rows",
     "choose_codec",

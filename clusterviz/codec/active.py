@@ -43,10 +43,7 @@ def select(pixels: Pixels, rows: Rows) -> tuple[Bytes, Runs, int] | None:
 def restore(table: Bytes, count: int, rows: Rows) -> tuple[Runs, int]:
     """Return the runs of a table.
 
-    Raises
-    ------
-    CodecError
-        The runs are not ascending, disjoint, and within the message's pixels.
+    Raises CodecError if the runs are not ascending, disjoint, and within the message's pixels.
     """
     if table.size % ENTRY_BYTES:
         raise CodecError(f"a table of runs of {table.size} bytes, which is no multiple of {ENTRY_BYTES}")

@@ -6,25 +6,14 @@ makes it, and in the same way for all pixel types.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import uint64
 from numba.core import types
 
-from clusterviz.codec.intrinsics import (
-    LONG,
-    address,
-    clear_bytes,
-    copy_bytes,
-    high_zeros,
-    intrinsic,
-    jit,
-    lane_indices,
-    low_zeros,
-    vector,
-)
+from clusterviz.codec import intrinsics
+from clusterviz.codec.intrinsics import LONG, define_intrinsic, jit, lane_indices, vector
 
 _ALL = uint64(0xFFFFFFFFFFFFFFFF)
 
@@ -50,22 +39,10 @@ def _bits_of_large(builder: Any, pointer: Any) -> Any:
     return result
 
 
-def _bits(make: Callable[[Any, Any], Any]) -> Any:
-    """Return a numba intrinsic: one bit for each of the 64 pixels from byte `index` of an array."""
-
-    @intrinsic
-    def bits(typing_context, pixels, index):  # type: ignore[no-untyped-def]
-        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            return make(builder, address(context, builder, signature.args[0], args[0], args[1]))
-
-        return types.uint64(pixels, types.int64), generate
-
-    return bits
-
-
-_bits_of_4 = _bits(lambda builder, pointer: _bits_of_small(builder, pointer, 4))
-_bits_of_8 = _bits(lambda builder, pointer: _bits_of_small(builder, pointer, 8))
-_bits_of_16 = _bits(_bits_of_large)
+# bits(pixels, index): one bit for each of the 64 pixels from byte `index` of an array.
+_bits_of_4 = define_intrinsic(2, lambda b, pixels, index: _bits_of_small(b, b.gep(pixels, [index]), 4), types.uint64)
+_bits_of_8 = define_intrinsic(2, lambda b, pixels, index: _bits_of_small(b, b.gep(pixels, [index]), 8), types.uint64)
+_bits_of_16 = define_intrinsic(2, lambda b, pixels, index: _bits_of_large(b, b.gep(pixels, [index])), types.uint64)
 
 
 @jit
@@ -74,7 +51,6 @@ def make_mask(pixels, pixel_bytes, mask):  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    pixels : uint8 (bytes,)
     pixel_bytes : 4, 8 or 16
     mask : uint64 (pixels / 64, rounded up)
     """
@@ -102,22 +78,16 @@ def make_mask(pixels, pixel_bytes, mask):  # type: ignore[no-untyped-def]
 def find_runs(mask, gap, table):  # type: ignore[no-untyped-def]
     """Find the runs of active pixels; a run includes gaps of at most `gap` blank pixels.
 
-    Parameters
-    ----------
-    mask : of `make_mask`
-    gap : in pixels
-    table : int32 (k, 2), receives [first pixel, length]
+    Returns number of runs, and of their pixels; (-1, 0) if the table is too short.
 
-    Returns
-    -------
-    runs, pixels : number of runs, and of their pixels; (-1, 0) if the table is too short
+    `table`: int32 (k, 2), receives [first pixel, length].
     """
     runs, end, kept = 0, -gap - 1, 0
     for word in range(mask.size):
         left = mask[word]
         while left:
-            low = low_zeros(left)
-            length = low_zeros(~(left >> uint64(low)))
+            low = intrinsics.low_zeros(left)
+            length = intrinsics.low_zeros(~(left >> uint64(low)))
             begin = 64 * word + low
             if begin - end > gap:
                 if runs == len(table):
@@ -152,7 +122,7 @@ def gather(pixels, runs, pixel_bytes, target):  # type: ignore[no-untyped-def]
     taken = 0
     for k in range(len(runs)):
         size = int(runs[k, 1]) * pixel_bytes
-        copy_bytes(target, taken, pixels, int(runs[k, 0]) * pixel_bytes, size)
+        intrinsics.copy_bytes(target, taken, pixels, int(runs[k, 0]) * pixel_bytes, size)
         taken += size
 
 
@@ -162,11 +132,11 @@ def scatter(packed, runs, pixel_bytes, target):  # type: ignore[no-untyped-def]
     taken, end = 0, 0
     for k in range(len(runs)):
         begin, size = int(runs[k, 0]) * pixel_bytes, int(runs[k, 1]) * pixel_bytes
-        clear_bytes(target, end, begin - end)
-        copy_bytes(target, begin, packed, taken, size)
+        intrinsics.clear_bytes(target, end, begin - end)
+        intrinsics.copy_bytes(target, begin, packed, taken, size)
         taken += size
         end = begin + size
-    clear_bytes(target, end, target.size - end)
+    intrinsics.clear_bytes(target, end, target.size - end)
 
 
 @jit
@@ -177,7 +147,7 @@ def _first(mask, begin, end):  # type: ignore[no-untyped-def]
     while not left and (word + 1) * 64 < end:
         word += 1
         left = mask[word]
-    return min(64 * word + low_zeros(left), end) if left else end
+    return min(64 * word + intrinsics.low_zeros(left), end) if left else end
 
 
 @jit
@@ -188,7 +158,7 @@ def _last(mask, begin, end):  # type: ignore[no-untyped-def]
     while not left and word * 64 > begin:
         word -= 1
         left = mask[word]
-    return max(64 * word + 63 - high_zeros(left), begin - 1) if left else begin - 1
+    return max(64 * word + 63 - intrinsics.high_zeros(left), begin - 1) if left else begin - 1
 
 
 @jit

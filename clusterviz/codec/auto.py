@@ -59,17 +59,10 @@ SAMPLE_SECONDS_SHARE = 0.01
 
 @dataclass
 class _Measurement:
-    """Cost of a candidate on a stream's messages, for each raw byte.
+    """Cost of a candidate on a stream's messages, for each raw byte."""
 
-    Attributes
-    ----------
-    ratio, kept : bytes of the message, and of the pixels that it opens to
-    encode, decode : seconds
-    """
-
-    ratio: float
-    kept: float
-    encode: float
+    ratio: float  # bytes of the message
+    encode: float  # seconds
     decode: float
 
     def after(self, earlier: _Measurement | None) -> _Measurement:
@@ -80,33 +73,24 @@ class _Measurement:
         if earlier is None:
             return self
         times = ((self.encode, earlier.encode), (self.decode, earlier.decode))
-        return _Measurement(self.ratio, self.kept, *(min(new, (new + old) / 2) for new, old in times))
+        return _Measurement(self.ratio, *(min(new, (new + old) / 2) for new, old in times))
 
 
 @dataclass
 class _Stream:
-    """State of the messages of one key.
+    """State of the messages of one key."""
 
-    Attributes
-    ----------
-    chosen : the codec in use
-    measured : by candidate
-    untried : candidates of the current trials that are left
-    since, interval : messages since the last trials, and messages until the next
-    trials : number of trials so far
-    sampled, sample_seconds : largest ratio of a sample since the last trials, and time to pack one
-    link_seconds : of all messages since the last sample
-    """
-
-    untried: list[str]
-    chosen: str = "raw"
-    measured: dict[str, _Measurement] = field(default_factory=dict)
+    untried: list[str]  # candidates of the current trials that are left
+    chosen: str = "raw"  # the codec in use
+    measured: dict[str, _Measurement] = field(default_factory=dict)  # by candidate
+    # messages since the last trials, and messages until the next
     since: int = 0
     interval: int = MIN_INTERVAL
-    trials: int = 0
+    trials: int = 0  # number of trials so far
+    # largest ratio of a sample since the last trials, and time to pack one
     sampled: float = 0.0
     sample_seconds: float = np.inf
-    link_seconds: float = 0.0
+    link_seconds: float = 0.0  # of all messages since the last sample
 
 
 class AutoCodec:
@@ -115,29 +99,17 @@ class AutoCodec:
     Parameters
     ----------
     seconds_per_byte : of the link, the inverse of its bandwidth
-    seconds_per_blended_byte : of the receiver, which saves them for pixels that are not sent
     clock : returns seconds; for tests
     """
 
-    def __init__(
-        self,
-        seconds_per_byte: float,
-        seconds_per_blended_byte: float = 0.0,
-        *,
-        clock: Callable[[], float] = thread_time,
-    ) -> None:
-        self._seconds_per_byte = seconds_per_byte
-        self._seconds_per_blended_byte = seconds_per_blended_byte
-        self._clock = clock
+    def __init__(self, seconds_per_byte: float, *, clock: Callable[[], float] = thread_time) -> None:
+        self._seconds_per_byte, self._clock = seconds_per_byte, clock
         self._streams: dict[tuple[Hashable, int], _Stream] = {}
 
-    def pack(self, pixels: Pixels, rows: Rows, key: Hashable, out: Bytes | None = None) -> Bytes:
+    def pack(self, pixels: Pixels, rows: Rows, key: Hashable) -> Bytes:
         """Return the message of pixels; see `message.pack`.
 
-        Parameters
-        ----------
-        pixels, rows, out : as for `message.pack`
-        key : of the stream, whose messages are expected to be similar
+        `key`: of the stream, whose messages are expected to be similar.
         """
         if pixels.nbytes < MIN_BYTES:
             return pack(pixels, "raw")
@@ -147,8 +119,8 @@ class AutoCodec:
             prepare_codecs()
             stream = self._streams[name] = _Stream(self._candidates(pixels.itemsize))
         if stream.untried:
-            return self._pack_candidate(stream, pixels, rows, out)
-        return self._pack_chosen(stream, pixels, rows, out)
+            return self._pack_candidate(stream, pixels, rows)
+        return self._pack_chosen(stream, pixels, rows)
 
     def codec_of(self, key: Hashable, dtype: np.dtype[np.generic]) -> str:
         """Return the codec in use for messages of a key; raw before the first."""
@@ -156,22 +128,18 @@ class AutoCodec:
         return stream.chosen if stream else "raw"
 
     def _candidates(self, itemsize: int) -> list[str]:
-        """Return the candidates that can save time on this link."""
         lz4_pays = self._seconds_per_byte >= MIN_LZ4_SECONDS_PER_BYTE
         return [name for name in CANDIDATES[itemsize] if lz4_pays or not CODECS[name].compressor]
 
-    def _pack_candidate(self, stream: _Stream, pixels: Pixels, rows: Rows, out: Bytes | None) -> Bytes:
+    def _pack_candidate(self, stream: _Stream, pixels: Pixels, rows: Rows) -> Bytes:
         """Pack with the next candidate of the trials, and measure it; after the last, choose."""
         name = stream.untried.pop(0)
         started = self._clock()
-        message = pack(pixels, name, rows, out)
+        message = pack(pixels, name, rows)
         packed = self._clock()
-        kept, _ = open_message(message, len(pixels), pixels.dtype, rows)
-        opened = self._clock()
-        size = pixels.nbytes
-        found = _Measurement(
-            message.nbytes / size, kept.nbytes / size, (packed - started) / size, (opened - packed) / size
-        )
+        open_message(message, len(pixels), pixels.dtype, rows)
+        opened, size = self._clock(), pixels.nbytes
+        found = _Measurement(message.nbytes / size, (packed - started) / size, (opened - packed) / size)
         stream.measured[name] = found.after(stream.measured.get(name))
         if not stream.untried:
             self._choose(stream)
@@ -179,8 +147,7 @@ class AutoCodec:
         return message
 
     def _choose(self, stream: _Stream) -> None:
-        """Choose the candidate of least cost."""
-        raw = self._cost(_Measurement(1, 1, 0, 0))
+        raw = self._cost(_Measurement(1, 0, 0))
         costs = {name: self._cost(found) for name, found in stream.measured.items()}
         best = min(costs, key=costs.__getitem__)
         stream.chosen = best if costs[best] < raw else "raw"
@@ -188,12 +155,11 @@ class AutoCodec:
 
     def _cost(self, found: _Measurement) -> float:
         """Return the seconds for a raw byte, from one rank's pixels to the other's picture."""
-        transfer = found.ratio * self._seconds_per_byte + found.kept * self._seconds_per_blended_byte
-        return found.encode + found.decode + transfer
+        return found.encode + found.decode + found.ratio * self._seconds_per_byte
 
-    def _pack_chosen(self, stream: _Stream, pixels: Pixels, rows: Rows, out: Bytes | None) -> Bytes:
+    def _pack_chosen(self, stream: _Stream, pixels: Pixels, rows: Rows) -> Bytes:
         """Pack with the chosen codec; begin trials when they are due, or when the ratio has changed."""
-        message = pack(pixels, stream.chosen, rows, out)
+        message = pack(pixels, stream.chosen, rows)
         known = stream.measured.get(stream.chosen)
         change = abs(message.nbytes / pixels.nbytes - known.ratio) if known else 0.0
         drifted = known is not None and change > max(DRIFT * known.ratio, MIN_DRIFT)

@@ -36,15 +36,10 @@ ALLOWED = (
 
 @dataclass(frozen=True)
 class Chain:
-    """Stages of one codec, in the order in which they pack.
+    """Stages of one codec, in the order in which they pack."""
 
-    Attributes
-    ----------
-    name : names of the stages, joined by "+"; "raw" without stages
-    selection, filters, compressor : the stages
-    """
-
-    name: str
+    name: str  # names of the stages, joined by "+"; "raw" without stages
+    # the stages
     selection: Selection | None = None
     filters: tuple[Filter, ...] = ()
     compressor: Compressor | None = None
@@ -74,10 +69,7 @@ BY_FLAG: dict[int, Chain] = {chain.flag: chain for chain in _ALL if chain.flag}
 def choose_codec(name: str) -> str:
     """Return the codec that packs every message of a transfer; raw for `auto`.
 
-    Raises
-    ------
-    InputError
-        There is no such codec.
+    Raises InputError if there is no such codec.
     """
     if name == "auto":
         return "raw"

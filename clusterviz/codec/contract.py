@@ -30,65 +30,40 @@ class CodecError(ClustervizError):
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Layout of a message's pixels in rows: pixel k is in column (first + k) % width.
+    """Layout of a message's pixels in rows: pixel k is in column (first + k) % width."""
 
-    Attributes
-    ----------
-    first : column of the first pixel, 0 or more
-    width : pixels in a row, 1 or more
-    """
-
-    first: int
-    width: int
+    first: int  # column of the first pixel, 0 or more
+    width: int  # pixels in a row, 1 or more
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Stage that keeps some runs of the pixels.
+    """Stage that keeps some runs of the pixels."""
 
-    Attributes
-    ----------
-    bit : flag in the message's first byte; part of the format, so it never changes
-    select : pixels (n, 4), rows -> table uint8 (bytes,), runs int32 (k, 2) of [first pixel, length], ascending and
-        disjoint, and the number of their pixels; None if that is no shorter than the pixels
-    restore : table, n, rows -> runs and the number of their pixels
-    """
-
-    bit: int
+    bit: int  # flag in the message's first byte; part of the format, so it never changes
+    # pixels (n, 4), rows -> table uint8 (bytes,), runs int32 (k, 2) of [first pixel, length], ascending and disjoint,
+    # and the number of their pixels; None if that is no shorter than the pixels
     select: Callable[[Pixels, Rows], tuple[Bytes, Runs, int] | None]
-    restore: Callable[[Bytes, int, Rows], tuple[Runs, int]]
+    restore: Callable[[Bytes, int, Rows], tuple[Runs, int]]  # table, n, rows -> runs and the number of their pixels
 
 
 @dataclass(frozen=True)
 class Filter:
-    """Stage that rearranges bytes.
+    """Stage that rearranges bytes."""
 
-    Attributes
-    ----------
-    bit : flag in the message's first byte; part of the format, so it never changes
-    apply, undo : source uint8 (bytes,), read-only, whole pixels; target of the same size; dtype of the pixels'
-        components
-    """
-
-    bit: int
+    bit: int  # flag in the message's first byte; part of the format, so it never changes
+    # source uint8 (bytes,), read-only, whole pixels; target of the same size; dtype of the pixels' components
     apply: Callable[[Bytes, Bytes, np.dtype[Any]], None]
     undo: Callable[[Bytes, Bytes, np.dtype[Any]], None]
 
 
 @dataclass(frozen=True)
 class Compressor:
-    """Stage that shortens bytes.
+    """Stage that shortens bytes."""
 
-    Attributes
-    ----------
-    bit : flag in the message's first byte; part of the format, so it never changes
-    compress : uint8 (bytes,) -> fewer bytes, or None if nothing is saved
-    decompress : those bytes, original size -> uint8 (size,), writable
-    """
-
-    bit: int
-    compress: Callable[[Bytes], Bytes | None]
-    decompress: Callable[[Bytes, int], Bytes]
+    bit: int  # flag in the message's first byte; part of the format, so it never changes
+    compress: Callable[[Bytes], Bytes | None]  # uint8 (bytes,) -> fewer bytes, or None if nothing is saved
+    decompress: Callable[[Bytes, int], Bytes]  # those bytes, original size -> uint8 (size,), writable
 
 
 Stage = Selection | Filter | Compressor

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba.core import types
 
-from clusterviz.codec.intrinsics import LONG, address, copy_bytes, intrinsic, jit, lane_indices, vector
+from clusterviz.codec.intrinsics import LONG, copy_bytes, define_intrinsic, jit, lane_indices, vector
 from clusterviz.codec.kernels import TILE
 
 _BLOCK = 64  # bytes of a vector
@@ -21,9 +20,7 @@ def subtract(source, target):  # type: ignore[no-untyped-def]
     After folding, small differences of either sign have zeros in their high bytes. The first four numbers stay
     unchanged.
 
-    Parameters
-    ----------
-    source, target : int8, int16 or int32
+    `source`, `target`: int8, int16 or int32.
     """
     sign = 8 * source.itemsize - 1
     for i in range(min(4, source.size)):
@@ -40,29 +37,23 @@ def _sum(bits: int) -> Any:
     count = 8 * _BLOCK // bits
     block = vector(bits, count)
 
-    @intrinsic
-    def add_block(typing_context, source, target, index):  # type: ignore[no-untyped-def]
-        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            pointer = address(context, builder, signature.args[0], args[0], args[2])
-            into = address(context, builder, signature.args[1], args[1], args[2])
-            folded = builder.load(builder.bitcast(pointer, block.as_pointer()), align=1)
-            one = ir.Constant(block, [1] * count)
-            sums = builder.xor(builder.lshr(folded, one), builder.neg(builder.and_(folded, one)))
-            step = 4
-            while step < count:
-                # The lanes `step` lower, and zeros (lane `count`) below the first.
-                lanes = lane_indices([lane - step if lane >= step else count for lane in range(count)])
-                sums = builder.add(sums, builder.shuffle_vector(sums, ir.Constant(block, None), lanes))
-                step *= 2
-            earlier = builder.gep(into, [ir.Constant(LONG, -4 * bits // 8)])
-            carry = builder.load(builder.bitcast(earlier, vector(bits, 4).as_pointer()), align=1)
-            carry = builder.shuffle_vector(carry, carry, lane_indices([lane % 4 for lane in range(count)]))
-            builder.store(builder.add(sums, carry), builder.bitcast(into, block.as_pointer()), align=1)
-            return context.get_dummy_value()
+    def add_block(builder: Any, source: Any, target: Any, index: Any) -> None:
+        pointer, into = builder.gep(source, [index]), builder.gep(target, [index])
+        folded = builder.load(builder.bitcast(pointer, block.as_pointer()), align=1)
+        one = ir.Constant(block, [1] * count)
+        sums = builder.xor(builder.lshr(folded, one), builder.neg(builder.and_(folded, one)))
+        step = 4
+        while step < count:
+            # The lanes `step` lower, and zeros (lane `count`) below the first.
+            lanes = lane_indices([lane - step if lane >= step else count for lane in range(count)])
+            sums = builder.add(sums, builder.shuffle_vector(sums, ir.Constant(block, None), lanes))
+            step *= 2
+        earlier = builder.gep(into, [ir.Constant(LONG, -4 * bits // 8)])
+        carry = builder.load(builder.bitcast(earlier, vector(bits, 4).as_pointer()), align=1)
+        carry = builder.shuffle_vector(carry, carry, lane_indices([lane % 4 for lane in range(count)]))
+        builder.store(builder.add(sums, carry), builder.bitcast(into, block.as_pointer()), align=1)
 
-        return types.void(source, target, types.int64), generate
-
-    return add_block
+    return define_intrinsic(3, add_block)
 
 
 _sum_8, _sum_16, _sum_32 = _sum(8), _sum(16), _sum(32)
@@ -114,54 +105,41 @@ def _split(planes: int) -> Any:
     by_plane = lane_indices([lane * planes % _BLOCK + lane * planes // _BLOCK for lane in range(_BLOCK)])
     store_bytes = vector(8, _PIXELS)
 
-    @intrinsic
-    def split(typing_context, source, start, target, at, stride):  # type: ignore[no-untyped-def]
-        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            parts = []
-            for k in range(planes * _PIXELS // _BLOCK):
-                pointer = address(context, builder, signature.args[0], args[0], args[1])
-                pointer = builder.gep(pointer, [ir.Constant(LONG, _BLOCK * k)])
-                block = builder.load(builder.bitcast(pointer, vector(8, _BLOCK).as_pointer()), align=1)
-                parts.append(builder.shuffle_vector(block, block, by_plane))
-            parts = [builder.bitcast(p, vector(8, _BLOCK)) for p in _interleave(builder, parts, _BLOCK // planes)]
-            into = address(context, builder, signature.args[2], args[2], args[3])
-            for plane in range(planes):
-                lanes = lane_indices([plane % 4 * _PIXELS + lane for lane in range(_PIXELS)])
-                some = builder.shuffle_vector(parts[plane // 4], parts[plane // 4], lanes)
-                pointer = builder.gep(into, [builder.mul(args[4], ir.Constant(LONG, plane))])
-                builder.store(some, builder.bitcast(pointer, store_bytes.as_pointer()), align=1)
-            return context.get_dummy_value()
+    def split(builder: Any, source: Any, start: Any, target: Any, at: Any, stride: Any) -> None:
+        parts, first = [], builder.gep(source, [start])
+        for k in range(planes * _PIXELS // _BLOCK):
+            pointer = builder.gep(first, [ir.Constant(LONG, _BLOCK * k)])
+            block = builder.load(builder.bitcast(pointer, vector(8, _BLOCK).as_pointer()), align=1)
+            parts.append(builder.shuffle_vector(block, block, by_plane))
+        parts = [builder.bitcast(p, vector(8, _BLOCK)) for p in _interleave(builder, parts, _BLOCK // planes)]
+        into = builder.gep(target, [at])
+        for plane in range(planes):
+            lanes = lane_indices([plane % 4 * _PIXELS + lane for lane in range(_PIXELS)])
+            some = builder.shuffle_vector(parts[plane // 4], parts[plane // 4], lanes)
+            pointer = builder.gep(into, [builder.mul(stride, ir.Constant(LONG, plane))])
+            builder.store(some, builder.bitcast(pointer, store_bytes.as_pointer()), align=1)
 
-        return types.void(source, types.int64, target, types.int64, types.int64), generate
-
-    return split
+    return define_intrinsic(5, split)
 
 
 def _join(planes: int) -> Any:
     """Return a numba intrinsic that joins 64 bytes from `planes` planes."""
     each = _BLOCK // planes
 
-    @intrinsic
-    def join(typing_context, target, at, source, start, stride):  # type: ignore[no-untyped-def]
-        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            first = address(context, builder, signature.args[2], args[2], args[3])
-            parts = []
-            for plane in range(planes):
-                pointer = builder.gep(first, [builder.mul(args[4], ir.Constant(LONG, plane))])
-                parts.append(builder.load(builder.bitcast(pointer, vector(8, each).as_pointer()), align=1))
-            while len(parts) > 1:
-                # Two neighbours form one vector of twice the width.
-                both = lane_indices(list(range(2 * parts[0].type.count)))
-                parts = [builder.shuffle_vector(parts[k], parts[k + 1], both) for k in range(0, len(parts), 2)]
-            lanes = lane_indices([lane % planes * each + lane // planes for lane in range(_BLOCK)])
-            pointer = address(context, builder, signature.args[0], args[0], args[1])
-            into = builder.bitcast(pointer, vector(8, _BLOCK).as_pointer())
-            builder.store(builder.shuffle_vector(parts[0], parts[0], lanes), into, align=1)
-            return context.get_dummy_value()
+    def join(builder: Any, target: Any, at: Any, source: Any, start: Any, stride: Any) -> None:
+        first, parts = builder.gep(source, [start]), []
+        for plane in range(planes):
+            pointer = builder.gep(first, [builder.mul(stride, ir.Constant(LONG, plane))])
+            parts.append(builder.load(builder.bitcast(pointer, vector(8, each).as_pointer()), align=1))
+        while len(parts) > 1:
+            # Two neighbours form one vector of twice the width.
+            both = lane_indices(list(range(2 * parts[0].type.count)))
+            parts = [builder.shuffle_vector(parts[k], parts[k + 1], both) for k in range(0, len(parts), 2)]
+        lanes = lane_indices([lane % planes * each + lane // planes for lane in range(_BLOCK)])
+        into = builder.bitcast(builder.gep(target, [at]), vector(8, _BLOCK).as_pointer())
+        builder.store(builder.shuffle_vector(parts[0], parts[0], lanes), into, align=1)
 
-        return types.void(target, types.int64, source, types.int64, types.int64), generate
-
-    return join
+    return define_intrinsic(5, join)
 
 
 _split_4, _split_8, _split_16 = _split(4), _split(8), _split(16)

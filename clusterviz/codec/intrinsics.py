@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import Parameter, Signature
 from typing import Any
 
 import numba
@@ -39,45 +40,44 @@ def address(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> An
     return builder.gep(_array(kind)(context, builder, array).data, [index])
 
 
-@intrinsic
-def copy_bytes(typing_context, target, at, source, start, count):  # type: ignore[no-untyped-def]
-    """target[at : at + count] = source[start : start + count], uint8, without bounds checks."""
+def define_intrinsic(count: int, emit: Callable[..., Any], result: Any = types.void) -> Any:
+    """Return a numba function of `count` arguments whose LLVM code `emit(builder, *arguments)` writes.
 
-    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        into = address(context, builder, signature.args[0], args[0], args[1])
-        origin = address(context, builder, signature.args[2], args[2], args[3])
-        _memcpy(builder, into, origin, args[4], 1)
-        return context.get_dummy_value()
+    Arguments are int64, and uint8 arrays, of which the code gets the address of the first byte.
+    """
 
-    return types.void(target, types.int64, source, types.int64, types.int64), generate
+    def define(context: Any, *given: Any) -> Any:
+        kinds = [kind if isinstance(kind, types.Array) else types.int64 for kind in given]
 
+        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            values = [
+                _array(kind)(context, builder, value).data if isinstance(kind, types.Array) else value
+                for kind, value in zip(signature.args, args, strict=True)
+            ]
+            made = emit(builder, *values)
+            return context.get_dummy_value() if result is types.void else made
 
-@intrinsic
-def clear_bytes(typing_context, target, at, count):  # type: ignore[no-untyped-def]
-    """target[at : at + count] = 0, uint8, without bounds checks."""
+        return result(*kinds), generate
 
-    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        _memset(builder, address(context, builder, signature.args[0], args[0], args[1]), args[2], 0)
-        return context.get_dummy_value()
-
-    return types.void(target, types.int64, types.int64), generate
-
-
-@intrinsic
-def low_zeros(typing_context, word):  # type: ignore[no-untyped-def]
-    """Number of trailing zero bits of a uint64; 64 for 0."""
-
-    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 0))
-
-    return types.int64(types.uint64), generate
+    # numba takes the number of arguments from the function's signature.
+    names = ["context", *(f"argument_{n}" for n in range(count))]
+    define.__signature__ = Signature([Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names])  # type: ignore[attr-defined]
+    return intrinsic(define)
 
 
-@intrinsic
-def high_zeros(typing_context, word):  # type: ignore[no-untyped-def]
-    """Number of leading zero bits of a uint64; 64 for 0."""
+def _copy(builder: Any, target: Any, at: Any, source: Any, start: Any, count: Any) -> None:
+    _memcpy(builder, builder.gep(target, [at]), builder.gep(source, [start]), count, 1)
 
-    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        return builder.ctlz(args[0], ir.Constant(ir.IntType(1), 0))
 
-    return types.int64(types.uint64), generate
+def _clear(builder: Any, target: Any, at: Any, count: Any) -> None:
+    _memset(builder, builder.gep(target, [at]), count, 0)
+
+
+_NO = ir.Constant(ir.IntType(1), 0)
+# copy_bytes(target, at, source, start, count): target[at : at + count] = source[start : start + count], uint8, without
+# bounds checks. clear_bytes(target, at, count): target[at : at + count] = 0.
+copy_bytes = define_intrinsic(5, _copy)
+clear_bytes = define_intrinsic(3, _clear)
+# low_zeros(word), high_zeros(word): the number of trailing and of leading zero bits of a uint64; 64 for 0.
+low_zeros = define_intrinsic(1, lambda builder, word: builder.cttz(word, _NO), types.int64)
+high_zeros = define_intrinsic(1, lambda builder, word: builder.ctlz(word, _NO), types.int64)

@@ -31,10 +31,7 @@ def compress(data: Bytes) -> Bytes | None:
 def decompress(data: Bytes, size: int) -> Bytes:
     """Return the `size` bytes of a block, uint8 (size,), writable.
 
-    Raises
-    ------
-    CodecError
-        The data is no LZ4 block, or decompresses to another size.
+    Raises CodecError if the data is no LZ4 block, or decompresses to another size.
     """
     from lz4 import block
 

@@ -36,16 +36,14 @@ KEEP_BYTES = 64 << 20
 def pack(pixels: Pixels, codec: str, rows: Rows | None = None, out: Bytes | None = None) -> Bytes:
     """Return the message of pixels.
 
+    Returns uint8, fewer bytes than the pixels, or a view of the pixels if no stage saves bytes.
+
     Parameters
     ----------
     pixels : uint8, float16 or float32 (n, 4), C order
     codec : a name from `CODECS`
     rows : layout of the pixels in rows; by default a single row
     out : uint8, buffer for a packed message, at least as large as the pixels and not overlapping them
-
-    Returns
-    -------
-    message : uint8, fewer bytes than the pixels, or a view of the pixels if no stage saves bytes
     """
     chain = CODECS[codec]
     flat: Bytes = pixels.reshape(-1).view(np.uint8)
@@ -94,7 +92,6 @@ def _filtered(body: Bytes, table_bytes: int, chain: Chain, dtype: np.dtype[Any])
 
 
 def _unfilter(pixels: Bytes, chain: Chain, dtype: np.dtype[Any]) -> None:
-    """Undo the filters in place."""
     source, target = pixels, scratch(pixels.size, 0) if chain.filters else pixels
     for stage in reversed(chain.filters):
         stage.undo(source, target, dtype)
@@ -108,21 +105,15 @@ def open_message(
 ) -> tuple[Pixels, Runs | None]:
     """Return the pixels of a message, with their runs.
 
-    Parameters
-    ----------
-    message : uint8 (bytes,)
-    count, dtype, rows : of the pixels that were packed
+    Raises CodecError if `pack` cannot have made the message from such pixels.
+
+    `count`, `dtype`, `rows`: of the pixels that were packed.
 
     Returns
     -------
     pixels : (count, 4), or those of the runs, one run after the other; views of the message if no stage changed them
     runs : int32 (k, 2) of [first pixel, length], ascending and disjoint, read-only; pixels outside are blank. None if
         all pixels are there
-
-    Raises
-    ------
-    CodecError
-        `pack` cannot have made the message from such pixels.
     """
     raw_size = count * 4 * dtype.itemsize
     if message.size > raw_size or (message.size < HEADER_BYTES and message.size != raw_size):
@@ -170,19 +161,9 @@ def unpack(
 ) -> Pixels:
     """Return all pixels of a message.
 
-    Parameters
-    ----------
-    message, count, dtype, rows : as for `open_message`
-    out : (count, 4), C order: buffer for the pixels if they must be copied
+    Returns (count, 4); a view of the message if it is raw. Errors as of `open_message`.
 
-    Returns
-    -------
-    pixels : (count, 4); a view of the message if it is raw
-
-    Raises
-    ------
-    CodecError
-        As `open_message`.
+    `out`: (count, 4), C order: buffer for the pixels if they must be copied.
     """
     pixels, runs = open_message(message, count, dtype, rows)
     if runs is None:

@@ -35,13 +35,7 @@ def select(pixels: Pixels, rows: Rows) -> tuple[Bytes, Runs, int] | None:
 
 
 def restore(table: Bytes, count: int, rows: Rows) -> tuple[Runs, int]:
-    """Return the rows of a box.
-
-    Raises
-    ------
-    CodecError
-        The box does not lie in the rows of the message.
-    """
+    """Return the rows of a box; raise CodecError if it does not lie in the rows of the message."""
     if table.size != TABLE_BYTES:
         raise CodecError(f"a box of {table.size} bytes instead of {TABLE_BYTES}")
     box = table.view(np.int32)

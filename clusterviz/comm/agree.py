@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from clusterviz.comm.channel import Channel
-from clusterviz.errors import ClustervizError, RankError, is_agreed, known, mark_agreed
+from clusterviz.errors import ClustervizError, InputError, RankError, is_agreed, known, mark_agreed
 
 __all__ = ["abort_on_failure", "agree", "describe", "is_agreed", "mark_agreed"]
 
@@ -46,10 +46,8 @@ def agree(channel: Channel, frame: int | None, stage: str) -> Iterator[None]:
     If all ranks raise the same ClustervizError (a missing file, for example), it is raised unchanged. A stage may
     communicate within, if an `agree` of its own around all that was done before precedes each exchange.
 
-    Raises
-    ------
-    RankError
-        On every rank, with the text of the lowest rank that failed. On that rank the cause is chained.
+    Raises RankError on every rank, with the text of the lowest rank that failed. On that rank the cause is
+    chained.
     """
     error: Exception | None = None
     try:
@@ -66,7 +64,6 @@ def agree(channel: Channel, frame: int | None, stage: str) -> Iterator[None]:
 
 
 def _raise_together(channel: Channel, frame: int | None, stage: str, error: Exception | None) -> None:
-    """Gather the errors of all ranks, and raise the same error on each."""
     mine = None if error is None else (isinstance(error, ClustervizError), describe(error), exit_status_of(error))
     reports = channel.allgather(mine)
     if isinstance(error, ClustervizError) and all(report == reports[0] for report in reports):
@@ -75,6 +72,15 @@ def _raise_together(channel: Channel, frame: int | None, stage: str, error: Exce
     raise mark_agreed(RankError(rank, frame, stage, report[1], report[2])) from (
         error if rank == channel.rank else None
     )
+
+
+@contextmanager
+def agreed_errors() -> Iterator[None]:
+    """Mark input errors as agreed, in code that every rank runs with the same values."""
+    try:
+        yield
+    except InputError as error:
+        raise mark_agreed(error) from None
 
 
 def check_faults(channel: Channel, fault: str, kind: Callable[[str], ClustervizError]) -> None:

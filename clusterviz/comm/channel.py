@@ -53,15 +53,9 @@ class Channel(Protocol):
     def wait_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
         """Wait until at least one message has arrived.
 
-        Returns
-        -------
-        arrived : (index in `pending`, bytes received) of each message that has arrived; empty if nothing is pending.
-            The caller removes them from `pending` before the next call.
-
-        Raises
-        ------
-        MessageError
-            A message is longer than its buffer, or was lost.
+        Returns (index in `pending`, bytes received) of each message that has arrived; empty if nothing is pending. The
+        caller removes them from `pending` before the next call. Raises MessageError if a message is longer than its
+        buffer, or was lost.
         """
 
     def test_some(self, pending: Sequence[Pending]) -> list[tuple[int, int]]:
@@ -97,42 +91,27 @@ class Channel(Protocol):
         CLUSTERVIZ_RANKS_PER_NODE=m splits every node into simulated nodes of m ranks; `placement` still describes the
         real ones.
 
-        Raises
-        ------
-        InputError
-            On every rank: the variable's value is no positive integer.
+        Raises InputError on every rank if the variable's value is no positive integer.
         """
 
     def window(self, own_bytes: int) -> SharedWindow:
         """Allocate memory that the ranks of each node share.
 
-        Parameters
-        ----------
-        own_bytes : size of this rank's part, 0 or more; it may differ between ranks
-
-        Raises
-        ------
-        InputError
-            On every rank: a negative size.
-        WindowError
-            On every rank: a node has no such memory.
+        `own_bytes`: size of this rank's part, 0 or more; it may differ between ranks. Raises InputError on every rank
+        for a negative size. Raises WindowError on every rank for a node has no such memory.
         """
 
     def remote_memory(self, own_bytes: int, folder: Path | None = None) -> RemoteMemory:
         """Allocate memory that every rank reads and writes.
+
+        Raises InputError on every rank for a negative size. Raises RemoteMemoryError on every rank if there is not
+        enough memory, or space in a folder.
 
         Parameters
         ----------
         own_bytes : size of this rank's part, 0 or more; it may differ between ranks
         folder : on this rank's node, for parts in files, which the operating system writes where memory is short;
             None: parts in memory. All ranks give a folder, or none does.
-
-        Raises
-        ------
-        InputError
-            On every rank: a negative size.
-        RemoteMemoryError
-            On every rank: there is not enough memory, or space in a folder.
         """
 
     def counters(self, count: int) -> Counters:

@@ -38,10 +38,9 @@ print(MPI.Get_library_version().strip("\\0"))
 """
 
 
-def launcher(environment: Mapping[str, str] | None = None) -> str:
+def launcher(environment: Mapping[str, str] = os.environ) -> str:
     """Return the name of the launcher that started this process, by its environment; "none" without one."""
-    variables = os.environ if environment is None else environment
-    return next((name for variable, name in _LAUNCHERS if variable in variables), "none")
+    return next((name for variable, name in _LAUNCHERS if variable in environment), "none")
 
 
 def mpi_library() -> str:
@@ -57,8 +56,10 @@ def mpi_library() -> str:
     return _one_line(answer.stdout)
 
 
-def check_launcher(description: str, size: int | None, environment: Mapping[str, str] | None = None) -> None:
+def check_launcher(description: str, size: int | None, environment: Mapping[str, str] = os.environ) -> None:
     """Check that the launcher belongs to the MPI library that mpi4py loads.
+
+    Raises InputError if it does not; the message names both MPIs and the launcher to use.
 
     Parameters
     ----------
@@ -66,26 +67,20 @@ def check_launcher(description: str, size: int | None, environment: Mapping[str,
     size : number of processes that MPI sees; None before MPI_Init, in which MPICH ends a process that was started
         through PMIx unless it was built for it
     environment : variables that launchers set; by default those of this process
-
-    Raises
-    ------
-    InputError
-        It does not; the message names both MPIs and the launcher to use.
     """
-    variables = os.environ if environment is None else environment
-    started = launched_size(variables)
-    through_pmix = "PMIX_RANK" in variables and "PMI_RANK" not in variables
+    started = launched_size(environment)
+    through_pmix = "PMIX_RANK" in environment and "PMI_RANK" not in environment
     is_fatal = size is None and through_pmix and description.startswith("MPICH") and "pmix" not in description.lower()
     if not is_fatal and (size != 1 or started == 1):
         return
     library = _one_line(description).split(",")[0].replace(" Version:", "")
-    if "SLURM_STEP_NUM_TASKS" in variables:
+    if "SLURM_STEP_NUM_TASKS" in environment:
         right = "srun with the --mpi= for which this MPI was built (pmi2 for MPICH's wheel, mostly pmix otherwise)"
     else:
         right = _mpirun_of(library) or f"the mpirun of {library}, which is not on the PATH"
     raise InputError(
-        f"{launcher(variables)} started {started} process{'es' * (started > 1)}, and mpi4py loads {library}, in which "
-        f"each of them would be alone: start them with {right}"
+        f"{launcher(environment)} started {started} process{'es' * (started > 1)}, and mpi4py loads {library}, in "
+        f"which each of them would be alone: start them with {right}"
     )
 
 

@@ -247,7 +247,6 @@ class MpiChannel:
         return self._tested(receives) or poll_until(lambda: self._tested(receives))
 
     def _tested(self, receives: Sequence[_Receive]) -> list[int]:
-        """Return the indices of the chunks that have arrived."""
         requests, statuses = [receive.request for receive in receives], self._statuses
         while len(statuses) < len(requests):
             statuses.append(self._mpi.Status())

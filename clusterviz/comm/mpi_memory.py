@@ -69,7 +69,6 @@ def open_remote_memory(mpi: Any, comm: Any, channel: Channel, own_bytes: int, fo
 def _shared_views(
     mpi: Any, window: Any, rank: int, members: Sequence[int], sizes: Sequence[int]
 ) -> dict[int, NDArray[np.uint8]]:
-    """Return the own part, and those of other members that MPI maps."""
     views = {rank: np.frombuffer(window.tomemory(), np.uint8)[: sizes[rank]]}
     for member in members:
         if member != rank:

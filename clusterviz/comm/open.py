@@ -21,14 +21,9 @@ def open_channel(*, several_threads: bool = False) -> Channel:
 
     MPI is used if a launcher's variables are in the environment, or if the caller has imported mpi4py.MPI.
 
-    Parameters
-    ----------
-    several_threads : whether other threads communicate too, through `for_thread`; the first call starts MPI accordingly
-
-    Raises
-    ------
-    InputError
-        A launcher of another MPI started this process: each of its processes would be alone.
+    `several_threads`: whether other threads communicate too, through `for_thread`; the first call starts MPI
+    accordingly. Raises InputError if a launcher of another MPI started this process: each of its processes would be
+    alone.
     """
     if not _OPENED:
         channel: Channel = LoopbackChannel()
@@ -50,10 +45,7 @@ def as_channel(comm_or_channel: Any) -> Channel:
     The first call for a communicator is collective and duplicates it, so that messages never match those of the caller.
     The duplicate is freed with the communicator.
 
-    Raises
-    ------
-    InputError
-        Anything else, an intercommunicator and MPI.COMM_NULL included.
+    Raises InputError for anything else, an intercommunicator and MPI.COMM_NULL included.
     """
     if isinstance(comm_or_channel, MpiChannel | LoopbackChannel | ThrottledChannel):
         return comm_or_channel

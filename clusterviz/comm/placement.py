@@ -13,13 +13,7 @@ from dataclasses import dataclass
 
 from clusterviz.errors import InputError, mark_agreed
 
-THREAD_VARIABLES = (
-    "LP_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-)
+THREAD_VARIABLES = ("LP_NUM_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 # Variables with the number of processes that a launcher started.
 SIZE_VARIABLES = (
@@ -42,22 +36,16 @@ Nodes = tuple[tuple[int, ...], ...]
 
 @dataclass(frozen=True)
 class Placement:
-    """Node and cores of a rank.
+    """Node and cores of a rank."""
 
-    Attributes
-    ----------
-    host : name of the node
-    local_rank, local_size : number of this rank on its node, and of ranks there
-    node, nodes : number of the node in the order of first ranks, and of all nodes
-    cores : this rank's share of the cores that the scheduler grants; at least 1
-    """
-
-    host: str
+    host: str  # name of the node
+    # number of this rank on its node, and of ranks there
     local_rank: int
     local_size: int
+    # number of the node in the order of first ranks, and of all nodes
     node: int
     nodes: int
-    cores: int
+    cores: int  # this rank's share of the cores that the scheduler grants; at least 1
 
 
 def granted_cores() -> frozenset[int]:
@@ -117,30 +105,26 @@ def group_by_node(first_ranks: Sequence[int], ranks_per_node: int | None = None)
     )
 
 
-def limit_threads(placement: Placement, environment: MutableMapping[str, str] | None = None) -> dict[str, str]:
+def limit_threads(placement: Placement, environment: MutableMapping[str, str] = os.environ) -> dict[str, str]:
     """Limit the threads of llvmpipe, numba and OpenMP to the rank's cores unless the user has; return the variables."""
-    variables = os.environ if environment is None else environment
-    return {name: variables.setdefault(name, str(placement.cores)) for name in THREAD_VARIABLES}
+    return {name: environment.setdefault(name, str(placement.cores)) for name in THREAD_VARIABLES}
 
 
-def launched_size(environment: Mapping[str, str] | None = None) -> int:
+def launched_size(environment: Mapping[str, str] = os.environ) -> int:
     """Return the number of processes that a launcher started, by its variables; 1 if unknown."""
-    variables = os.environ if environment is None else environment
-    sizes = [int(variables[name]) for name in SIZE_VARIABLES if variables.get(name, "").isdigit()]
-    ranks = [int(variables[name]) + 1 for name in RANK_VARIABLES if variables.get(name, "").isdigit()]
+    sizes = [int(environment[name]) for name in SIZE_VARIABLES if environment.get(name, "").isdigit()]
+    ranks = [int(environment[name]) + 1 for name in RANK_VARIABLES if environment.get(name, "").isdigit()]
     return max([1, *sizes, *ranks])
 
 
-def launched(environment: Mapping[str, str] | None = None) -> bool:
+def launched(environment: Mapping[str, str] = os.environ) -> bool:
     """Return whether an MPI launcher started this process, possibly with one rank."""
-    variables = os.environ if environment is None else environment
     # Slurm sets its variables also in shells and batch scripts, which are not ranks.
     names = [name for name in SIZE_VARIABLES + RANK_VARIABLES if not name.startswith("SLURM")]
-    return any(name in variables for name in names) or launched_size(variables) > 1
+    return any(name in environment for name in names) or launched_size(environment) > 1
 
 
-def kernel_threads(environment: Mapping[str, str] | None = None) -> int:
+def kernel_threads(environment: Mapping[str, str] = os.environ) -> int:
     """Return the number of threads for compiled kernels: NUMBA_NUM_THREADS if set, else all granted cores."""
-    variables = os.environ if environment is None else environment
-    threads = variables.get("NUMBA_NUM_THREADS", "")
+    threads = environment.get("NUMBA_NUM_THREADS", "")
     return int(threads) if threads.isdecimal() and int(threads) > 0 else len(granted_cores())

@@ -45,19 +45,12 @@ _SPIN_CALLS = 20
 
 @dataclass(frozen=True, slots=True)
 class RemoteBox:
-    """Box of an array that lies in C order in a rank's part.
+    """Box of an array that lies in C order in a rank's part."""
 
-    Attributes
-    ----------
-    rank : owner of the part
-    offset : bytes before the array in the part, a multiple of the size of its elements
-    shape : of the array
-    begin, end : the box, half-open, along each axis of the array
-    """
-
-    rank: int
-    offset: int
-    shape: tuple[int, ...]
+    rank: int  # owner of the part
+    offset: int  # bytes before the array in the part, a multiple of the size of its elements
+    shape: tuple[int, ...]  # of the array
+    # the box, half-open, along each axis of the array
     begin: tuple[int, ...]
     end: tuple[int, ...]
 
@@ -161,9 +154,7 @@ class RemoteMemory:
     def compare_and_swap(self, box: RemoteBox, expected: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
         """Write `new` into a box if its bytes equal those of `expected`; atomic.
 
-        Returns
-        -------
-        previous : the values before, of the shape and type of `new`
+        Returns the values before, of the shape and type of `new`.
         """
         previous = np.empty(new.shape, new.dtype)
         with self._locked(box):
@@ -198,7 +189,6 @@ class RemoteMemory:
 
     @contextmanager
     def _locked(self, box: RemoteBox) -> Iterator[None]:
-        """Context that holds the lock of a box's array."""
         self._parts.check_thread()
         lock = 2 * ((box.offset // 64 + 17 * box.rank) % LOCKS)
         ticket = self._counters.add(lock, 1)

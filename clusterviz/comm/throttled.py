@@ -38,17 +38,14 @@ class _Receive:
 class ThrottledChannel:
     """Channel whose messages reach this rank through a simulated slow link.
 
+    Raises InputError for an invalid rate or latency.
+
     Parameters
     ----------
     channel : inner channel, which carries the messages
     bytes_per_second : rate of each rank's incoming link, above 0
     latency_seconds : time from the inner channel to the link
     clock, sleep : functions that return the time in seconds and wait
-
-    Raises
-    ------
-    InputError
-        An invalid rate or latency.
     """
 
     def __init__(
@@ -132,5 +129,4 @@ class ThrottledChannel:
 
 
 def _passed(receives: Sequence[_Receive], now: float) -> list[tuple[int, int]]:
-    """Return index and size of the messages that have passed the link."""
     return [(i, r.size) for i, r in enumerate(receives) if r.arrival is not None and r.arrival <= now]

@@ -60,18 +60,8 @@ class SharedWindow(Protocol):
     def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
         """Exchange small numbers between all members, and synchronise them.
 
-        Parameters
-        ----------
-        numbers : int64 (k,), k at most 16 and the same for all members
-
-        Returns
-        -------
-        rows : int64 (members, k), a copy
-
-        Raises
-        ------
-        ValueError
-            More than 16 numbers.
+        `numbers`: int64 (k,), k at most 16 and the same for all members. Returns int64 (members, k), a copy. Raises
+        ValueError: more than 16 numbers.
         """
 
     def free(self) -> None:
@@ -98,10 +88,7 @@ class Counters(Protocol):
 
         An amount of 0 reads it. What one rank adds to different counters is seen in the order in which it was added.
 
-        Raises
-        ------
-        IndexError
-            There is no such counter.
+        Raises IndexError if there is no such counter.
         """
 
     def reset(self) -> None:

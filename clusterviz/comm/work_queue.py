@@ -38,9 +38,7 @@ class WorkQueue:
     def take(self, items: int) -> Iterator[int]:
         """Yield the numbers below `items` that this rank's group takes, each on request; not collective.
 
-        Parameters
-        ----------
-        items : number of items, the same on every rank, at most `most`
+        `items`: number of items, the same on every rank, at most `most`.
         """
         turn = 0
         while (item := self._next(turn)) < items:

@@ -17,7 +17,7 @@ one line in `algorithms.py`, and the shared checks of `tests/composite` run it f
 from __future__ import annotations
 
 from clusterviz.composite.compositor import Compositor, composite
-from clusterviz.composite.counters import CompositeCounters, PeerCounters, StageCounters
+from clusterviz.composite.counters import CompositeCounters
 from clusterviz.composite.fragment import OwnedPixels
 from clusterviz.composite.gather import collect
 from clusterviz.composite.over.blend import compile_kernels
@@ -31,9 +31,7 @@ __all__ = [
     "CompositeCounters",
     "Compositor",
     "OwnedPixels",
-    "PeerCounters",
     "Schedule",
-    "StageCounters",
     "TileCollector",
     "as_floats",
     "check_algorithm",

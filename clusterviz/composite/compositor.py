@@ -6,29 +6,27 @@ measurements of the automatic codec. `composite` composites one frame by message
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from clusterviz.codec import Rows, choose_codec
-from clusterviz.codec.contract import Bytes, Pixels
+from clusterviz.codec import choose_codec
+from clusterviz.codec.contract import Pixels
 from clusterviz.comm import Channel, as_channel
-from clusterviz.comm.agree import mark_agreed
+from clusterviz.comm.agree import agreed_errors, mark_agreed
 from clusterviz.comm.window import SharedWindow
+from clusterviz.composite import messages
 from clusterviz.composite.counters import CompositeCounters, StageCounters
 from clusterviz.composite.footprints import Footprints, gather_footprints
 from clusterviz.composite.fragment import OwnedPixels
 from clusterviz.composite.gather import check_inside, collect
 from clusterviz.composite.hierarchical import compose_strip, place_images
-from clusterviz.composite.messages import MessagePlan, compile_codecs, packer, plan_messages, run_messages
 from clusterviz.composite.model.choice import Choice, Request, choose
 from clusterviz.composite.model.network import Network, default_network
-from clusterviz.composite.node_memory import NodeMemory
-from clusterviz.composite.shared import StripPlan, blend_strip, plan_strip, share_images
+from clusterviz.composite.shared import NodeMemory, StripPlan, blend_strip, plan_strip, share_images
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
 from clusterviz.image.partial import PartialImage, Rect
@@ -43,7 +41,7 @@ class _FramePlan:
     footprints: Footprints
     window: SharedWindow | None
     choice: Choice
-    messages: MessagePlan | None
+    traffic: messages.MessagePlan | None
     strip: StripPlan | None
 
 
@@ -52,19 +50,14 @@ class Compositor:
 
     Methods are collective unless they say otherwise.
 
+    Raises InputError on every rank for an unknown name; a shared transport across nodes.
+
     Parameters
     ----------
-    channel : Channel or mpi4py communicator of the ranks
-    size : (width, height) of the picture
     algorithm, codec, transport : registered name, or "auto", which chooses by the time model
     network : constants of the time model; if None, those that `clusterviz bench network` saved
     root : rank of the channel that receives the picture
     operator : merge operator of `image/merge.py`; all but over need float32 images
-
-    Raises
-    ------
-    InputError
-        On every rank: an unknown name; a shared transport across nodes.
     """
 
     def __init__(
@@ -83,13 +76,13 @@ class Compositor:
         self._size, self._root, self._operator = size, root, operator
         self._nodes = self._channel.nodes()
         # The network file may differ from node to node, and all ranks have to choose the same.
-        with _agreed_errors():
+        with agreed_errors():
             mine = network or default_network(len(self._nodes))
         self._network = self._channel.broadcast(mine)
-        with _agreed_errors():
+        with agreed_errors():
             choose_codec(codec)
             self._request = Request(algorithm, transport, codec)
-        self._pack = packer(codec, self._network, len(self._nodes))
+        self._pack = messages.packer(codec, self._network, len(self._nodes))
         picture = size[0] * size[1] * 16 if self._channel.rank == root else 0
         self._memory = NodeMemory(self._channel, picture) if self._uses_memory() else None
         self._frame_plan: _FramePlan | None = None
@@ -109,6 +102,9 @@ class Compositor:
     ) -> tuple[Pixels | None, CompositeCounters]:
         """Composite one picture.
 
+        Raises InputError on every rank for images of wrong or different types or shapes or outside of the picture, a
+        wrong order, a choice that is not possible for them.
+
         Parameters
         ----------
         images : this rank's image, or several from front to back; not changed. A bare array covers the picture
@@ -120,12 +116,17 @@ class Compositor:
         picture : (height, width, 4), premultiplied, of the images' type, on the root; None elsewhere. It may lie in
             shared memory, which the next call changes
         counters : cost on this rank
+        """
+        owned, counters = self.blend(images, order)
+        started = perf_counter()
+        packing = messages.CountingPacker(self._pack)
+        picture = collect(owned, self._size, self._channel, self._root, out, packing)
+        return picture, replace(counters, seconds_collect=perf_counter() - started, bytes_collected=packing.bytes)
 
-        Raises
-        ------
-        InputError
-            On every rank: images of wrong or different types or shapes or outside of the picture, a wrong order, a
-            choice that is not possible for them.
+    def blend(self, images: Images, order: Sequence[int]) -> tuple[OwnedPixels, CompositeCounters]:
+        """Composite without the final gather; arguments and errors as of `composite`.
+
+        Returns the pixels of the picture that this rank owns then, and the cost on this rank.
         """
         mine = as_images(images)
         started = perf_counter()
@@ -138,18 +139,8 @@ class Compositor:
         choice = frame_plan.choice
         seconds_agree = perf_counter() - started
         owned, stages = self._run(mine, footprints, frame_plan)
-        started = perf_counter()
-        messages: list[int] = []
-
-        def counted(pixels: Pixels, rows: Rows, key: tuple[int, int]) -> Bytes:
-            message = self._pack(pixels, rows, key)
-            messages.append(message.nbytes)
-            return message
-
-        picture = collect(owned, self._size, self._channel, self._root, out, counted)
-        seconds_collect = perf_counter() - started
-        counters = _counters(choice, footprints, seconds_agree, stages)
-        return picture, replace(counters, seconds_collect=seconds_collect, bytes_collected=sum(messages))
+        ran = (choice.algorithm, choice.codec, choice.transport, len(footprints.order))
+        return owned, CompositeCounters(*ran, seconds_agree, choice.seconds_predicted, stages)
 
     def close(self) -> None:
         """Free the shared memory and all pictures in it."""
@@ -162,8 +153,9 @@ class Compositor:
         choice, memory = frame_plan.choice, self._memory
         if choice.transport != "shared":
             self._prepare_codecs()
-        if frame_plan.messages:
-            return run_messages(images, footprints, frame_plan.messages, self._channel, self._pack)
+        if frame_plan.traffic:
+            own = messages.own_fragments(images, footprints, self._channel.rank)
+            return messages.run_messages(own, footprints, frame_plan.traffic, self._channel, self._pack)
         if frame_plan.strip and memory:
             owned, counters = blend_strip(frame_plan.strip, footprints, memory)
             return owned, (counters,)
@@ -172,9 +164,8 @@ class Compositor:
         return compose_strip(placed, self._nodes, self._channel, memory, choice.algorithm, self._pack)
 
     def _prepare_codecs(self) -> None:
-        """Compile the kernels of codecs, once; collective."""
         if self._codec != "raw" and not self._has_codecs:
-            compile_codecs(self._channel)
+            messages.compile_codecs(self._channel)
             self._has_codecs = True
 
     def _plan(self, footprints: Footprints) -> _FramePlan:
@@ -186,15 +177,15 @@ class Compositor:
         return last
 
     def _make_plan(self, footprints: Footprints, window: SharedWindow | None) -> _FramePlan:
-        with _agreed_errors():
-            choice = choose(self._request, footprints, self._nodes, self._network, interleaved=footprints.interleaved)
-        messages = strip = None
+        with agreed_errors():
+            choice = choose(self._request, footprints, self._nodes, self._network)
+        traffic = strip = None
         if choice.transport == "messages":
-            messages = plan_messages(footprints, self._channel.rank, choice.algorithm)
+            traffic = messages.plan_messages(footprints, self._channel.rank, choice.algorithm)
         elif choice.transport == "shared" and self._memory:
             check_inside(footprints.canvas, self._size)
             strip = plan_strip(footprints, self._channel, self._memory, self._size, self._root)
-        return _FramePlan(footprints, window, choice, messages, strip)
+        return _FramePlan(footprints, window, choice, traffic, strip)
 
     def _uses_memory(self) -> bool:
         """Return whether a transport with shared memory may be chosen; the same on every rank."""
@@ -215,6 +206,8 @@ def composite(
 ) -> tuple[OwnedPixels, CompositeCounters]:
     """Composite the partial images of all ranks by messages; collective.
 
+    Raises InputError on every rank for an unknown name, images of a wrong type or shape, images of different types.
+
     Parameters
     ----------
     images : this rank's image, or several from front to back; not changed. A bare array (height, width, 4) covers
@@ -228,42 +221,9 @@ def composite(
     -------
     owned : pixels of the picture that this rank owns now; `collect` gathers those of all ranks
     counters : cost on this rank
-
-    Raises
-    ------
-    InputError
-        On every rank: an unknown name, images of a wrong type or shape, images of different types.
     """
-    channel = as_channel(channel)
-    with _agreed_errors():
-        nodes = channel.nodes()
-        network = channel.broadcast(default_network(len(nodes)))
-        choose_codec(codec)
-        request = Request(algorithm, "messages", codec)
-    started = perf_counter()
-    mine = as_images(images)
-    footprints = gather_footprints(mine, order, channel, operator=operator).in_best_order(nodes)
-    with _agreed_errors():
-        apart = tuple((rank,) for rank in range(channel.size))
-        choice = choose(request, footprints, apart, network, interleaved=footprints.interleaved)
-    seconds_agree = perf_counter() - started
-    plan = plan_messages(footprints, channel.rank, choice.algorithm)
-    owned, stages = run_messages(mine, footprints, plan, channel, packer(codec, network, len(nodes)))
-    return owned, _counters(choice, footprints, seconds_agree, stages)
-
-
-def _counters(
-    choice: Choice, footprints: Footprints, seconds_agree: float, stages: tuple[StageCounters, ...]
-) -> CompositeCounters:
-    return CompositeCounters(
-        choice.algorithm,
-        choice.codec,
-        choice.transport,
-        len(footprints.order),
-        seconds_agree,
-        choice.seconds_predicted,
-        stages,
-    )
+    compositor = Compositor(channel, (0, 0), algorithm=algorithm, codec=codec, transport="messages", operator=operator)
+    return compositor.blend(images, order)
 
 
 def as_images(images: Images) -> Sequence[PartialImage]:
@@ -274,12 +234,3 @@ def as_images(images: Images) -> Sequence[PartialImage]:
         height, width = images.shape[:2] if images.ndim == 3 else (0, 0)
         return (PartialImage(Rect(0, 0, width, height), images),)
     return tuple(images)
-
-
-@contextmanager
-def _agreed_errors() -> Iterator[None]:
-    """Mark input errors as agreed, in code that every rank runs with the same values."""
-    try:
-        yield
-    except InputError as error:
-        raise mark_agreed(error) from None

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from clusterviz.codec import Rows, open_message, unpack
 from clusterviz.codec.contract import Bytes
 from clusterviz.comm.channel import Channel
-from clusterviz.composite.counters import PeerCounters, StageCounters
+from clusterviz.composite.counters import PeerCounters, StageCounters, summed
 from clusterviz.composite.fragment import Fragment, Patch
 from clusterviz.composite.gather import Pack
 from clusterviz.composite.over import blend
@@ -39,15 +39,7 @@ LAYERS_AT_ONCE = 4
 
 
 class RangeMerge:
-    """Merge of one range in progress.
-
-    Parameters
-    ----------
-    merge : the layers to be merged
-    own : this rank's fragments, one for each part of the zone
-    dtype : pixel type
-    operator : merge operator
-    """
+    """Merge of one range in progress; `own` are this rank's fragments, one for each part of the zone."""
 
     def __init__(self, merge: Merge, own: list[Fragment], dtype: np.dtype[Any], operator: Operator = "over") -> None:
         self._result = merge.result
@@ -59,13 +51,7 @@ class RangeMerge:
         for part, fragment in zip(merge.zone.parts, own, strict=True):
             self._behind.put(part, Layer(fragment.patch, fragment.pixels))
 
-    @property
-    def result(self) -> Patch:
-        """Patch of the merged layer."""
-        return self._result
-
     def add(self, part: Part, layer: Layer) -> None:
-        """Add a layer that has arrived."""
         (self._before if part in self._before.parts else self._behind).put(part, layer)
         self._missing -= 1
 
@@ -109,7 +95,6 @@ class _OrderedLayers:
         self._front: Layer | None = None
 
     def put(self, part: Part, layer: Layer) -> None:
-        """Store a layer in the slot of its part."""
         self._slots[self.parts[part]] = layer
 
     def merge_ready(self, patch: Patch, operator: Operator) -> None:
@@ -154,23 +139,13 @@ class ExchangeError(ClustervizError):
 
 @dataclass(frozen=True)
 class Endpoint:
-    """One rank's endpoint of an exchange.
-
-    Attributes
-    ----------
-    channel : channel of the ranks
-    order : rank of the channel at each position
-    position : position of this rank
-    dtype : pixel type
-    pack : function that makes a message of pixels, given their rows, the stage and the peer
-    operator : merge operator
-    """
+    """One rank's endpoint of an exchange."""
 
     channel: Channel
-    order: Sequence[int]
-    position: int
+    order: Sequence[int]  # rank of the channel at each position
+    position: int  # position of this rank
     dtype: np.dtype[Any]
-    pack: Pack
+    pack: Pack  # function that makes a message of pixels, given their rows, the stage and the peer
     operator: Operator = "over"
 
 
@@ -184,15 +159,8 @@ def run_exchange(
     own : this rank's layers on the whole canvas, by depth; read-only pixels are not changed
     traffic : messages and merges of this rank, with peers as positions
 
-    Returns
-    -------
-    fragments : pixels that this rank owns now
-    counters : one for each stage
-
-    Raises
-    ------
-    ExchangeError
-        A stage failed on this rank. The other ranks do not know it, so the job has to end.
+    Returns the pixels that this rank owns now, and counters of each stage. An ExchangeError is raised on this rank
+    only. The other ranks do not know it, so the job has to end.
     """
     held: tuple[HeldZone, ...] = (HeldZone(0, own),)
     counters = []
@@ -226,7 +194,10 @@ class _Stage:
         started = perf_counter()
         merged = tuple(_finished(merge, running) for merge, running in zip(self.traffic.merges, merges, strict=True))
         self.seconds_blend += perf_counter() - started
-        return merged, self._counters()
+        peers = tuple(self.peers.values())
+        counted = summed(peers, seconds_blend=self.seconds_blend, peers=peers)
+        # Waiting for several peers at once is one wait.
+        return merged, replace(counted, seconds_wait=self.seconds_wait)
 
     def _post(self) -> list[tuple[Any, Bytes, Message]]:
         channel, order = self.endpoint.channel, self.endpoint.order
@@ -246,12 +217,10 @@ class _Stage:
             payload: NDArray[Any] = parts[0].pixels if len(parts) == 1 else np.concatenate([p.pixels for p in parts])
             data = self.endpoint.pack(payload, _rows(message), (self.tag, message.peer))
             self.endpoint.channel.isend(data, self.endpoint.order[message.peer], self.tag)
-            seconds = perf_counter() - started
-            counted = (1, len(payload), payload.nbytes, data.nbytes, seconds)
-            self.peers[message.peer] = PeerCounters(self.endpoint.order[message.peer], *counted)
+            counted = (1, len(payload), payload.nbytes, data.nbytes, perf_counter() - started)
+            self.peers[message.peer] = PeerCounters(*counted, peer=self.endpoint.order[message.peer])
 
     def _merges(self, held: Sequence[HeldZone]) -> list[RangeMerge]:
-        """Start the merge of each zone that this rank keeps."""
         starts = [zone.begin for zone in held]
         merges = []
         for merge in self.traffic.merges:
@@ -268,7 +237,7 @@ class _Stage:
             arrived = perf_counter()
             for index, size in sorted(done.items()):
                 _, buffer, message = waiting[index]
-                peer = self.peers.get(message.peer, PeerCounters(self.endpoint.order[message.peer]))
+                peer = self.peers.get(message.peer, PeerCounters(peer=self.endpoint.order[message.peer]))
                 self.peers[message.peer] = replace(peer, seconds_wait=arrived - first)
                 for part, layer in self._open(message, buffer[:size]):
                     merges[bisect_right(begins, part.patch.begin) - 1].add(part, layer)
@@ -280,7 +249,6 @@ class _Stage:
             self.seconds_blend += perf_counter() - arrived
 
     def _open(self, message: Message, data: Bytes) -> list[tuple[Part, Layer]]:
-        """Return the layers of a message that arrived."""
         count, dtype, rows = message.pixels, self.endpoint.dtype, _rows(message)
         try:
             if len(message.parts) == 1:
@@ -294,19 +262,6 @@ class _Stage:
             begin += part.patch.count
         return layers
 
-    def _counters(self) -> StageCounters:
-        peers = tuple(self.peers.values())
-        return StageCounters(
-            messages_sent=sum(peer.messages_sent for peer in peers),
-            pixels_sent=sum(peer.pixels_sent for peer in peers),
-            bytes_raw=sum(peer.bytes_raw for peer in peers),
-            bytes_sent=sum(peer.bytes_sent for peer in peers),
-            seconds_encode=sum(peer.seconds_encode for peer in peers),
-            seconds_wait=self.seconds_wait,
-            seconds_blend=self.seconds_blend,
-            peers=peers,
-        )
-
 
 def _finished(merge: Merge, running: RangeMerge) -> HeldZone:
     """Return the zone after its merge: one layer, or none."""
@@ -315,7 +270,6 @@ def _finished(merge: Merge, running: RangeMerge) -> HeldZone:
 
 
 def _zone(held: Sequence[HeldZone], starts: Sequence[int], patch: Patch) -> Mapping[int, Fragment]:
-    """Return the fragments of the zone that a patch lies in."""
     return held[bisect_right(starts, patch.begin) - 1].fragments
 
 

@@ -33,40 +33,24 @@ _UNKNOWN_TYPE = -1
 
 @dataclass(frozen=True)
 class Footprint:
-    """Footprint of one partial image that is not empty.
+    """Footprint of one partial image that is not empty."""
 
-    Attributes
-    ----------
-    rank : rank of the channel that drew it
-    image : index among the images of that rank
-    rect : rectangle on the screen
-    offset : offset of its pixels in shared memory, where that is used
-    """
-
-    rank: int
-    image: int
-    rect: Rect
-    offset: int
+    rank: int  # rank of the channel that drew it
+    image: int  # index among the images of that rank
+    rect: Rect  # rectangle on the screen
+    offset: int  # offset of its pixels in shared memory, where that is used
 
 
 @dataclass(frozen=True)
 class Footprints:
-    """Footprints of all images.
+    """Footprints of all images."""
 
-    Attributes
-    ----------
-    canvas : smallest rectangle of the screen that contains all images; its pixels are numbered
-    dtype : pixel type of every image that is not empty
-    layers : images that are not empty, front to back
-    order : channel ranks with such images, by their first, front to back; a rank's index is its *position*
-    operator : merge operator
-    """
-
-    canvas: Rect
-    dtype: np.dtype[Any]
-    layers: tuple[Footprint, ...]
+    canvas: Rect  # smallest rectangle of the screen that contains all images; its pixels are numbered
+    dtype: np.dtype[Any]  # pixel type of every image that is not empty
+    layers: tuple[Footprint, ...]  # images that are not empty, front to back
+    # channel ranks with such images, by their first, front to back; a rank's index is its *position*
     order: tuple[int, ...]
-    operator: Operator = "over"
+    operator: Operator = "over"  # merge operator
 
     @property
     def interleaved(self) -> bool:
@@ -105,9 +89,9 @@ class Footprints:
             left.remove(free[0])
         return found
 
-    def patch(self, layer: Footprint) -> Patch:
-        """Return an image as a patch of the whole canvas."""
-        x, y, rect = self.canvas.x_begin, self.canvas.y_begin, layer.rect
+    def patch(self, rect: Rect) -> Patch:
+        """Return a rectangle of the screen as a patch of the whole canvas."""
+        x, y = (self.canvas.x_begin, self.canvas.y_begin) if rect.pixels else (rect.x_begin, rect.y_begin)
         shifted = Rect(rect.x_begin - x, rect.y_begin - y, rect.x_end - x, rect.y_end - y)
         return Patch(self.canvas.width, 0, self.canvas.pixels, shifted)
 
@@ -122,6 +106,10 @@ def gather_footprints(
 ) -> Footprints:
     """Exchange the footprints of all ranks, leave out empty ones, and agree on errors; collective.
 
+    Raises InputError on every rank for an image with a wrong type or shape, or of a type that the operator does not
+    merge; images of different types, orders that do not name every image of every rank once or that differ between
+    ranks.
+
     Parameters
     ----------
     images : this rank's images, front to back
@@ -129,12 +117,6 @@ def gather_footprints(
     exchange : gathers the numbers, instead of the channel
     offsets : offset in shared memory of each image
     operator : merge operator, the same on every rank
-
-    Raises
-    ------
-    InputError
-        On every rank: an image with a wrong type or shape, or of a type that the operator does not merge; images of
-        different types, orders that do not name every image of every rank once or that differ between ranks.
     """
     exchange = exchange or channel.allgather_numbers
     error = _argument_error(images, order, channel)
@@ -202,7 +184,6 @@ def _dtype(layers: Sequence[Footprint], types: Numbers, operator: Operator) -> n
 
 
 def _raise_agreed(error: str, order: tuple[int, ...], count: int, channel: Channel) -> None:
-    """Exchange the error texts, and raise the same error on every rank."""
     reports = channel.allgather((error, order, count))
     for rank, (text, other, _) in enumerate(reports):
         if text:

@@ -20,20 +20,14 @@ from clusterviz.image.partial import EMPTY, Rect
 
 @dataclass(frozen=True)
 class Patch:
-    """Pixels of `rect` (in canvas coordinates) whose numbers lie in [begin, end), on a canvas `width` wide.
-
-    Attributes
-    ----------
-    first : number of pixels of the rectangle before the range
-    count : number of pixels
-    """
+    """Pixels of `rect` (in canvas coordinates) whose numbers lie in [begin, end), on a canvas `width` wide."""
 
     width: int
     begin: int
     end: int
     rect: Rect
-    first: int = field(init=False, compare=False)
-    count: int = field(init=False, compare=False)
+    first: int = field(init=False, compare=False)  # number of pixels of the rectangle before the range
+    count: int = field(init=False, compare=False)  # number of pixels
 
     def __post_init__(self) -> None:
         # Counted once, as they are used often.
@@ -78,14 +72,10 @@ class Fragment:
     """A patch and its pixels.
 
     Pixels of the caller are read-only and never changed; received and merged pixels may be overwritten.
-
-    Attributes
-    ----------
-    patch : pixels of the canvas
-    pixels : float32, float16 or uint8 (patch.count, 4), premultiplied, C order; read-only if they are the caller's
     """
 
-    patch: Patch
+    patch: Patch  # pixels of the canvas
+    # float32, float16 or uint8 (patch.count, 4), premultiplied, C order; read-only if they are the caller's
     pixels: Pixels
 
     def cut(self, patch: Patch) -> Fragment:
@@ -100,26 +90,15 @@ class Fragment:
 
 @dataclass(frozen=True, eq=False)
 class OwnedPixels:
-    """Pixels that one rank owns after compositing; each pixel of the picture has one owner.
+    """Pixels that one rank owns after compositing; each pixel of the picture has one owner."""
 
-    Attributes
-    ----------
-    canvas : rectangle of the screen on which pixels are numbered, the same on every rank
-    dtype : float32, float16 or uint8, the same on every rank
-    fragments : owned ranges of the canvas with their pixels; empty on ranks that own nothing
-    owners : ranks of the channel that may own pixels; the rest of the picture is transparent
-    ranges : (owner, begin, end) of all owned ranges, ascending, if every rank knows them; the fragments then include
-        blank pixels. None if each owner has to send its own
-    picture : (height, width, 4), if the transport has written the whole picture on this rank
-    disjoint : whether no two fragments overlap, so that blank pixels hide nothing
-    gathered : whether the whole picture lies on one rank already; the same on every rank
-    """
-
-    canvas: Rect
-    dtype: np.dtype[Any]
-    fragments: tuple[Fragment, ...]
-    owners: tuple[int, ...]
+    canvas: Rect  # rectangle of the screen on which pixels are numbered, the same on every rank
+    dtype: np.dtype[Any]  # float32, float16 or uint8, the same on every rank
+    fragments: tuple[Fragment, ...]  # owned ranges of the canvas with their pixels; empty on ranks that own nothing
+    owners: tuple[int, ...]  # ranks of the channel that may own pixels; the rest of the picture is transparent
+    # (owner, begin, end) of all owned ranges, ascending, if every rank knows them; the fragments then include blank
+    # pixels. None if each owner has to send its own
     ranges: tuple[tuple[int, int, int], ...] | None = None
-    disjoint: bool = False
-    picture: Pixels | None = None
-    gathered: bool = False
+    disjoint: bool = False  # whether no two fragments overlap, so that blank pixels hide nothing
+    picture: Pixels | None = None  # (height, width, 4), if the transport has written the whole picture on this rank
+    gathered: bool = False  # whether the whole picture lies on one rank already; the same on every rank

@@ -21,17 +21,13 @@ import numpy as np
 from clusterviz.comm.channel import Channel
 from clusterviz.comm.window import MAX_NUMBERS
 from clusterviz.composite.counters import StageCounters
-from clusterviz.composite.exchange import Endpoint, run_exchange
 from clusterviz.composite.footprints import Footprint, Footprints
-from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch, unite
+from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch
 from clusterviz.composite.gather import Pack
-from clusterviz.composite.node_memory import NOT_PLACED, NodeMemory
+from clusterviz.composite.messages import plan_messages, run_messages
 from clusterviz.composite.over.layers import Layer, blend_layers
-from clusterviz.composite.schedules.algorithms import make_schedule
-from clusterviz.composite.schedules.schedule import Schedule
-from clusterviz.composite.shared import cut_strips
-from clusterviz.composite.traffic import Part, plan_traffic
-from clusterviz.image.partial import PartialImage, Rect
+from clusterviz.composite.shared import NOT_PLACED, NodeMemory, cut_strips
+from clusterviz.image.partial import EMPTY, PartialImage, Rect
 
 Nodes = Sequence[Sequence[int]]
 
@@ -84,10 +80,7 @@ def compose_strip(
 ) -> tuple[OwnedPixels, tuple[StageCounters, ...]]:
     """Blend this rank's strip of its node's images, and composite it with the other nodes; collective.
 
-    Parameters
-    ----------
-    footprints : those of all ranks, with the offsets of this node's images, from `place_images`
-    nodes : ranks of each node
+    `footprints`: those of all ranks, with the offsets of this node's images, from `place_images`.
     """
     groups = group_by_node(footprints, nodes)
     involved = list(dict.fromkeys(group.node for group in groups))
@@ -96,71 +89,48 @@ def compose_strip(
     owned = OwnedPixels(footprints.canvas, footprints.dtype, (), owners)
     if channel.rank not in owners:
         return owned, ()
-    index = memory.window.index
-    rows = cut_strips(footprints.canvas, [image.rect for image in footprints.layers], strips)
-    strip = _Strip(footprints, rows[index], rows[index + 1])
-    order = tuple(nodes[node][index] for node in involved)
     started = perf_counter()
-    own = strip.blend([group for group in groups if channel.rank in nodes[group.node]], groups, memory)
+    rows = cut_strips(footprints.canvas, [image.rect for image in footprints.layers], strips)
+    top, bottom = rows[memory.window.index : memory.window.index + 2]
+    own, strip = _blend(footprints, top, bottom, groups, nodes, channel.rank, memory)
     blended = StageCounters(seconds_blend=perf_counter() - started)
-    position = order.index(channel.rank)
-    schedule = strip.schedule(groups, involved, algorithm)
-    plan = plan_traffic(schedule, position, strip.layers(groups, involved), strip.canvas.width)
-    endpoint = Endpoint(channel, order, position, footprints.dtype, pack, footprints.operator)
-    fragments, stages = run_exchange(own, plan, endpoint)
-    return replace(owned, fragments=tuple(map(strip.on_canvas, fragments))), (blended, *stages)
+    plan = plan_messages(strip, channel.rank, algorithm, whole=False)
+    made, stages = run_messages(own, strip, plan, channel, pack)
+    fragments = tuple(_moved_down(fragment, top) for fragment in made.fragments)
+    return replace(owned, fragments=fragments), (blended, *stages)
 
 
-class _Strip:
-    """Rows [top, bottom) of the canvas, as a canvas of its own."""
+def _blend(
+    footprints: Footprints, top: int, bottom: int, groups: Sequence[Group], nodes: Nodes, rank: int, memory: NodeMemory
+) -> tuple[dict[int, Fragment], Footprints]:
+    """Blend rows [top, bottom) of this node's groups; return them by depth, and the footprints of all nodes' strips.
 
-    def __init__(self, footprints: Footprints, top: int, bottom: int) -> None:
-        whole = footprints.canvas
-        self._dtype, self._operator = footprints.dtype, footprints.operator
-        self._top = top
-        self.canvas = Rect(whole.x_begin, whole.y_begin + top, whole.x_end, whole.y_begin + bottom)
+    The strip is a canvas of its own. In place of a node is its rank with the index of this one.
+    """
+    whole, dtype = footprints.canvas, footprints.dtype
+    canvas = Rect(whole.x_begin, whole.y_begin + top, whole.x_end, whole.y_begin + bottom)
+    strip = Footprints(canvas, dtype, (), (), footprints.operator)
+    layers: list[Footprint] = []
+    own = {}
+    for depth, group in enumerate(groups):
+        rect = EMPTY
+        for image in group.images:
+            if (part := image.rect.intersect(canvas)).pixels:
+                rect = rect.unite(part)
+        layers.append(Footprint(nodes[group.node][memory.window.index], 0, rect, 0))
+        if layers[-1].rank == rank and rect.pixels:
+            pixels: Any = np.empty((rect.pixels, 4), dtype)
+            in_place = (memory.rows(image, canvas.y_begin, canvas.y_end, dtype) for image in group.images)
+            parts = [Layer(strip.patch(part), found) for part, found in in_place if part.pixels]
+            blend_layers(parts, strip.patch(rect), pixels, operator=footprints.operator)
+            own[depth] = Fragment(strip.patch(rect), pixels)
+    order = tuple(dict.fromkeys(layer.rank for layer in layers))
+    return own, replace(strip, layers=tuple(layers), order=order)
 
-    def blend(self, mine: Sequence[Group], groups: Sequence[Group], memory: NodeMemory) -> dict[int, Fragment]:
-        """Blend each group of this node; return the fragments by depth."""
-        blended = {}
-        for group in mine:
-            patch = self._patch(group)
-            if patch.count:
-                pixels: Any = np.empty((patch.count, 4), self._dtype)
-                blend_layers(self._in_place(group, memory), patch, pixels, operator=self._operator)
-                blended[groups.index(group)] = Fragment(patch, pixels)
-        return blended
 
-    def schedule(self, groups: Sequence[Group], involved: Sequence[int], algorithm: str) -> Schedule:
-        """Return the schedule among the nodes."""
-        patches = [self._patch(group) for group in groups]
-        owners = [involved.index(group.node) for group in groups]
-        return make_schedule(algorithm, len(involved), self.canvas.pixels, patches, owners)
-
-    def layers(self, groups: Sequence[Group], involved: Sequence[int]) -> list[list[Part]]:
-        """Return the layers of each node, by position."""
-        parts: list[list[Part]] = [[] for _ in involved]
-        for depth, group in enumerate(groups):
-            parts[involved.index(group.node)].append(Part(depth, self._patch(group)))
-        return parts
-
-    def on_canvas(self, fragment: Fragment) -> Fragment:
-        """Return a fragment of the strip in the pixel numbers of the whole canvas."""
-        patch, rect, rows = fragment.patch, fragment.patch.rect, self._top
-        moved = Rect(rect.x_begin, rect.y_begin + rows, rect.x_end, rect.y_end + rows)
-        first = rows * patch.width
-        return Fragment(Patch(patch.width, patch.begin + first, patch.end + first, moved), fragment.pixels)
-
-    def _in_place(self, group: Group, memory: NodeMemory) -> list[Layer]:
-        rows = (memory.rows(image, self.canvas.y_begin, self.canvas.y_end, self._dtype) for image in group.images)
-        return [Layer(self._moved(rect), pixels) for rect, pixels in rows if rect.pixels]
-
-    def _patch(self, group: Group) -> Patch:
-        """Return the smallest patch that contains the group's images."""
-        patches = [self._moved(image.rect.intersect(self.canvas)) for image in group.images]
-        return unite(self.canvas.width, 0, self.canvas.pixels, [patch for patch in patches if patch.count])
-
-    def _moved(self, rect: Rect) -> Patch:
-        x, y = (self.canvas.x_begin, self.canvas.y_begin) if rect.pixels else (rect.x_begin, rect.y_begin)
-        moved = Rect(rect.x_begin - x, rect.y_begin - y, rect.x_end - x, rect.y_end - y)
-        return Patch(self.canvas.width, 0, self.canvas.pixels, moved)
+def _moved_down(fragment: Fragment, rows: int) -> Fragment:
+    """Return a fragment of a strip in the pixel numbers of the whole canvas."""
+    patch, rect = fragment.patch, fragment.patch.rect
+    moved = Rect(rect.x_begin, rect.y_begin + rows, rect.x_end, rect.y_end + rows)
+    first = rows * patch.width
+    return Fragment(Patch(patch.width, patch.begin + first, patch.end + first, moved), fragment.pixels)

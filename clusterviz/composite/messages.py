@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 
-from clusterviz.codec import AutoCodec, pack, prepare_codecs
+from clusterviz.codec import AutoCodec, Rows, pack, prepare_codecs
+from clusterviz.codec.contract import Bytes, Pixels
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.counters import StageCounters
 from clusterviz.composite.exchange import Endpoint, run_exchange
@@ -22,28 +24,26 @@ from clusterviz.image.partial import PartialImage
 
 @dataclass(frozen=True)
 class MessagePlan:
-    """Messages of one rank, and final owners of the pixels.
+    """Messages of one rank, and final owners of the pixels."""
 
-    Attributes
-    ----------
-    stages : messages sent and received
-    owned : (channel rank, begin, end) of all ranges of the canvas; None if only the owners know them
-    """
-
-    stages: tuple[StageTraffic, ...]
+    stages: tuple[StageTraffic, ...]  # messages sent and received
+    # (channel rank, begin, end) of all ranges of the canvas; None if only the owners know them
     owned: tuple[tuple[int, int, int], ...] | None
 
 
-def plan_messages(footprints: Footprints, rank: int, algorithm: str) -> MessagePlan:
-    """Return the plan of one of the channel's ranks, which may have no pixels."""
+def plan_messages(footprints: Footprints, rank: int, algorithm: str, *, whole: bool = True) -> MessagePlan:
+    """Return the plan of one of the channel's ranks, which may have no pixels.
+
+    `whole`: whether owned pixels include blank ones, so that all ranks know the owners where the schedule tells them.
+    """
     order = footprints.order
-    patches = [footprints.patch(layer) for layer in footprints.layers]
+    patches = [footprints.patch(layer.rect) for layer in footprints.layers]
     owners = [order.index(layer.rank) for layer in footprints.layers]
     layers: list[list[Part]] = [[] for _ in order]
     for depth, (owner, patch) in enumerate(zip(owners, patches, strict=True)):
         layers[owner].append(Part(depth, patch))
     schedule = make_schedule(algorithm, len(order), footprints.canvas.pixels, patches, owners)
-    ranges = owned_ranges(schedule)
+    ranges = owned_ranges(schedule) if whole else None
     owned = None if ranges is None else tuple((order[position], begin, end) for position, begin, end in ranges)
     if rank not in order:
         return MessagePlan((), owned)
@@ -52,21 +52,25 @@ def plan_messages(footprints: Footprints, rank: int, algorithm: str) -> MessageP
 
 
 def run_messages(
-    images: Sequence[PartialImage], footprints: Footprints, plan: MessagePlan, channel: Channel, pack: Pack
+    own: Mapping[int, Fragment], footprints: Footprints, plan: MessagePlan, channel: Channel, pack: Pack
 ) -> tuple[OwnedPixels, tuple[StageCounters, ...]]:
-    """Run a plan; ranks without pixels do nothing."""
+    """Run a plan, given this rank's images by depth; ranks without pixels do nothing."""
     fragments: tuple[Fragment, ...] = ()
     stages: tuple[StageCounters, ...] = ()
-    if channel.rank in footprints.order:
-        order, dtype = footprints.order, footprints.dtype
+    order, dtype = footprints.order, footprints.dtype
+    if channel.rank in order:
         endpoint = Endpoint(channel, order, order.index(channel.rank), dtype, pack, footprints.operator)
-        own = {
-            depth: Fragment(footprints.patch(layer), _pixels(images[layer.image]))
-            for depth, layer in enumerate(footprints.layers)
-            if layer.rank == channel.rank
-        }
         fragments, stages = run_exchange(own, plan.stages, endpoint)
-    return OwnedPixels(footprints.canvas, footprints.dtype, fragments, footprints.order, plan.owned), stages
+    return OwnedPixels(footprints.canvas, dtype, fragments, order, plan.owned), stages
+
+
+def own_fragments(images: Sequence[PartialImage], footprints: Footprints, rank: int) -> dict[int, Fragment]:
+    """Return a rank's images by depth."""
+    return {
+        depth: Fragment(footprints.patch(layer.rect), _pixels(images[layer.image]))
+        for depth, layer in enumerate(footprints.layers)
+        if layer.rank == rank
+    }
 
 
 def _pixels(image: PartialImage) -> np.ndarray:
@@ -81,6 +85,24 @@ def packer(codec: str, network: Network, nodes: int) -> Pack:
     if codec == "auto":
         return AutoCodec(network.seconds_per_byte if nodes > 1 else network.node_seconds_per_byte).pack
     return lambda pixels, rows, key: pack(pixels, codec, rows)
+
+
+class CountingPacker:
+    """Packer that counts messages, pixels, bytes and seconds."""
+
+    def __init__(self, pack: Pack) -> None:
+        self._pack = pack
+        self.messages = self.pixels = self.bytes = 0
+        self.seconds = 0.0
+
+    def __call__(self, pixels: Pixels, rows: Rows, key: tuple[int, int]) -> Bytes:
+        started = perf_counter()
+        message = self._pack(pixels, rows, key)
+        self.seconds += perf_counter() - started
+        self.messages += 1
+        self.pixels += len(pixels)
+        self.bytes += message.nbytes
+        return message
 
 
 def compile_codecs(channel: Channel) -> None:

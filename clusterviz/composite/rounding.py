@@ -28,10 +28,7 @@ FULL_SCALE = 255
 def rounded(partial: PartialImage, pixel: str) -> PartialImage:
     """Return a partial image with its values rounded to nearest.
 
-    Parameters
-    ----------
-    partial : partial image, float32, from 0 to 1
-    pixel : pixel type: float32, float16 or uint8
+    `pixel`: pixel type: float32, float16 or uint8.
     """
     if partial.rgba.dtype == pixel:
         return partial

@@ -1,6 +1,6 @@
 """Collection of disjoint tiles into one picture; nothing is blended, and each pixel travels once.
 
-Each rank sends its tiles to the root in one message, after a header with their rectangles. The assignment of tiles to
+Each rank tells the root its rectangles, and sends their pixels in one message. The assignment of tiles to
 ranks may be known only after drawing, and other ranks do not need it.
 
 References
@@ -12,42 +12,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
-from clusterviz.codec import Rows, choose_codec
-from clusterviz.codec.contract import Bytes, Pixels
+from clusterviz.codec import choose_codec
+from clusterviz.codec.contract import Pixels
 from clusterviz.comm import Channel
-from clusterviz.comm.agree import mark_agreed
+from clusterviz.comm.agree import agreed_errors
 from clusterviz.composite.counters import CompositeCounters, StageCounters
 from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch
 from clusterviz.composite.gather import collect
-from clusterviz.composite.messages import compile_codecs, packer
+from clusterviz.composite.messages import CountingPacker, compile_codecs, packer
 from clusterviz.composite.model.network import Network, default_network
-from clusterviz.errors import InputError
 from clusterviz.image.partial import PartialImage, Rect
 
 
 class TileCollector:
     """Collector of the tiles of all ranks, frame after frame; every method is collective.
 
+    `pixel`: pixel type of the tiles. Raises InputError on every rank for an unknown codec.
+
     Parameters
     ----------
-    channel : channel of the ranks
-    size : (width, height) of the picture
-    codec : registered name, or "auto"
     pixel : pixel type of the tiles: float32, float16 or uint8
     network : constants for the choice of codecs; if None, those that `clusterviz bench network` saved
-
-    Raises
-    ------
-    InputError
-        On every rank: an unknown codec.
-
-    Attributes
-    ----------
-    pixel : pixel type of the tiles
     """
 
     def __init__(
@@ -59,10 +47,8 @@ class TileCollector:
         pixel: str = "float32",
         network: Network | None = None,
     ) -> None:
-        try:
+        with agreed_errors():
             choose_codec(codec)
-        except InputError as error:
-            raise mark_agreed(error) from None
         self._channel, self._size, self._codec, self._dtype = channel, size, codec, np.dtype(pixel)
         self.pixel = pixel
         nodes = len(channel.nodes())
@@ -73,9 +59,7 @@ class TileCollector:
     def collect(self, tiles: Sequence[PartialImage]) -> tuple[Pixels | None, CompositeCounters]:
         """Collect one picture.
 
-        Parameters
-        ----------
-        tiles : this rank's tiles, of the collector's pixel type, inside the picture; tiles of all ranks are disjoint
+        `tiles`: this rank's tiles, of the collector's pixel type, inside the picture; tiles of all ranks are disjoint.
 
         Returns
         -------
@@ -90,17 +74,11 @@ class TileCollector:
             for patch, tile in zip(patches, drawn, strict=True)
         )
         all_ranks = tuple(range(self._channel.size))
-        packing = _CountingPacker(self._pack)
+        packing = CountingPacker(self._pack)
         started = perf_counter()
-        picture: Any = collect(
-            OwnedPixels(whole, self._dtype, fragments, all_ranks, disjoint=True),
-            self._size,
-            self._channel,
-            pack=packing,
-        )
-        return picture, self._counters(packing, perf_counter() - started)
-
-    def _counters(self, packing: _CountingPacker, seconds: float) -> CompositeCounters:
+        owned = OwnedPixels(whole, self._dtype, fragments, all_ranks, disjoint=True)
+        picture = collect(owned, self._size, self._channel, pack=packing)
+        seconds = perf_counter() - started
         stage = StageCounters(
             messages_sent=packing.messages,
             pixels_sent=packing.pixels,
@@ -109,24 +87,4 @@ class TileCollector:
             seconds_encode=packing.seconds,
             seconds_wait=seconds - packing.seconds,
         )
-        return CompositeCounters("tiles", self._codec, "messages", self._channel.size, 0.0, 0.0, (stage,))
-
-
-class _CountingPacker:
-    """Packer that counts messages, pixels, bytes and seconds."""
-
-    def __init__(self, pack: Any) -> None:
-        self._pack = pack
-        self.messages = self.pixels = self.bytes = 0
-        self.seconds = 0.0
-
-    def __call__(self, pixels: Pixels, rows: Rows, key: tuple[int, int]) -> Bytes:
-        started = perf_counter()
-        message: Bytes = self._pack(pixels, rows, key)
-        self.seconds += perf_counter() - started
-        self.messages, self.pixels, self.bytes = (
-            self.messages + 1,
-            self.pixels + len(pixels),
-            self.bytes + message.nbytes,
-        )
-        return message
+        return picture, CompositeCounters("tiles", self._codec, "messages", self._channel.size, 0.0, 0.0, (stage,))

@@ -66,20 +66,12 @@ class Message:
 
 @dataclass(frozen=True)
 class Merge:
-    """Merge of all parts in one range that a rank keeps.
+    """Merge of all parts in one range that a rank keeps."""
 
-    Attributes
-    ----------
-    zone : the rank's own parts in the range
-    incoming : parts that arrive
-    result : patch that contains all parts
-    depth : depth of the merged layer
-    """
-
-    zone: Zone
-    incoming: tuple[Part, ...]
-    result: Patch
-    depth: int
+    zone: Zone  # the rank's own parts in the range
+    incoming: tuple[Part, ...]  # parts that arrive
+    result: Patch  # patch that contains all parts
+    depth: int  # depth of the merged layer
 
     @property
     def merged(self) -> Zone:
@@ -97,11 +89,6 @@ class StageTraffic:
     merges: tuple[Merge, ...]
 
 
-def layers_of(patches: Sequence[Patch]) -> Layers:
-    """Return one layer for each rank, by position."""
-    return [(Part(depth, patch),) for depth, patch in enumerate(patches)]
-
-
 def plan_traffic(
     schedule: Schedule, rank: int, layers: Layers, width: int, *, whole: bool = False
 ) -> tuple[StageTraffic, ...]:
@@ -109,16 +96,13 @@ def plan_traffic(
 
     Parameters
     ----------
-    schedule : schedule between positions
-    rank : position of this rank
     layers : layers of each position; the range of each patch is the whole canvas
-    width : width of the canvas
     whole : whether the last merges make all pixels of their ranges, also blank ones, so that the final gather needs
         no headers
     """
     if not schedule.stages and len(layers[rank]) > 1:
         # Nothing is sent, but the rank's own layers have to be merged.
-        schedule = Schedule(schedule.ranks, schedule.pixels, (Stage.of(()),))
+        schedule = Schedule(schedule.ranks, schedule.pixels, (Stage.join(()),))
     concerned = _concerned(schedule, rank)
     held: dict[int, Held] = {r: (_whole(schedule.pixels, layers[r]),) for r in concerned[0]}
     result = []
@@ -183,10 +167,7 @@ def _stage_traffic(stage: Stage, rank: int, held: dict[int, Held], depth: int, w
 def _find(held: Held, transfer: Transfer) -> Zone:
     """Return the zone of a transfer's range in the zones that a rank holds.
 
-    Raises
-    ------
-    ValueError
-        The range is not inside one zone; no algorithm may do that.
+    Raises ValueError if the range is not inside one zone; no algorithm may do that.
     """
     index = bisect_right(held, transfer.begin, key=lambda zone: zone.begin) - 1
     if index < 0 or transfer.end > held[index].end:
@@ -195,7 +176,6 @@ def _find(held: Held, transfer: Transfer) -> Zone:
 
 
 def _merges(kept: Held, incoming: Iterable[Part], depth: int, width: int) -> tuple[Merge, ...]:
-    """Return the merge of each kept zone with the parts that arrive in its range."""
     coming = sorted(incoming, key=lambda part: (part.patch.begin, part.depth))
     starts = [part.patch.begin for part in coming]
     merges = []

@@ -79,13 +79,11 @@ class Format:
     has_steps: bool = False
 
     def open(self, path: Path, subset: Subset) -> Source:
-        """Open a volume."""
         source: Source = _function(self.opener)(path, subset)
         return source
 
 
 def _function(name: str) -> Any:
-    """Return a function of a module in clusterviz.data.formats."""
     module, function = name.split(".")
     return getattr(import_module(f"clusterviz.data.formats.{module}"), function)
 
@@ -194,22 +192,18 @@ class _OfSource(DerivedSource):
 
     @property
     def brick(self) -> int:
-        """Samples along the side of a stored brick."""
         return self._multilevel.brick
 
     def bounds(self, number: int) -> NDArray[np.float64]:
-        """Return minimum, maximum and error of the bricks of a level; see `MultilevelSource`."""
         with guard(DataError, self.name):
             return self._multilevel.bounds(number)
 
     def at_time(self, time: int) -> Source | None:
-        """Return the volume at another time step; None if the source is no `SeriesSource`."""
         with guard(DataError, self.name):
             found = getattr(self.source, "at_time", lambda step: None)(time)
             return cast("Source", replace(self, source=found)) if found is not None else None
 
     def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
-        """Return whether a box of samples is known to be the same at another time step; see `SeriesSource`."""
         known, there = getattr(self.source, "is_same", None), getattr(other, "source", None)
         with guard(DataError, self.name):
             return bool(known and there and known(there, begin_zyx, end_zyx))
@@ -230,18 +224,15 @@ class GuardedSource(_OfSource):
         return self.source.grid
 
     def level(self, number: int) -> Source:
-        """Return a level; see `MultilevelSource`."""
         with guard(DataError, self.name):
             return GuardedSource(self._multilevel.level(number)) if number else self
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         with guard(DataError, self.name):
             return self.source.read(begin_zyx, end_zyx)
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
-        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
         with guard(DataError, self.name):
             return read_boxes(self.source, boxes)
 
@@ -253,15 +244,12 @@ class GridOverride(_OfSource):
     grid: Grid
 
     def level(self, number: int) -> Source:
-        """Return a level; see `MultilevelSource`."""
         return GridOverride(self._multilevel.level(number), self.grid.coarser(number)) if number else self
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self.source.read(begin_zyx, end_zyx)
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
-        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
         return read_boxes(self.source, boxes)
 
 
@@ -275,19 +263,15 @@ class ThickSource(GridOverride):
 
     @property
     def levels(self) -> int:
-        """Number of levels: 0."""
         return 0
 
     def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
-        """Return whether a box of samples is known to be the same at another time step; see `SeriesSource`."""
         return super().is_same(other, *self._stored((begin_zyx, end_zyx)))
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self._repeated(super().read(*self._stored((begin_zyx, end_zyx))), (begin_zyx, end_zyx))
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]] | None:
-        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
         found = super().read_boxes([self._stored(box) for box in boxes])
         return found and [self._repeated(*each) for each in zip(found, boxes, strict=True)]
 
@@ -343,7 +327,7 @@ def _open(text: str, part: Subset) -> Source:
     if part.scattered is not None:
         from clusterviz.data.scattered import open_scattered
 
-        return open_scattered(file, part)
+        return open_scattered(file, part, read_grid(file) if grid_format_of(file) else read_geometry(file))
     if found is not None:
         require_file(file, found.magic)
         return found.open(file, part)
@@ -438,7 +422,6 @@ def read_grid(path: str | Path, time: float | None = None) -> UnstructuredGrid:
 
 
 def _whole_grid(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Return the joined pieces of an unstructured grid."""
     from clusterviz.data.unstructured import joined_grids
 
     grids = [read_piece(file) for file in grid_files(path, time)]

@@ -189,7 +189,6 @@ class DerivedSource:
 
     @property
     def slab(self) -> Hyperslab | None:
-        """The volume's part of the stored array, if the format has one."""
         return getattr(self.source, "slab", None)
 
 
@@ -236,7 +235,6 @@ def unnamed_axes(shape: Sequence[int], subset: Subset) -> str:
 
 
 def _pick(key: Part, count: int, wanted: int | str | None, names: tuple[str, ...], where: str) -> int:
-    """Return the requested index along one axis."""
     noun = NOUNS[key]
     allowed = f"{key}: 0" if count == 1 else f"{key}: 0 to {count - 1}"
     if names:

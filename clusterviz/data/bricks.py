@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.source import Index, Source
+from clusterviz.data.source import Index, Source, as_index
 
 SLAB_BYTES = 64 << 20  # read at a time, in addition to the bricks being filled
 Box = tuple[Index, Index]
@@ -43,8 +43,7 @@ class BrickLayout:
     @property
     def cells_zyx(self) -> Index:
         """Cells along each axis; a single sample counts as one cell without extent."""
-        z, y, x = (max(1, n - 1) for n in self.shape_zyx)
-        return z, y, x
+        return as_index(max(1, n - 1) for n in self.shape_zyx)
 
     @property
     def counts_zyx(self) -> Index:
@@ -78,16 +77,13 @@ class BrickLayout:
 
     def cells_of(self, begin_zyx: Index, end_zyx: Index) -> Box:
         """The cells of a box of bricks; both half-open."""
-        z, y, x = (int(borders[i]) for borders, i in zip(self.borders_zyx, begin_zyx, strict=True))
-        z_end, y_end, x_end = (int(borders[i]) for borders, i in zip(self.borders_zyx, end_zyx, strict=True))
-        return (z, y, x), (z_end, y_end, x_end)
+        begin, end = ([int(b[i]) for b, i in zip(self.borders_zyx, at, strict=True)] for at in (begin_zyx, end_zyx))
+        return as_index(begin), as_index(end)
 
     def unit_box(self, begin_zyx: Index, end_zyx: Index) -> Box:
         """The cubes of `brick` cells that a box of bricks consists of: bricks themselves, where these are uniform."""
         begin, end = self.cells_of(begin_zyx, end_zyx)
-        z, y, x = (cell // self.brick for cell in begin)
-        z_end, y_end, x_end = (-(-cell // self.brick) for cell in end)
-        return (z, y, x), (z_end, y_end, x_end)
+        return as_index(cell // self.brick for cell in begin), as_index(-(-cell // self.brick) for cell in end)
 
     def units(self, bricks: NDArray[np.int64]) -> NDArray[np.int64]:
         """The cubes of `brick` cells of bricks (n, 3), int64 (m, 3): those of the first brick before the second's."""
@@ -160,7 +156,6 @@ def with_margin(layout: Boxes, index: Index, samples: NDArray[Any]) -> NDArray[A
 
 
 def _read_layer(source: Source, boxes: dict[Index, Box]) -> dict[Index, NDArray[Any]]:
-    """Read the bricks of one z index."""
     if (read := read_boxes(source, list(boxes.values()))) is not None:
         return dict(zip(boxes, read, strict=True))
     begins, ends = (np.array([box[side] for box in boxes.values()]) for side in (0, 1))

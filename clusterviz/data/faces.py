@@ -59,7 +59,6 @@ class Neighbours:
         return Neighbours(corners, halves, self.boundary, self.crowded)
 
     def faces(self) -> Faces:
-        """Return all faces."""
         count = (4 * len(self.tetrahedra) + self.boundary) // 2
         corners, sides = np.empty((count, 3), np.uint32), np.empty((count, 2), np.uint32)
         _WRITE(self.tetrahedra, self.halves, corners, sides)
@@ -118,6 +117,5 @@ def find_neighbours(tetrahedra: NDArray[np.uint32], points: int, threads: int = 
 
 
 def _parts(count: int, threads: int) -> list[slice]:
-    """Divide tetrahedra among threads."""
     tasks = max(1, min(threads, count // LEAST))
     return [slice(a, b) for a, b in pairwise(count * n // tasks for n in range(tasks + 1))]

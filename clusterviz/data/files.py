@@ -110,9 +110,9 @@ def require_file(path: Path, magic: tuple[bytes, ...] = ()) -> int:
     return status.st_size
 
 
-def read_file(path: Path, magic: tuple[bytes, ...] = ()) -> bytes:
+def read_file(path: Path) -> bytes:
     """Return the content of a file; checks as of `require_file`."""
-    require_file(path, magic)
+    require_file(path)
     with readable(path):
         return path.read_bytes()
 

@@ -318,12 +318,9 @@ def as_geometry(given: Any, section: str, where: str) -> Geometry:
     """
     if isinstance(given, Geometry):
         return given
-    if isinstance(given, Mesh):
-        return Geometry(mesh=given)
-    if isinstance(given, Lines):
-        return Geometry(lines=given)
-    if isinstance(given, Points):
-        return Geometry(points=given)
+    if isinstance(given, (Mesh, Lines, Points)):
+        part: dict[str, Any] = {type(given).__name__.lower(): given}
+        return Geometry(**part)
     positions = next((getattr(given, name) for name in ("points", "vertices") if hasattr(given, name)), None)
     cells = getattr(given, {"meshes": "faces", "lines": "lines", "points": "points"}[section], None)
     try:

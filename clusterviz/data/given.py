@@ -76,10 +76,7 @@ def _scene_and_sources(
 ) -> tuple[Scene, Any, list[Choice]]:
     """Return the scene of a first argument, its data in memory, and the choices among their parts.
 
-    Parameters
-    ----------
-    subset : part of an object of another library that is the volume
-    content : sections among the settings, which may stand alone
+    A subset names the part of an object of another library; sections of `content` among the settings may stand alone.
     """
     if given is None and content:
         return Scene(automatic=True), None, []

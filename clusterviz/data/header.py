@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.source import Grid, Index, Triple
+from clusterviz.data.source import Grid, Index, Triple, as_index
 from clusterviz.errors import DataError
 
 MIN_DETERMINANT = 1e-6  # |det| of the unit axes, below which a placement counts as singular
@@ -121,8 +121,7 @@ def check_box(begin_zyx: Index, end_zyx: Index, shape_zyx: Index) -> Index:
     """
     if not all(0 <= b <= e <= n for b, e, n in zip(begin_zyx, end_zyx, shape_zyx, strict=True)):
         raise IndexError(f"box {begin_zyx} to {end_zyx} does not lie in a volume of shape {shape_zyx}")
-    z, y, x = (e - b for b, e in zip(begin_zyx, end_zyx, strict=True))
-    return z, y, x
+    return as_index(e - b for b, e in zip(begin_zyx, end_zyx, strict=True))
 
 
 def check_step(step: int, times: Sequence[float], where: str) -> int:

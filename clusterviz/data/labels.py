@@ -42,7 +42,6 @@ class LabelSource:
 
     @property
     def slab(self) -> Hyperslab | None:
-        """The volume's part of the stored array, if the format has one."""
         return getattr(self.stored, "slab", None)
 
     @property
@@ -56,7 +55,6 @@ class LabelSource:
         return replace(self, stored=found) if found is not None else None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         samples = self.stored.read(begin_zyx, end_zyx)
         return hashed(samples) if self.labels == "hashed" else places(samples, self.labels)
 

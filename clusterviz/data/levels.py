@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box, read_boxes
-from clusterviz.data.source import Grid, Index, MultilevelSource
+from clusterviz.data.source import Grid, Index, MultilevelSource, as_index
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,11 +113,9 @@ class MixedSource:
         return own if levels.is_uniform and levels.levels.flat[0] <= self.level else np.result_type(own, np.float32)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self.read_boxes([(begin_zyx, end_zyx)])[0]
 
     def read_boxes(self, boxes: list[Box]) -> list[NDArray[Any]]:
-        """Read the samples of several boxes at once; see `read_boxes` in data/bricks.py."""
         return _sampled(self, boxes, self.level)
 
 
@@ -161,9 +159,7 @@ def _read_level(field: MixedSource, boxes: list[Box], level: int) -> list[NDArra
 def halved(box: Box) -> Box:
     """Return the box of samples of the next coarser level between which those of a box lie."""
     begin, end = box
-    z, y, x = (b // 2 for b in begin)
-    z_end, y_end, x_end = (e // 2 + 1 for e in end)
-    return (z, y, x), (z_end, y_end, x_end)
+    return as_index(b // 2 for b in begin), as_index(e // 2 + 1 for e in end)
 
 
 def _interpolated(samples: NDArray[Any], box: Box, finer: Box) -> NDArray[Any]:

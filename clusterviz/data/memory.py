@@ -47,7 +47,6 @@ class ArraySource:
         return self._dtype
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self._grid.shape_zyx)
         (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
         return np.array(self._array[z:z_end, y:y_end, x:x_end], self._dtype, order="C", copy=True)

@@ -43,7 +43,6 @@ class ObjectSource:
     owner: Any = None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self.slab.shape_zyx)
         box = tuple(slice(begin, end) for begin, end in zip(begin_zyx, end_zyx, strict=True))
         return np.array(self.array[box], self.dtype, order="C", copy=True)

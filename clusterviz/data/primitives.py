@@ -334,14 +334,7 @@ def brick_keys(drawn: DrawnPrimitives, numbers: NDArray[np.int64], boxes: BrickB
 def _keys(
     placed: Floats, around: Floats, numbers: NDArray[np.int64], boxes: BrickBoxes
 ) -> Iterator[NDArray[np.uint64]]:
-    """Yield the keys of primitives.
-
-    Parameters
-    ----------
-    placed : (c, m, 3), corners of the primitives in cells
-    around : (m,), cells to add on all sides
-    numbers : (m,), of the primitives
-    """
+    """Yield the keys of primitives whose corners are (c, m, 3) in cells, with cells (m,) around them on all sides."""
     sides = ((np.min, -1), (np.max, 1))
     low, high = (boxes.clipped(pick(placed, axis=0) + sign * around[:, None]) for pick, sign in sides)
     single = (low == high).all(axis=1)

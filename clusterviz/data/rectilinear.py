@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import DerivedSource
 from clusterviz.data.header import check_box, make_grid
-from clusterviz.data.source import Grid, Index
+from clusterviz.data.source import Grid, Index, as_index
 from clusterviz.errors import DataError
 
 MAX_STEPS = 1 << 20
@@ -133,7 +133,6 @@ class RectilinearSource(DerivedSource):
         return np.result_type(self.source.dtype, np.float32)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
@@ -146,9 +145,7 @@ class RectilinearSource(DerivedSource):
             begin.append(int(before[0]))
             end.append(int(before[-1]) + (2 if weights[-1][-1] else 1))
             below.append(before - begin[-1])
-        stored: NDArray[Any] = self.source.read((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])).astype(
-            self.dtype
-        )
+        stored: NDArray[Any] = self.source.read(as_index(begin), as_index(end)).astype(self.dtype)
         for axis in range(3):
             stored = interpolate(stored, below[axis], weights[axis], axis)
         return np.ascontiguousarray(stored, self.dtype)

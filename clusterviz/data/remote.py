@@ -166,7 +166,6 @@ class _Part:
     most: int
 
     def check(self, size: int, where: str) -> None:
-        """Refuse more bytes than may be read."""
         if size > self.most:
             raise DataError("too large a file, or part of one", where=where, allowed=f"up to {self.most} bytes")
 
@@ -248,7 +247,6 @@ def _repeated(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
 
 
 def _fetch_http(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
-    """Read a range by one request."""
     urllib3, where, headers = library("urllib3", "store", str(path)), str(path), {"Accept-Encoding": "identity"}
     parts = urlsplit(path.url)
     if parts.username:
@@ -327,13 +325,7 @@ def _content(answer: Any, where: str, part: _Part, began: float) -> tuple[bytes,
 
 
 def _read_body(answer: Any, most: int, began: float) -> bytes | None:
-    """Return the bytes of an answer; None if there are more than `most`.
-
-    Raises
-    ------
-    _UnavailableError
-        It is slower than `LEAST_RATE`, or takes longer than `TRANSFER_SECONDS`.
-    """
+    """Return the bytes of an answer; None if there are more than `most`. Slow ones are an `_UnavailableError`."""
     parts, count = list[bytes](), 0
     while piece := answer.read1(PIECE_BYTES):
         parts.append(piece)
@@ -374,7 +366,6 @@ def _proxy(address: str) -> str | None:
 
 @cache
 def _pool(proxy: str | None) -> Any:
-    """Return connections that are kept open."""
     import urllib3
 
     options: dict[str, Any] = {"retries": False, "maxsize": CONNECTIONS}

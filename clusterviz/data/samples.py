@@ -97,7 +97,6 @@ def fetch_sample(name: str) -> Path:
 
 
 def _write_sidecar(sample: Sample, target: Path) -> None:
-    """Write the description of a raw sample atomically."""
     if not sample.sidecar:
         return
     temporary = target.with_name(f".{uuid4()}.yaml")

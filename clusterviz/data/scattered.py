@@ -28,8 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset
+from clusterviz.data.geometry import Geometry
 from clusterviz.data.header import check_box
 from clusterviz.data.source import Grid, Index
+from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import DataError
 
 MOST_SAMPLES = 1 << 28
@@ -72,7 +74,6 @@ class ScatteredSource:
         return np.broadcast_to(found, self.grid.shape_zyx)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         return self.voxels[tuple(map(slice, begin_zyx, end_zyx))].copy()
 
@@ -146,10 +147,10 @@ def _lattice(lengths: NDArray[np.float64], size: int | Sequence[int], name: str)
     return sides, np.where(steps > 0, steps, steps.min(where=steps > 0, initial=np.inf) if lengths.any() else 1.0)
 
 
-def open_scattered(path: Path, subset: Subset) -> ScatteredSource:
-    """Open a file of points; it is read whole."""
+def open_scattered(path: Path, subset: Subset, content: Geometry | UnstructuredGrid) -> ScatteredSource:
+    """Open the points of a file that was read whole."""
     assert subset.scattered is not None
-    positions, arrays = _points(path)
+    positions, arrays = _points(content)
     numbers = {name: array.reshape(-1) for name, array in arrays.items() if array.size == len(array)}
     numbers = {name: array for name, array in numbers.items() if array.dtype.kind in "iufb"}
     listed = ", ".join(numbers) or "none: the file has no array with one number a point"
@@ -161,16 +162,12 @@ def open_scattered(path: Path, subset: Subset) -> ScatteredSource:
     return scattered(positions, numbers[name], subset.scattered.size, subset.scattered.bounds, where)
 
 
-def _points(path: Path) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
+def _points(content: Geometry | UnstructuredGrid) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
     """Return positions, (n, 3), and the arrays that belong to them."""
-    from clusterviz.data import grid_format_of, read_geometry, read_grid  # which open this kind, too
-
-    if grid_format_of(path):
-        grid = read_grid(path)
-        return grid.points, dict(grid.point_arrays)
-    geometry = read_geometry(path)
-    parts = [(part.positions, part.attributes) for part in (geometry.points,) if part]
-    parts += [(part.points, part.point_attributes) for part in (geometry.lines,) if part]
-    parts += [(part.vertices, part.vertex_attributes) for part in (geometry.mesh,) if part]
+    if isinstance(content, UnstructuredGrid):
+        return content.points, dict(content.point_arrays)
+    parts = [(part.positions, part.attributes) for part in (content.points,) if part]
+    parts += [(part.points, part.point_attributes) for part in (content.lines,) if part]
+    parts += [(part.vertices, part.vertex_attributes) for part in (content.mesh,) if part]
     positions, arrays = max(parts, key=lambda part: len(part[0]), default=(np.empty((0, 3)), {}))
     return positions, dict(arrays)

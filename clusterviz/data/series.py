@@ -78,7 +78,6 @@ class FileOfSeries(DerivedSource):
         return replace(found, time=self.time, time_steps=self.time_steps)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         found: NDArray[Any] = self.source.read(begin_zyx, end_zyx)
         return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -66,6 +67,12 @@ class Grid:
 
 
 Index = tuple[int, int, int]
+
+
+def as_index(numbers: Iterable[int]) -> Index:
+    """Return whole numbers along z, y and x."""
+    z, y, x = numbers
+    return z, y, x
 
 
 class Source(Protocol):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.order_statistics import DIGITS, Counts, begin_selection, count, keys_of, shifts_of, values_of
-from clusterviz.data.source import Index, Source
+from clusterviz.data.source import Index, Source, as_index
 
 Bricks = Callable[[], Iterator[tuple[Index, NDArray[Any]]]]
 AllGather = Callable[[Any], list[Any]]
@@ -188,20 +188,12 @@ def summarise(
 
 @dataclass(frozen=True)
 class _Part:
-    """First pass over the bricks of one rank.
+    """First pass over the bricks of one rank."""
 
-    Attributes
-    ----------
-    bricks : (index, minimum, maximum) of each brick
-    samples : number of samples that the bricks own
-    counts : sparse counts of the leading digit
-    blocks : flat indices of the blocks met (n,), and their extremes (2, n)
-    """
-
-    bricks: list[tuple[Index, float, float]]
-    samples: int
-    counts: Sparse
-    blocks: tuple[NDArray[np.int64], NDArray[np.float64]]
+    bricks: list[tuple[Index, float, float]]  # index, minimum and maximum
+    samples: int  # that the bricks own
+    counts: Sparse  # of the leading digit
+    blocks: tuple[NDArray[np.int64], NDArray[np.float64]]  # flat indices of those met (n,), and their extremes (2, n)
     categories: Categories | None
 
 
@@ -246,14 +238,12 @@ def _merge_parts(layout: BrickLayout, parts: Sequence[_Part], bins: int) -> Volu
 
 def block_sides(shape_zyx: Index) -> Index:
     """Return the cells along the sides of a volume's blocks."""
-    z, y, x = (-(-max(1, n - 1) // BLOCKS) for n in shape_zyx)
-    return z, y, x
+    return as_index(-(-max(1, n - 1) // BLOCKS) for n in shape_zyx)
 
 
 def block_counts(shape_zyx: Index) -> Index:
     """Return the blocks of a volume along each axis."""
-    z, y, x = (-(-max(1, n - 1) // side) for n, side in zip(shape_zyx, block_sides(shape_zyx), strict=True))
-    return z, y, x
+    return as_index(-(-max(1, n - 1) // side) for n, side in zip(shape_zyx, block_sides(shape_zyx), strict=True))
 
 
 def _empty_blocks(layout: BrickLayout) -> NDArray[np.float64]:

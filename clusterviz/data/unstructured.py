@@ -84,7 +84,6 @@ class UnstructuredGrid:
 
     @property
     def count(self) -> int:
-        """Number of cells."""
         return sum(len(corners) for corners in self.cells.values())
 
     @property
@@ -297,7 +296,6 @@ class Polyhedra:
         return self.count
 
     def some(self, is_kept: NDArray[np.bool_]) -> Polyhedra:
-        """Return some of the cells."""
         faces, number = is_kept[self.owners], np.cumsum(is_kept) - 1
         kept = self.begins[faces], self.sizes[faces]
         return Polyhedra(int(is_kept.sum()), number[self.owners[faces]], *kept, self.values)

@@ -119,7 +119,6 @@ class VectorField:
         return found
 
     def at_time(self, step: int) -> VectorField:
-        """Return the vectors at another time step; see `VectorSource`."""
         return replace(self, step=check_step(step, self.times, self.name))
 
     def velocity(self, points: NDArray[np.float64], time: float = 0.0) -> NDArray[np.float64]:

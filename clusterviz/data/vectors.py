@@ -126,13 +126,11 @@ class VectorArray:
         self._dtype = _dtype([values.dtype])
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Copy the vectors of a box; see `VectorSource.read`."""
         check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
         return np.array(self._steps[self._step, z:z_end, y:y_end, x:x_end], self._dtype, order="C", copy=True)
 
     def at_time(self, step: int) -> VectorArray:
-        """Return the vectors at another time step; see `VectorSource`."""
         found = VectorArray.__new__(VectorArray)
         found.__dict__ |= self.__dict__ | {"_step": check_step(step, self.times, self.name)}
         return found
@@ -161,7 +159,6 @@ class ComponentVectors:
     open_step: Callable[[int], VectorSource]
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the vectors of a box; see `VectorSource.read`."""
         dtype = _dtype([source.dtype for source in self.components if source])
         found = np.zeros((*check_box(begin_zyx, end_zyx, self.grid.shape_zyx), 3), dtype)
         for component, source in enumerate(self.components):
@@ -172,7 +169,6 @@ class ComponentVectors:
         return found
 
     def at_time(self, step: int) -> VectorSource:
-        """Open the vectors at another time step; see `VectorSource`."""
         found = self.open_step(check_step(step, self.times, self.name))
         if found.grid.shape_zyx != self.grid.shape_zyx:
             what = "time steps of different shapes"

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import DerivedSource
 from clusterviz.data.geometry import Attributes
-from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.source import Grid, Index, Source, as_index
 
 TYPE, LEVELS = "vtkGhostType", "vtkGhostLevels"
 ARRAYS = (TYPE, LEVELS)
@@ -91,7 +91,7 @@ class GhostBits:
         first, last = np.maximum(begin, 0), np.minimum(end, self.source.grid.shape_zyx)
         around = np.zeros(end - begin, bool)
         low, high = first.tolist(), np.maximum(first, last).tolist()
-        bits = self.source.read((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+        bits = self.source.read(as_index(low), as_index(high))
         inside = tuple(slice(a - b, c - b) for a, b, c in zip(low, begin.tolist(), high, strict=True))
         around[inside] = bits.astype(np.uint8) & self.mask != 0
         found = np.zeros(np.array(end_zyx) - begin_zyx, bool)
@@ -126,7 +126,6 @@ class VisibleSource(DerivedSource):
         return found
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         samples: NDArray[Any] = self.source.read(begin_zyx, end_zyx).astype(self.dtype)
         for each in self.hidden:
             samples[each.read(begin_zyx, end_zyx)] = np.nan

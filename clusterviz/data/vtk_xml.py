@@ -374,7 +374,6 @@ def _begin_of(path: Path, layout: XmlLayout, chosen: XmlArray, form: str, where:
 
 
 def _first_character(path: Path, begin: int) -> int:
-    """Skip the blanks before inline text."""
     with readable(path), path.open("rb") as file:
         file.seek(begin)
         head = file.read(4096)

@@ -24,53 +24,29 @@ from clusterviz.partition.owners import UNASSIGNED, Owners
 from clusterviz.partition.search import move_planes, search_tree
 from clusterviz.partition.tree import BspTree, Index
 
+HYSTERESIS = 0.01  # fronts stay if moving them lowers the cost of the busiest rank by no more than this share
 UNIT = 8  # longest side of blocks that move whole, in bricks; they are small near the planes of the tree
 
 
 @dataclass(frozen=True)
 class Policy:
-    """Settings of the load balancer.
+    """Settings of the load balancer."""
 
-    Attributes
-    ----------
-    budget_bytes : that all ranks together may start to send in a frame
-    limit_bytes : of bricks that a rank may hold
-    damping : weight of earlier frames in the measured cost
-    hysteresis : fronts stay if moving them would lower the cost of the busiest rank by no more than this share
-    """
-
-    budget_bytes: int
-    limit_bytes: int
-    damping: float = 0.0
-    hysteresis: float = 0.01
-
-    def __post_init__(self) -> None:
-        if min(self.budget_bytes, self.limit_bytes, self.hysteresis) < 0:
-            raise InputError("impossible", where="balance", found=self, allowed="nothing negative")
+    budget_bytes: int  # that all ranks together may start to send in a frame
+    limit_bytes: int  # of bricks that a rank may hold
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """State of the load balancer between two frames.
+    """State of the load balancer between two frames."""
 
-    Attributes
-    ----------
-    measured : cost factors of the bricks
-    tree : axes of the fronts, and the planes that fronts replace
-    aim : float64 (bz, by, bx), cost by which fronts were placed last
-    target : owners by the fronts
-    migration : present owners, flights and caches
-    recalled : int64 (ranks,), bricks of this frame's moves that each target has in its cache
-    wire_bytes : int64 (bz, by, bx), size of each brick in a message
-    """
-
-    measured: Measured
-    tree: BspTree
-    aim: Costs
-    target: Owners
-    migration: Migration
-    recalled: NDArray[np.int64]
-    wire_bytes: NDArray[np.int64]
+    measured: Measured  # cost factors of the bricks
+    tree: BspTree  # axes of the fronts, and the planes that fronts replace
+    aim: Costs  # float64 (bz, by, bx), cost by which fronts were placed last
+    target: Owners  # owners by the fronts
+    migration: Migration  # present owners, flights and caches
+    recalled: NDArray[np.int64]  # int64 (ranks,), bricks of this frame's moves that each target has in its cache
+    wire_bytes: NDArray[np.int64]  # int64 (bz, by, bx), size of each brick in a message
 
 
 def first_owners(model: Costs, ranks: int, eye: RayOrigin = PARALLEL_ORIGIN) -> Owners:
@@ -92,17 +68,11 @@ def begin(
     ----------
     model : float64 (bz, by, bx), expected cost of each brick; above 0 for bricks that are visible
     brick_bytes : int64 (bz, by, bx), size of each brick in memory; 0 for bricks that are not visible
-    eye : as `ray_origin` returns it
     wire_bytes : int64 (bz, by, bx), size of each brick in a message; None: `brick_bytes`
-
-    Raises
-    ------
-    InputError
-        The bricks of a rank do not fit into its memory.
     """
-    owners = first_owners(model, ranks, eye)
-    migration = settled(owners, brick_bytes, policy.limit_bytes)
     tree = search_tree(model, ranks)
+    owners = front_owners(tree, model, eye)
+    migration = settled(owners, brick_bytes, policy.limit_bytes)
     wire = brick_bytes if wire_bytes is None else wire_bytes
     return Balance(unmeasured(tree.shape_zyx), tree, model, owners, migration, np.zeros(ranks, np.int64), wire)
 
@@ -112,9 +82,9 @@ def complete(balance: Balance, arrived: Collection[Index]) -> Balance:
     return replace(balance, migration=arrive(balance.migration, arrived))
 
 
-def learn(balance: Balance, model: Costs, costs: NDArray[np.float64], policy: Policy) -> Balance:
+def learn(balance: Balance, model: Costs, costs: NDArray[np.float64]) -> Balance:
     """Learn after a frame from its cost on each rank, `costs` float64 (ranks,), and the expected cost, `model`."""
-    return replace(balance, measured=measure(balance.measured, model, balance.migration.owners, costs, policy.damping))
+    return replace(balance, measured=measure(balance.measured, model, balance.migration.owners, costs))
 
 
 def skip(balance: Balance) -> Balance:
@@ -125,17 +95,13 @@ def skip(balance: Balance) -> Balance:
 def plan_moves(balance: Balance, model: Costs, policy: Policy, eye: RayOrigin = PARALLEL_ORIGIN) -> Balance:
     """Place fronts before a frame by its expected cost, plan moves, and hand over bricks that have arrived.
 
-    New flights have the stage "planned". Bricks in the caches of their targets may be handed over at once.
-
-    Raises
-    ------
-    InputError
-        The budget is smaller than a single brick.
+    New flights have the stage "planned". Bricks in the caches of their targets may be handed over at once. Errors as of
+    `rebalance`.
     """
     cost = predict(balance.measured, model, balance.migration.brick_bytes > 0)
     if not cost.any():
         return skip(balance)
-    balance = _aimed(balance, cost, policy, eye)
+    balance = _aimed(balance, cost, eye)
     migration = _move_empty(balance)
     goal = _goal(replace(balance, migration=migration), cost)
     moves = rebalance(migration.landed, goal, migration.free_bytes, policy.budget_bytes, migration.moving)
@@ -143,13 +109,13 @@ def plan_moves(balance: Balance, model: Costs, policy: Policy, eye: RayOrigin = 
     return replace(balance, migration=hand_over(launched, cost), recalled=_recalled(migration, launched))
 
 
-def _aimed(balance: Balance, cost: Costs, policy: Policy, eye: RayOrigin) -> Balance:
+def _aimed(balance: Balance, cost: Costs, eye: RayOrigin) -> Balance:
     """Turn the fronts to the eye; move them to the cost if that clearly relieves the busiest rank."""
     target = front_owners(balance.tree, balance.aim, eye)
     busiest = float(target.loads(cost).max())
-    if busiest > (1 + policy.hysteresis) * float(cost.sum()) / balance.tree.ranks:
+    if busiest > (1 + HYSTERESIS) * float(cost.sum()) / balance.tree.ranks:
         moved = front_owners(balance.tree, cost, eye)
-        if busiest > (1 + policy.hysteresis) * float(moved.loads(cost).max()):
+        if busiest > (1 + HYSTERESIS) * float(moved.loads(cost).max()):
             return replace(balance, tree=move_planes(balance.tree, cost), aim=cost, target=moved)
     return replace(balance, target=target)
 
@@ -181,21 +147,13 @@ def _recalled(before: Migration, launched: Migration) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Wanted owners of the bricks, with costs and sizes.
+    """Wanted owners of the bricks, with costs and sizes."""
 
-    Attributes
-    ----------
-    target : wanted owners; bricks without an owner, here or at present, stay
-    cost : float64 (bz, by, bx), expected cost
-    wire_bytes : int64 (bz, by, bx), size in a message to the target; 0 if the target has the brick
-    held_bytes : int64 (bz, by, bx), size in the target's memory
-    unit : int64 (bz, by, bx), as `units` returns it: bricks of a unit with the same source and target move together
-    """
-
-    target: Owners
-    cost: Costs
-    wire_bytes: NDArray[np.int64]
-    held_bytes: NDArray[np.int64]
+    target: Owners  # wanted owners; bricks without an owner, here or at present, stay
+    cost: Costs  # float64 (bz, by, bx), expected cost
+    wire_bytes: NDArray[np.int64]  # int64 (bz, by, bx), size in a message to the target; 0 if the target has the brick
+    held_bytes: NDArray[np.int64]  # int64 (bz, by, bx), size in the target's memory
+    # int64 (bz, by, bx), as `units` returns it: bricks of a unit with the same source and target move together
     unit: NDArray[np.int64]
 
 
@@ -211,23 +169,14 @@ def rebalance(
     The gain of a move is the decrease of the sum of squares of the ranks' costs, after all moves chosen before it.
     Moves without a gain, which may enable others later, come last.
 
+    Returns moves of each brick at most once, at most `budget_bytes` in all messages and `free_bytes` into each rank;
+    empty if the goal is reached or nothing fits. A budget smaller than every brick that should move raises InputError.
+
     Parameters
     ----------
-    present : owners after all flights
-    goal : wanted owners
     free_bytes : int64 (ranks,), free memory of each rank
     budget_bytes : that all ranks together may send in a frame; 0: only bricks that their targets have already
     moving : bool (bz, by, bx), bricks in flight, which must not move
-
-    Returns
-    -------
-    moves : each brick at most once, at most `budget_bytes` in all messages and `free_bytes` into each rank; empty if
-        the goal is reached or nothing fits
-
-    Raises
-    ------
-    InputError
-        The budget is smaller than every brick that should move, so nothing would ever move.
     """
     goes = (present.owner != goal.target.owner) & (present.owner != UNASSIGNED) & (goal.target.owner != UNASSIGNED)
     bricks = np.argwhere(goes & ~moving if moving is not None else goes)
@@ -239,19 +188,12 @@ def rebalance(
         raise InputError("cannot carry one brick", where="budget", found=budget_bytes, allowed=f"{smallest} bytes")
     batches = _batches(present, goal, bricks, budget_bytes)
     chosen = _choose(batches, present.loads(goal.cost), free_bytes, budget_bytes)
-    return tuple(
-        Move(
-            (int(z), int(y), int(x)),
-            int(present.owner[z, y, x]),
-            int(goal.target.owner[z, y, x]),
-            int(goal.wire_bytes[z, y, x]),
-        )
-        for z, y, x in bricks[_of_batches(batches, chosen)]
-    )
+    maps = (present.owner, goal.target.owner, goal.wire_bytes)
+    some = ((z, y, x) for z, y, x in bricks[_of_batches(batches, chosen)].tolist())
+    return tuple(Move(brick, *(int(each[brick]) for each in maps)) for brick in some)
 
 
 def _of_batches(batches: _Batches, chosen: list[int]) -> NDArray[np.int64]:
-    """Return the bricks of the chosen batches, in the order of these."""
     rank = np.full(len(batches.cost), len(chosen))
     rank[chosen] = np.arange(len(chosen))
     by_rank = np.argsort(rank[batches.members], kind="stable")
@@ -274,21 +216,22 @@ def _batches(present: Owners, goal: Goal, bricks: NDArray[np.int64], budget_byte
     at = tuple(bricks.T)
     source, target = present.owner[at].astype(np.int64), goal.target.owner[at].astype(np.int64)
     key = (goal.unit[at] * present.ranks + source) * present.ranks + target
-    _, first, members = np.unique(key, return_index=True, return_inverse=True)
-    members = members.reshape(-1)
-    wire = np.bincount(members, goal.wire_bytes[at]).astype(np.int64)
+    first, members = _grouped(key)
+    wire = np.bincount(members, goal.wire_bytes[at])
     if (wire > budget_bytes).any():
         # A unit that exceeds the budget moves brick by brick.
-        alone = (wire > budget_bytes)[members]
-        _, first, members = np.unique(
-            np.where(alone, len(first) + np.arange(len(bricks)), members), return_index=True, return_inverse=True
+        first, members = _grouped(
+            np.where((wire > budget_bytes)[members], len(first) + np.arange(len(bricks)), members)
         )
-        members = members.reshape(-1)
-        wire = np.bincount(members, goal.wire_bytes[at]).astype(np.int64)
-    held = np.bincount(members, goal.held_bytes[at]).astype(np.int64)
-    return _Batches(
-        members, source[first], target[first], np.asarray(np.bincount(members, goal.cost[at]), np.float64), wire, held
-    )
+    wire, held = (np.bincount(members, each[at]).astype(np.int64) for each in (goal.wire_bytes, goal.held_bytes))
+    cost = np.asarray(np.bincount(members, goal.cost[at]), np.float64)
+    return _Batches(members, source[first], target[first], cost, wire, held)
+
+
+def _grouped(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the index of the first key of each group of equal keys, and the group of each key."""
+    _, first, members = np.unique(keys, return_index=True, return_inverse=True)
+    return first, members.reshape(-1)
 
 
 def _choose(

@@ -10,12 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.image.partial import Rect
 from clusterviz.partition.bsp import Costs
 from clusterviz.partition.owners import UNASSIGNED, Owners
@@ -25,7 +23,6 @@ from clusterviz.report.statistics import RankFrame
 
 POINTS_A_SIDE = 3  # points along each axis of a brick at which the density of samples is computed
 BRICKS_AT_ONCE = 1024  # their points fit into a cache
-Kind = Literal["samples", "seconds"]
 LEAST = 1e-3  # least cost of a rank or brick, relative to the expected: it may come into view in the next frame
 FRAMES = 16  # remembered frames: with different owners, each gives another equation for the same bricks
 SWEEPS = 3  # over these frames, in each frame
@@ -38,15 +35,10 @@ def expected_samples(plan: Plan, rect: Rect | None = None) -> Costs:
     In perspective, pixels of width p are p · a apart at the distance a ahead of the eye. Slabs of length h are
     h · a / r apart along that axis, at the distance r from the eye. So the volume of a sample is p² a² · h a / r.
 
-    Parameters
-    ----------
-    plan : of one frame
-    rect : pixels whose rays count; None: the whole picture
+    Returns float64 (bz, by, bx); 0 for bricks that are not visible or outside `rect`. Within a few per cent of a count
+    for bricks inside `rect`; a rough estimate for the brick that contains the eye.
 
-    Returns
-    -------
-    cost : float64 (bz, by, bx); 0 for bricks that are not visible or outside `rect`. Within a few per cent of a count
-        for bricks inside `rect`; a rough estimate for the brick that contains the eye
+    `rect`: pixels whose rays count; None: the whole picture.
     """
     rect = rect or Rect(0, 0, *plan.view.size)
     cost = np.zeros(plan.cost.shape)
@@ -96,32 +88,19 @@ def _samples_per_cell(
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Measurement of one frame.
+    """Measurement of one frame."""
 
-    Attributes
-    ----------
-    owner : int64 (bz, by, bx), rank that drew each brick, counted from 1; 0 for bricks out of view
-    model : float64 (bz, by, bx), modelled cost of each brick; 0 for bricks out of view
-    costs : float64 (ranks,), measured cost of each rank
-    """
-
-    owner: NDArray[np.int64]
-    model: Costs
-    costs: NDArray[np.float64]
+    owner: NDArray[np.int64]  # int64 (bz, by, bx), rank that drew each brick, counted from 1; 0 for bricks out of view
+    model: Costs  # float64 (bz, by, bx), modelled cost of each brick; 0 for bricks out of view
+    costs: NDArray[np.float64]  # float64 (ranks,), measured cost of each rank
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Cost factors of the bricks.
+    """Cost factors of the bricks."""
 
-    Attributes
-    ----------
-    factor : float64 (bz, by, bx), measured cost over modelled cost, up to a common factor
-    frames : that were measured, the last `FRAMES` with any cost
-    """
-
-    factor: NDArray[np.float64]
-    frames: tuple[Frame, ...] = ()
+    factor: NDArray[np.float64]  # float64 (bz, by, bx), measured cost over modelled cost, up to a common factor
+    frames: tuple[Frame, ...] = ()  # that were measured, the last `FRAMES` with any cost
 
 
 def unmeasured(shape_zyx: tuple[int, int, int]) -> Measured:
@@ -129,17 +108,12 @@ def unmeasured(shape_zyx: tuple[int, int, int]) -> Measured:
     return Measured(np.ones(shape_zyx))
 
 
-def rank_costs(per_rank: Sequence[RankFrame], by: Kind = "samples") -> NDArray[np.float64]:
-    """Return the cost of a frame on each rank, float64 (ranks,): samples, or seconds of rendering.
-
-    Samples are the same in every run, but ignore slow GPUs. Seconds include these, and the load by other processes.
-    """
-    if by == "samples":
-        return np.array([rank.samples for rank in per_rank], np.float64)
-    return np.array([rank.seconds.get("render", 0.0) for rank in per_rank], np.float64)
+def rank_costs(per_rank: Sequence[RankFrame]) -> NDArray[np.float64]:
+    """Return the samples of a frame on each rank, float64 (ranks,); seconds would differ from run to run."""
+    return np.array([rank.samples for rank in per_rank], np.float64)
 
 
-def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.float64], damping: float = 0.0) -> Measured:
+def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.float64]) -> Measured:
     """Learn from one frame.
 
     The factors of a rank's bricks are multiplied by the rank's measured cost over its expected cost. Cost seldom jumps
@@ -149,26 +123,14 @@ def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.floa
 
     Parameters
     ----------
-    past : factors by the frames before
     model : float64 (bz, by, bx), modelled cost in this frame, such as `expected_samples`
-    owners : that drew the bricks
     costs : float64 (ranks,), as `rank_costs` returns them
-    damping : weight of the past, in [0, 1): 0 for samples, which are exact; above for seconds, which are not
-
-    Raises
-    ------
-    InputError
-        Costs of another number of ranks, negative or infinite costs, or a damping outside [0, 1).
 
     References
     ----------
     R. Gordon, R. Bender, G. Herman: Algebraic reconstruction techniques, Journal of Theoretical Biology 29, 1970 (the
     multiplicative form, with the ranks of a frame in place of the rays of a view).
     """
-    if costs.shape != (owners.ranks,) or not (np.isfinite(costs).all() and (costs >= 0).all()):
-        raise InputError("not a cost a rank", where="costs", found=costs.tolist(), allowed=f"{owners.ranks} of ≥ 0")
-    if not 0 <= damping < 1:
-        raise InputError("impossible", where="damping", found=damping, allowed="0 or more, below 1")
     drawn = (model > 0) & (owners.owner != UNASSIGNED)
     frame = Frame(np.where(drawn, owners.owner + 1, 0).astype(np.int64), np.where(drawn, model, 0.0), costs)
     ratio = _ratio(frame, past.factor)
@@ -177,26 +139,23 @@ def measure(past: Measured, model: Costs, owners: Owners, costs: NDArray[np.floa
     factor = past.factor * np.exp(_smooth(np.log(ratio)))
     frames = (*past.frames, frame)[-FRAMES:]
     for _ in range(SWEEPS):
-        for age, each in zip(reversed(range(len(frames))), frames, strict=True):
+        for each in frames:
             ratio = _ratio(each, factor)
             if ratio is not None:
-                factor = factor * (ratio ** ((1 - damping) ** age) if damping else ratio)
-    factor = past.factor**damping * factor ** (1 - damping)
+                factor = factor * ratio
     return Measured(factor / factor[drawn].mean(), frames)
 
 
 def predict(measured: Measured, model: Costs, shown: NDArray[np.bool_]) -> Costs:
     """Return the expected cost of each brick in a frame.
 
+    Returns float64 (bz, by, bx); above 0 exactly where `shown`, also out of view: such bricks may come into view, so
+    they are spread over the ranks too.
+
     Parameters
     ----------
     model : float64 (bz, by, bx), modelled cost in that frame
     shown : bool (bz, by, bx), visible bricks
-
-    Returns
-    -------
-    cost : float64 (bz, by, bx); above 0 exactly where `shown`, also out of view: such bricks may come into view, so
-        they are spread over the ranks too
     """
     cost = model * measured.factor
     mean = float(cost[shown].mean()) if shown.any() else 0.0

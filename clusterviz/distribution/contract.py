@@ -52,9 +52,8 @@ class DistributionHooks(Protocol):
     def before(self, run: Run, work: RankWork) -> Iterable[Rect] | None:
         """Begin the drawing of a frame whose bricks are loaded.
 
-        Returns
-        -------
-        tiles : in which this rank draws all its pieces, such as those of a work queue; None: the pieces' rectangles
+        Returns tiles in which this rank draws all its pieces, such as those of a work queue; None: the pieces'
+        rectangles.
         """
 
     def counted(self, counts: RankFrame) -> RankFrame:
@@ -76,14 +75,7 @@ def candidates(ranks: int) -> list[int]:
 def groups_of(scene: Scene, ranks: int, several: bool) -> list[int]:
     """Return the allowed numbers of groups, ascending; a single one if the scene names it.
 
-    Parameters
-    ----------
-    several : True if more than one frame may come
-
-    Raises
-    ------
-    InputError
-        More groups than ranks.
+    `several`: True if more than one frame may come. Raises InputError for more groups than ranks.
     """
     cluster = scene.cluster
     if cluster.mode == "sort-first":
@@ -101,9 +93,7 @@ def groups_of(scene: Scene, ranks: int, several: bool) -> list[int]:
 def distribution_of(cluster: Cluster, ranks: int, groups: int, budget: MemoryBudget, several: bool) -> Distribution:
     """Make the distribution of a scene for a number of groups that share the screen.
 
-    Parameters
-    ----------
-    budget : memory of a rank for bricks; sort-last uses the limit of the scene instead of `limit_bytes`
+    `budget`: memory of a rank for bricks; sort-last uses the limit of the scene instead of `limit_bytes`.
     """
     if groups == 1 and cluster.mode in ("auto", "sort-last"):
         return _of_data(cluster, ranks, replace(budget, limit_bytes=cluster.memory_limit))
@@ -126,7 +116,6 @@ def _leaves_open(scene: Scene) -> bool:
 
 
 def _of_data(cluster: Cluster, ranks: int, budget: MemoryBudget) -> Distribution:
-    """Make the sort-last distribution that a scene names."""
     match cluster.distribution:
         case "interleaved":
             return Interleaved(ranks, budget)

@@ -40,24 +40,16 @@ WHOLE = 1.0  # share without any limit
 
 @dataclass(frozen=True)
 class MigrationRate:
-    """Measured rate of migration.
+    """Measured rate of migration."""
 
-    Attributes
-    ----------
-    share : of a frame's time that each rank may spend on migration; 1: no limit
-    frame_seconds : mean time of frames; 0 if unknown
-    seconds, bytes : time of migration, and bytes packed and unpacked in it; sums over ranks and frames in which older
-        frames count less
-    planning : seconds that one plan takes; 0 if unknown
-    saved : unused seconds for planning
-    """
-
-    share: float
-    frame_seconds: float = 0.0
+    share: float  # of a frame's time that each rank may spend on migration; 1: no limit
+    frame_seconds: float = 0.0  # mean time of frames; 0 if unknown
+    # time of migration, and bytes packed and unpacked in it; sums over ranks and frames in which older frames count
+    # less
     seconds: float = 0.0
     bytes: float = 0.0
-    planning: float = 0.0
-    saved: float = 0.0
+    planning: float = 0.0  # seconds that one plan takes; 0 if unknown
+    saved: float = 0.0  # unused seconds for planning
 
     @property
     def may_plan(self) -> bool:
@@ -84,14 +76,12 @@ class MigrationRate:
     def affordable_bytes(self, ranks: int, under_way: int, largest: int) -> int | None:
         """Return the bytes that all ranks together may start to send in a frame; None: no limit.
 
+        Returns 0, or at least `largest`.
+
         Parameters
         ----------
         under_way : bytes of bricks that are planned or sent and have not arrived
         largest : bytes of the largest brick, which is allowed if nothing else is under way
-
-        Returns
-        -------
-        allowed : 0, or at least `largest`
         """
         if self.share >= WHOLE:
             return None
@@ -150,10 +140,8 @@ class Dynamic:
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
         """Return the pieces of a frame, and plan the flights that start during it.
 
-        Raises
-        ------
-        InputError
-            The bricks of a rank do not fit into its memory, or the budget is smaller than a brick.
+        Raises InputError if the bricks of a rank do not fit into its memory, or the budget is smaller than a
+        brick.
         """
         model, self.planning_seconds = self._expected(plan), 0.0
         if self._balance is None or shows_more(plan, self._sizes.astype(np.float64)):
@@ -171,7 +159,6 @@ class Dynamic:
         return owner_pieces(owners, plan.eye_in_bricks(), plan.view.forward)
 
     def holds(self, rank: int) -> frozenset[Index]:
-        """Return the bricks that a rank draws, has received or caches."""
         if self._balance is None:
             return frozenset()
         return frozenset(brick for brick in self._balance.migration.holds(rank) if self._sizes[brick])
@@ -197,7 +184,7 @@ class Dynamic:
         # All ranks plan the same: the least time is the one least disturbed by other processes.
         self._rate = self._rate.after(frame, work, min(planning))
         if self._balance is not None:
-            self._balance = learn(self._balance, self._expected(plan), rank_costs(costs), self._policy)
+            self._balance = learn(self._balance, self._expected(plan), rank_costs(costs))
 
     def complete(self, arrived: Collection[Index], lost: Collection[Index]) -> None:
         """Record after a frame which bricks have arrived, and which were lost."""

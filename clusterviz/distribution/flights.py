@@ -42,21 +42,14 @@ class Flight:
 
 @dataclass(frozen=True, eq=False)
 class Migration:
-    """Bricks of every rank, and bricks in flight.
+    """Bricks of every rank, and bricks in flight."""
 
-    Attributes
-    ----------
-    owners : that draw each brick
-    brick_bytes : int64 (bz, by, bx), size of each brick in memory; 0 for those that need not be held
-    limit_bytes : of bricks that a rank may hold
-    flights : bricks on their way, oldest first
-    cached : for each rank the bricks that it holds but does not draw, the least recently drawn first
-    """
-
-    owners: Owners
+    owners: Owners  # that draw each brick
+    # int64 (bz, by, bx), size of each brick in memory; 0 for those that need not be held
     brick_bytes: NDArray[np.int64]
-    limit_bytes: int
-    flights: tuple[Flight, ...] = ()
+    limit_bytes: int  # of bricks that a rank may hold
+    flights: tuple[Flight, ...] = ()  # bricks on their way, oldest first
+    # for each rank the bricks that it holds but does not draw, the least recently drawn first
     cached: tuple[tuple[Index, ...], ...] = ()
 
     @property
@@ -106,10 +99,7 @@ class Migration:
 def settled(owners: Owners, brick_bytes: NDArray[np.int64], limit_bytes: int) -> Migration:
     """Return a state without flights and with empty caches.
 
-    Raises
-    ------
-    InputError
-        A rank's bricks exceed the limit; `check_memory` gives a message in terms of ranks.
+    Raises InputError if a rank's bricks exceed the limit; `check_memory` gives a message in terms of ranks.
     """
     start = Migration(owners, brick_bytes, limit_bytes, (), ((),) * owners.ranks)
     most = int(start.held_bytes.max())
@@ -121,10 +111,8 @@ def settled(owners: Owners, brick_bytes: NDArray[np.int64], limit_bytes: int) ->
 def launch(migration: Migration, moves: Iterable[Move]) -> Migration:
     """Plan moves; the oldest bricks of caches are dropped for them. A brick that its target caches has arrived.
 
-    Raises
-    ------
-    InputError
-        A brick is in flight already, its source does not own it, or it does not fit into its target's memory.
+    Raises InputError if a brick is in flight already, its source does not own it, or it does not fit into its
+    target's memory.
     """
     moves = tuple(moves)
     busy = {flight.brick for flight in migration.flights}
@@ -158,10 +146,7 @@ def arrive(migration: Migration, bricks: Collection[Index]) -> Migration:
 def withdraw(migration: Migration, bricks: Collection[Index]) -> Migration:
     """Cancel the flights of bricks, after a damaged message for example; their senders still draw them.
 
-    Raises
-    ------
-    InputError
-        One of them is not in flight.
+    Raises InputError if one of them is not in flight.
     """
     _check(migration, bricks, {flight.brick for flight in migration.flights}, "in flight")
     return replace(migration, flights=tuple(flight for flight in migration.flights if flight.brick not in bricks))
@@ -170,14 +155,7 @@ def withdraw(migration: Migration, bricks: Collection[Index]) -> Migration:
 def switch(migration: Migration, bricks: Collection[Index] | None = None) -> Migration:
     """Hand over bricks that have arrived to their targets; their senders keep them in their caches.
 
-    Parameters
-    ----------
-    bricks : to hand over; None: all that have arrived
-
-    Raises
-    ------
-    InputError
-        One of them has not arrived.
+    `bricks`: to hand over; None: all that have arrived. Raises InputError if one of them has not arrived.
     """
     held = {flight.brick for flight in migration.flights if flight.stage == "held"}
     switched = held if bricks is None else set(bricks)
@@ -195,11 +173,6 @@ def switch(migration: Migration, bricks: Collection[Index] | None = None) -> Mig
         flights=tuple(flight for flight in migration.flights if flight.brick not in switched),
         cached=tuple(map(tuple, cached)),
     )
-
-
-def forget(migration: Migration) -> Migration:
-    """Empty all caches, as after a change of the voxels."""
-    return replace(migration, cached=((),) * migration.owners.ranks)
 
 
 def _shrunk(migration: Migration, bricks: dict[Index, None], limit_bytes: int) -> tuple[Index, ...]:
@@ -231,14 +204,12 @@ UNEVEN = 1.02  # imbalance up to which bricks are handed over in any case
 def hand_over(migration: Migration, cost: Costs) -> Migration:
     """Hand over arrived bricks, the oldest flights first, as many as do not raise the cost of the busiest rank.
 
+    All bricks are handed over if no other flight is under way, so that none waits forever.
+
     Parameters
     ----------
     migration : before a frame
     cost : float64 (bz, by, bx), expected in that frame
-
-    Returns
-    -------
-    migration : with all bricks handed over if no other flight is under way, so that none waits forever
     """
     held = [flight for flight in migration.flights if flight.stage == "held"]
     if len(held) == len(migration.flights):

@@ -38,6 +38,8 @@ def check_memory(
 ) -> None:
     """Refuse a limit below the largest share.
 
+    The InputError names the largest share, and a sufficient number of ranks, if any.
+
     Parameters
     ----------
     shares : bytes of bricks on each rank, for a number of ranks
@@ -45,11 +47,6 @@ def check_memory(
     brick_bytes : int64 (bz, by, bx), 0 for bricks that are not held
     limit_bytes : of bricks a rank; None: no limit
     is_free : the limit is not one that was asked for, but the memory that is free
-
-    Raises
-    ------
-    InputError
-        Names the largest share, and a sufficient number of ranks, if any.
     """
     if limit_bytes is None or int(brick_bytes.sum()) <= limit_bytes:
         return
@@ -71,13 +68,7 @@ def check_memory(
 
 
 def check_passes(plan: Plan, brick_bytes: NDArray[np.int64], limit_bytes: int | None) -> None:
-    """Refuse a limit below what the largest brick takes while it is loaded.
-
-    Raises
-    ------
-    InputError
-        It is below.
-    """
+    """Raise InputError if a limit is below what the largest brick takes while it is loaded."""
     if limit_bytes is not None and (least := least_bytes(brick_bytes, plan)) > limit_bytes:
         text = f"a brick takes {least} bytes while it is loaded, which no number of ranks changes"
         allowed = f"{least} bytes a rank, or smaller bricks"
@@ -90,9 +81,7 @@ def fitting_ranks(shares: Shares, above: int, brick_bytes: NDArray[np.int64], li
     The number is doubled until the shares fit, then bisected. Shares need not fall with each further rank, so a smaller
     number may fit as well.
 
-    Parameters
-    ----------
-    above : number of ranks that is too small
+    `above`: number of ranks that is too small.
     """
     bricks = int(np.count_nonzero(brick_bytes))
     fails, fits = above, max(above + 1, -(-int(brick_bytes.sum()) // max(1, limit_bytes)))
@@ -111,20 +100,12 @@ def fitting_ranks(shares: Shares, above: int, brick_bytes: NDArray[np.int64], li
 
 @dataclass(frozen=True)
 class MemoryBudget:
-    """Memory budget, the same on every rank; where nothing is limited the renderers do not matter.
+    """Memory budget, the same on every rank; where nothing is limited the renderers do not matter."""
 
-    Attributes
-    ----------
-    limit_bytes : of bricks that a rank may hold; None: no limit
-    on_cpu : some rank prefers the CPU ray caster
-    by_opengl : some rank draws everything by OpenGL
-    free_bytes : the smallest memory of a rank that is free for bricks; None: unknown
-    """
-
-    limit_bytes: int | None = None
-    on_cpu: bool = False
-    by_opengl: bool = True
-    free_bytes: int | None = None
+    limit_bytes: int | None = None  # of bricks that a rank may hold; None: no limit
+    on_cpu: bool = False  # some rank prefers the CPU ray caster
+    by_opengl: bool = True  # some rank draws everything by OpenGL
+    free_bytes: int | None = None  # the smallest memory of a rank that is free for bricks; None: unknown
 
     def check(self, shares: Shares, ranks: int, brick_bytes: NDArray[np.int64]) -> None:
         """Refuse bricks, which all have to be held, beyond the limit, or without one beyond the memory that is free.

@@ -62,18 +62,11 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class TileSettings:
-    """Settings of the tiles.
+    """Settings of the tiles."""
 
-    Attributes
-    ----------
-    strategy : value of `cluster.tiling` other than auto
-    side : of a tile, in pixels
-    repetitions : of the pattern
-    """
-
-    strategy: str
-    side: int
-    repetitions: int
+    strategy: str  # value of `cluster.tiling` other than auto
+    side: int  # of a tile, in pixels
+    repetitions: int  # of the pattern
 
 
 class Tiling:
@@ -183,10 +176,7 @@ class SortFirst:
     def assign(self, plan: Plan) -> tuple[Piece, ...]:
         """Return the pieces of a frame, group by group; those of a group front to back in each of its tiles.
 
-        Raises
-        ------
-        InputError
-            The bricks in a rank's tiles do not fit into its memory.
+        Raises InputError if the bricks in a rank's tiles do not fit into its memory.
         """
         self._shown, self._brick_bytes = plan.cost > 0, int(self._budget.brick_bytes(plan).max())
         partition = self._assign_groups(plan)
@@ -240,7 +230,6 @@ class SortFirst:
         self.tiling.learn(cost)
 
     def _assign_groups(self, plan: Plan) -> ScreenPartition:
-        """Choose the tiles of the groups, find their visible bricks, and assign these to ranks."""
         partition = self.tiling.partition(plan)
         # Rays that bend may meet any brick.
         whole = self.tiling.is_static or plan.refraction is not None
@@ -333,7 +322,6 @@ def _options(tree: BspTree, before: Owners, cost: Costs, plan: Plan) -> Iterator
 
 
 def _pieces(plan: Plan, owners: Owners, seen: Bools) -> tuple[Piece, ...]:
-    """Return the pieces of a group's members, front to back."""
     drawn = Owners(owners.ranks, np.where(seen, owners.owner, UNASSIGNED).astype(np.int32))
     return owner_pieces(drawn, plan.eye_in_bricks(), plan.view.forward)
 

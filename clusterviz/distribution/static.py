@@ -45,8 +45,6 @@ class StaticDistribution(Generic[Assigned]):
 
     Parameters
     ----------
-    ranks : number of ranks
-    budget : memory of a rank for bricks
     assign : from the cost of bricks and a number of ranks to an assignment
     sums : from an assignment and an integer for each brick to the sum over each rank's bricks, int64 (ranks,)
     bricks : from an assignment, a rank and the cost to the rank's visible bricks, int64 (m, 3)
@@ -75,10 +73,8 @@ class StaticDistribution(Generic[Assigned]):
     def update(self, plan: Plan) -> Assigned:
         """Return the assignment: the same object as before, or a new one if it was recomputed.
 
-        Raises
-        ------
-        InputError
-            The bricks of a rank do not fit into its memory; if they are drawn in passes, one does not.
+        Raises InputError if the bricks of a rank do not fit into its memory; if they are drawn in passes, one
+        does not.
         """
         if self._current is None or shows_more(plan, self._current[1]):
             cost, sizes = plan.cost, self._budget.brick_bytes(plan)
@@ -101,13 +97,7 @@ class StaticDistribution(Generic[Assigned]):
 
 
 class Coherent(StaticDistribution[BspTree]):
-    """BSP tree by the number of visible cells.
-
-    Parameters
-    ----------
-    ranks : number of ranks
-    budget : memory of a rank for bricks
-    """
+    """BSP tree by the number of visible cells."""
 
     def __init__(self, ranks: int, budget: MemoryBudget) -> None:
         super().__init__(ranks, budget, build_tree, lambda tree, n: owners_of(tree).sums(n), bricks_of, _leaf_pieces)
@@ -122,13 +112,7 @@ def _owner_pieces(owners: Owners, plan: Plan) -> tuple[Piece, ...]:
 
 
 class Interleaved(StaticDistribution[Owners]):
-    """Blocks of bricks, round robin.
-
-    Parameters
-    ----------
-    ranks : number of ranks
-    budget : memory of a rank for bricks
-    """
+    """Blocks of bricks, round robin."""
 
     def __init__(self, ranks: int, budget: MemoryBudget) -> None:
         super().__init__(ranks, budget, _interleave, Owners.sums, lambda own, rank, _: own.bricks(rank), _owner_pieces)
@@ -145,13 +129,8 @@ def _interleave(cost: Costs, ranks: int) -> Owners:
 class Replicated(StaticDistribution[Replicas]):
     """Replicas of bricks; of the ranks that hold a brick, one draws it.
 
-    The cost of a brick is the expected number of samples times the factor measured in earlier frames.
-
-    Parameters
-    ----------
-    ranks : number of ranks
-    copies : ranks that hold each brick, at most `ranks`
-    budget : memory of a rank for bricks
+    The cost of a brick is the expected number of samples times the factor measured in earlier frames. `copies` ranks
+    hold each brick, or all if there are fewer.
     """
 
     def __init__(self, ranks: int, copies: int, budget: MemoryBudget) -> None:
@@ -178,5 +157,4 @@ class Replicated(StaticDistribution[Replicas]):
 
 
 def _replica_bricks(replicas: Replicas, rank: int, cost: Costs) -> NDArray[np.int64]:
-    """Return the visible bricks of a rank."""
     return np.argwhere(replicas.holds(rank) & (cost > 0))

@@ -14,13 +14,7 @@ from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import Rect
-from clusterviz.partition.screen import (
-    COARSE,
-    CostMap,
-    coarse_partition,
-    coarse_plan,
-    cost_map_of_blocks,
-)
+from clusterviz.partition.screen import COARSE, CostMap, coarse_partition, coarse_plan, cost_map_of_blocks
 from clusterviz.partition.screen.tiles import tile_counts
 from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame
@@ -30,9 +24,7 @@ from clusterviz.scene.values import Scene
 class TileScheduler:
     """Hooks of a loop whose ranks share the screen; every method is collective.
 
-    Parameters
-    ----------
-    drawing, screen : of the loop
+    `drawing`, `screen`: of the loop.
     """
 
     def __init__(self, drawing: Drawing, screen: SortFirst) -> None:
@@ -83,13 +75,11 @@ class TileScheduler:
             self._screen.follow(self._cost(run, work.scene))
 
     def close(self) -> None:
-        """Free the queue."""
         if self._queue is not None:
             self._queue.free()
             self._queue = None
 
     def _cost(self, run: Run, scene: Scene, scale: int = 1) -> CostMap:
-        """Gather the samples of the last drawing from all ranks."""
         with run.collective("render", "exchange"):
             gathered = run.channel.allgather([each for each in self._drawing.sample_counts if each[1].any()])
         return cost_map_of_blocks(scene.image.size, [each for counts in gathered for each in counts], scale)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data import read_grid
 from clusterviz.data.axes import UnnamedPartError
+from clusterviz.data.faces import NONE, find_neighbours
 from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
@@ -158,7 +159,7 @@ def make_cells(points: NDArray[Any], corners: NDArray[Any], vectors: NDArray[Any
     Parameters
     ----------
     points : (n, 3), world
-    corners : int (m, 4), rows of `points`; each tetrahedron has a volume
+    corners : int (m, 4), rows of `points`, in the order of `Tetrahedra.corners`; each tetrahedron has a volume
     vectors : (n, 3) of points, or (m, 3) of tetrahedra
     """
     places, tetrahedra = points.astype(np.float64), corners.astype(np.int64)
@@ -176,12 +177,13 @@ def make_cells(points: NDArray[Any], corners: NDArray[Any], vectors: NDArray[Any
     number = (at[:, 2] * bins[1] + at[:, 1]) * bins[0] + at[:, 0]
     order = np.argsort(number, kind="stable")
     begins = np.searchsorted(number[order], np.arange(int(bins.prod()) + 1))
+    halves = find_neighbours(tetrahedra.astype(np.uint32), len(places)).halves
     padded = np.zeros((len(vectors), 4), np.float32)
     padded[:, :3] = vectors
     return Cells(
         places.reshape(-1),
         tetrahedra.reshape(-1),
-        _neighbours(tetrahedra).reshape(-1),
+        np.where(halves == NONE, -1, halves.astype(np.int64) // 4).reshape(-1),
         padded.reshape(-1),
         on_cells,
         begin,
@@ -191,14 +193,3 @@ def make_cells(points: NDArray[Any], corners: NDArray[Any], vectors: NDArray[Any
         owner[order].astype(np.int64),
         float(edges.mean()),
     )
-
-
-def _neighbours(corners: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the tetrahedron behind each face, int64 (m, 4); face n lacks corner n."""
-    faces = np.sort(corners[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
-    order = np.lexsort(faces.T)
-    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
-    found = np.full(len(faces), -1, np.int64)
-    a, b = order[:-1][same], order[1:][same]
-    found[a], found[b] = b // 4, a // 4
-    return found.reshape(-1, 4)

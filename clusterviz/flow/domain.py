@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.source import Grid
+from clusterviz.data.source import Grid, Index
 from clusterviz.data.vector_field import VECTOR_FIELDS, VectorField
 from clusterviz.data.vectors import VectorSource, index_from_world, index_from_world_vectors, world_from_index
 from clusterviz.errors import DataError
@@ -68,6 +68,28 @@ class Domain:
         return found
 
 
+def split_box(sides: Sequence[int], parts: int) -> list[tuple[Index, Index]]:
+    """Return boxes, begin and end, that share out one from 0 to `sides`; some may be empty.
+
+    The box is halved along its longest axis again and again, as evenly as the number of parts can be.
+    """
+
+    def halves(begin: Index, end: Index, count: int) -> Iterator[tuple[Index, Index]]:
+        if count == 1:
+            yield begin, end
+            return
+        axis = int(np.argmax(np.subtract(end, begin)))
+        cut = begin[axis] + (end[axis] - begin[axis]) * (count // 2) // count
+        yield from halves(begin, _replaced(end, axis, cut), count // 2)
+        yield from halves(_replaced(begin, axis, cut), end, count - count // 2)
+
+    return list(halves((0, 0, 0), _index(sides), parts))
+
+
+def _replaced(place: Index, axis: int, number: int) -> Index:
+    return _index([number if n == axis else other for n, other in enumerate(place)])
+
+
 def metric_of(grid: Grid) -> NDArray[np.float64]:
     """Return the products of the steps between samples, float64 (6,): xx, yy, zz, xy, xz, yz."""
     matrix = grid.world_from_index[:3, :3]
@@ -97,7 +119,7 @@ def grid_domain(
         source = vectors.at_time(step) if vectors.times else vectors
         z, y, x = (stop - begin)[::-1].tolist()
         found = np.zeros((z, y, x, 4), np.float32)
-        read = source.read(_index(begin), _index(stop))
+        read = source.read(_index(begin[::-1]), _index(stop[::-1]))
         for layer, vectors_of_layer in zip(found, read, strict=True):
             layer[..., :3] = index_from_world_vectors(vectors_of_layer, grid)
         return found.reshape(-1)
@@ -117,9 +139,9 @@ def grid_domain(
     )
 
 
-def _index(numbers_xyz: NDArray[np.int64]) -> tuple[int, int, int]:
-    x, y, z = numbers_xyz.tolist()
-    return z, y, x
+def _index(numbers: Iterable[int]) -> Index:
+    a, b, c = map(int, numbers)
+    return a, b, c
 
 
 def formula_domain(vectors: VectorSource) -> Domain:

@@ -57,16 +57,22 @@ def _interpolated(vectors: VectorSource, places: Floats) -> Floats:
         box: NDArray[Any] = vectors.read(_zyx(low), _zyx(end)).astype(np.float64)
         first = cells[rows] - low
         share = at[rows] - cells[rows]
-        total = np.zeros((len(rows), 3))
-        for corner in np.ndindex(2, 2, 2):
-            x, y, z = np.minimum(first + corner, end - low - 1).T
-            weight = np.prod(np.where(corner, share, 1 - share), axis=1)[:, None]
-            # A sample without weight has no influence, though it may be NaN.
-            total += np.where(weight > 0, weight * box[z, y, x], 0.0)
-        found[rows] = total
+        found[rows] = interpolated(box, first, share)
     return found
 
 
 def _zyx(numbers_xyz: NDArray[np.int64]) -> tuple[int, int, int]:
     x, y, z = numbers_xyz.tolist()
     return z, y, x
+
+
+def interpolated(samples: NDArray[Any], cells: NDArray[np.int64], shares: Floats) -> Floats:
+    """Return trilinear interpolation of samples (z, y, x, 3) in cells (n, 3), at shares of them along x, y, z."""
+    found = np.zeros(shares.shape)
+    last = np.array(samples.shape[2::-1]) - 1
+    for corner in np.ndindex(2, 2, 2):
+        weights = np.where(corner, shares, 1 - shares).prod(axis=1)[:, None]
+        x, y, z = np.minimum(cells + corner, last).T
+        # A sample without weight has no influence, though it may be NaN.
+        found += weights * np.where(weights > 0, samples[z, y, x], 0.0)
+    return found

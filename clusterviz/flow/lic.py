@@ -18,7 +18,7 @@ Animation 1997 (the ramp kernel).
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from threading import Lock
@@ -35,7 +35,7 @@ from clusterviz.data.vectors import VectorArray, VectorSource
 from clusterviz.flow.noise import Noise
 from clusterviz.jobs.blocks import Blocks, make_blocks
 from clusterviz.jobs.device import current_device, on_device
-from clusterviz.jobs.kernel import kernel
+from clusterviz.jobs.kernel import Kernel, kernel
 
 STEPPERS = {"euler": "step_euler.glsl", "rk4": "step_rk4.glsl", "rk45": "step_rk45.glsl"}
 """Shaders that step along a line, by the integrator."""
@@ -127,26 +127,22 @@ def read_field(vectors: VectorSource, noise: Noise, begin_zyx: Index, end_zyx: I
     return Field(values, begin_zyx, exponent)
 
 
-def _lic(
-    field: Any,
-    weights: Any,
-    lic: Any,
-    box_begin: Any,
-    first_voxel: Any,
-    last_voxel: Any,
-    samples_per_length: Any,
-    step_length: Any,
-    steps: Any,
-    by_speed: Any,
-    tolerance: Any,
-) -> None:
+def _lic(  # type: ignore[no-untyped-def]
+    field, weights, lic, box_begin,
+    first_voxel, last_voxel, samples_per_length, step_length, steps, by_speed, tolerance,
+):  # fmt: skip
     """Convolve: means of the noise along the lines of voxels."""
 
 
-_KERNELS = {
-    name: kernel("numbers.glsl", "line.glsl", stepper, "lic.glsl", writes=("lic",), vectors=("field",))(_lic)
-    for name, stepper in STEPPERS.items()
-}
+def line_kernels(function: Callable[..., None], file: str, writes: Sequence[str]) -> dict[str, Kernel]:
+    """Return the kernels of a function for all integrators; `file` follows those of lines and steps."""
+    return {
+        name: kernel("numbers.glsl", "line.glsl", stepper, file, writes=writes, vectors=("field",))(function)
+        for name, stepper in STEPPERS.items()
+    }
+
+
+_KERNELS = line_kernels(_lic, "lic.glsl", ("lic",))
 
 
 class LicSource:

@@ -17,7 +17,6 @@ Pugmire, Childs, Garth, Ahern, Weber, Scalable computation of streamlines on ver
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,8 +29,8 @@ from clusterviz.content.flow.section import Lic
 from clusterviz.data.bricks import Box
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.vectors import VectorSource
+from clusterviz.flow.domain import split_box
 from clusterviz.flow.lic import (
-    STEPPERS,
     Field,
     LicSource,
     blocks_of,
@@ -39,6 +38,7 @@ from clusterviz.flow.lic import (
     fastest,
     grown,
     halo_of,
+    line_kernels,
     line_numbers,
     line_weights,
     noise_of,
@@ -47,7 +47,6 @@ from clusterviz.flow.lic import (
     stretched,
 )
 from clusterviz.jobs.array import DistributedArray, array_from
-from clusterviz.jobs.kernel import kernel
 
 LINE = np.dtype([("voxel", "<i4", 3), ("next", "<i4"), ("state", "<f4", 5)])
 """Line on its way: its voxel (x, y, z), the number of its next sample, its displacement, sum and sum of weights."""
@@ -84,26 +83,9 @@ class Handed:
         return self.lines * LINE.itemsize + self.ends * END.itemsize
 
 
-def rank_boxes(shape_zyx: Index, ranks: int) -> list[Box]:
-    """Return one box for each rank: the grid is halved along its longest axis again and again; boxes may be empty."""
-
-    def halves(begin: Index, end: Index, count: int) -> Iterator[Box]:
-        if count == 1:
-            yield begin, end
-            return
-        axis = int(np.argmax(np.subtract(end, begin)))
-        cut = list(begin)
-        cut[axis] += (end[axis] - begin[axis]) * (count // 2) // count
-        low_end = tuple(cut[a] if a == axis else end[a] for a in range(3))
-        yield from halves(begin, low_end, count // 2)  # type: ignore[arg-type]
-        yield from halves(tuple(cut), end, count - count // 2)  # type: ignore[arg-type]
-
-    return list(halves((0, 0, 0), shape_zyx, ranks))
-
-
 def seconds_of_ways(grid: Grid, lic: Lic, ranks: int) -> dict[str, float]:
     """Return about how long halos and lines that are handed over take beside the convolution: "halo" and "lines"."""
-    halo, boxes = halo_of(lic, grid, steps_of(lic)), rank_boxes(grid.shape_zyx, ranks)
+    halo, boxes = halo_of(lic, grid, steps_of(lic)), split_box(grid.shape_zyx, ranks)
     blocks = blocks_of(grid, lic, ranks)
     read = np.prod(
         [_samples_read(n, side, h) for n, side, h in zip(grid.shape_zyx, blocks.block_zyx, halo, strict=True)]
@@ -192,7 +174,7 @@ def convolve_by_lines(channel: Channel, vectors: VectorSource, lic: Lic) -> tupl
     values : float32 (z, y, x) of its voxels
     handed : what this rank has sent
     """
-    boxes = rank_boxes(vectors.grid.shape_zyx, channel.size)
+    boxes = split_box(vectors.grid.shape_zyx, channel.size)
     with agree(channel, 0, "lic"):
         work = _Lines(vectors, lic, boxes, channel.rank)
     work.speed = max(channel.allgather(work.speed))
@@ -318,27 +300,11 @@ class _Lines:
         return [np.ascontiguousarray(records[owners == rank]) for rank in range(len(self.boxes))]
 
 
-def _lic_lines(
-    field: Any,
-    weights: Any,
-    lines: Any,
-    state: Any,
-    own_begin: Any,
-    own_end: Any,
-    first_voxel: Any,
-    last_voxel: Any,
-    samples_per_length: Any,
-    step_length: Any,
-    steps: Any,
-    by_speed: Any,
-    tolerance: Any,
-) -> None:
+def _lic_lines(  # type: ignore[no-untyped-def]
+    field, weights, lines, state, own_begin, own_end,
+    first_voxel, last_voxel, samples_per_length, step_length, steps, by_speed, tolerance,
+):  # fmt: skip
     """Sums of the noise along parts of lines."""
 
 
-_KERNELS = {
-    name: kernel("numbers.glsl", "line.glsl", stepper, "lic_lines.glsl", writes=("lines", "state"), vectors=("field",))(
-        _lic_lines
-    )
-    for name, stepper in STEPPERS.items()
-}
+_KERNELS = line_kernels(_lic_lines, "lic_lines.glsl", ("lines", "state"))

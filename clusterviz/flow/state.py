@@ -28,3 +28,16 @@ ENDS = {
 GRID, CELLS, FORMULAS = 0, 1, 2
 """Kinds of vectors; the formulas are those of `FORMULA_NAMES`, in their order."""
 FORMULA_NAMES = ("rotation", "hill-vortex", "abc")
+
+ADAPTS, BY_LENGTH, STORES, FIRST_SAMPLE, SAMPLES, CHANGES = 0, 1, 2, 3, 6, 9
+FIRST_CELL, END_CELL, SHAPE, KIND, ON_CELLS, NUMBERS = 10, 13, 16, 19, 20, 21
+"""Places of what is whole about a run: whether steps adapt to the error, whether the parameter is length, whether
+points are stored; the first sample of the block (x, y, z); samples of the grid, or bins of tetrahedra (x, y, z);
+whether the vectors change; first cell that the block advances, and the end of its cells (x, y, z); samples of the block
+(x, y, z); kind of vectors; whether they are those of tetrahedra. The last is their number."""
+METRIC, BEGIN, RATE, NOMINAL, LONGEST_STEP, TOLERANCE, MOST_LENGTH = 0, 6, 7, 8, 9, 10, 11
+LEAST_SPEED, CLOSE, STOP_BACKWARDS, STOP_FORWARDS, STEPS_ALLOWED, BINS, FLOATS = 12, 13, 14, 15, 16, 17, 23
+"""Places of the other numbers of a run: metric of the world (xx, yy, zz, xy, xz, yz); begin of the interval of the
+vectors, and 1 by its length; the step and the longest one; tolerance; largest length; least speed; distance at which a
+loop is closed; times at which particles stop, backwards and forwards; most steps; the corner of the bins, and 1 by
+their sides (x, y, z). The last is their number."""

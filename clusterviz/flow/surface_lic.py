@@ -36,6 +36,7 @@ from clusterviz import jobs
 from clusterviz.comm import Channel, all_to_all
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.vectors import VectorSource
+from clusterviz.flow.glyphs import interpolated
 from clusterviz.flow.lic import STEPPERS
 from clusterviz.plan.view import View
 
@@ -184,7 +185,7 @@ class VectorSamples:
             x, y, z = blocks[some[0]].tolist()
             block = kept.get((z, y, x))
             self._blocks[z, y, x] = block = self._read((z, y, x)) if block is None else block
-            values[some] = _interpolated(block, cells[some] - BLOCK * blocks[some], (index - cells)[some])
+            values[some] = interpolated(block, cells[some] - BLOCK * blocks[some], (index - cells)[some])
         found[inside] = values
         return found
 
@@ -198,17 +199,6 @@ class VectorSamples:
 
 OUTSIDE = 1e-3
 """Voxels by which a point may be outside of the grid, by its rounding."""
-
-
-def _interpolated(samples: NDArray[np.float32 | np.float64], cells: NDArray[np.int64], shares: Floats) -> Floats:
-    """Return trilinear interpolation of samples (z, y, x, 3) in cells (n, 3), at shares of them along x, y, z."""
-    found = np.zeros(shares.shape)
-    last = np.array(samples.shape[2::-1]) - 1
-    for corner in np.ndindex(2, 2, 2):
-        weights = np.where(corner, shares, 1 - shares).prod(axis=1)
-        x, y, z = np.minimum(cells + corner, last).T
-        found += np.where(weights > 0, weights, 0)[:, None] * np.where(weights[:, None] > 0, samples[z, y, x], 0)
-    return found
 
 
 def points_of(view: View, columns: NDArray[np.int64], rows: NDArray[np.int64], depth: NDArray[np.float32]) -> Floats:

@@ -36,32 +36,14 @@ from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.content.flow.section import Seeds, Trace
 from clusterviz.data import vector_field
 from clusterviz.data.geometry import Lines
+from clusterviz.data.source import Index
 from clusterviz.data.vectors import VectorSource
 from clusterviz.errors import ClustervizError, InputError
-from clusterviz.flow import state, trace_kernel
+from clusterviz.flow import state as key
+from clusterviz.flow import trace_kernel
 from clusterviz.flow.cells import Cells
-from clusterviz.flow.domain import Positions, cells_domain, formula_domain, grid_domain
+from clusterviz.flow.domain import Positions, cells_domain, formula_domain, grid_domain, split_box
 from clusterviz.flow.seeds import make_seeds
-from clusterviz.flow.state import (
-    CELL,
-    CLOSED,
-    DIRECTION,
-    END_OF_INTERVAL,
-    ENDS,
-    FULL,
-    HANDED_OVER,
-    NEW,
-    NOT_LOADED,
-    NUMBER,
-    POSITION,
-    RUNNING,
-    SPEED,
-    STATE,
-    STATUS,
-    STEP,
-    STEPS,
-    TIME,
-)
 from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.report.machine import memory
 
@@ -99,7 +81,7 @@ _TAG = 7400
 @cache
 def kernel() -> CompiledKernel:
     """Return the kernel that advances particles."""
-    sources = [Path(str(module.__file__)) for module in (trace_kernel, intrinsics, state, vector_field)]
+    sources = [Path(str(module.__file__)) for module in (trace_kernel, intrinsics, key, vector_field)]
     mesh = "float64[::1]; int64[::1]; int64[::1]; int64[::1]; int64[::1]"
     rest = "int64[::1]; float64[::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; int64[::1]"
     arguments = f"float32[::1]; float32[::1]; {mesh}; {rest}"
@@ -257,22 +239,6 @@ def choose(
     return "data" if reading / channel.size + 2 * work + rounds < reading + work else "seeds"
 
 
-def split_cells(cells: Sequence[int], parts: int) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Return boxes of cells, begin and end (x, y, z), of nearly equal size, one for each part; some may be empty."""
-
-    def halves(begin: tuple[int, ...], end: tuple[int, ...], count: int) -> list[Any]:
-        if count == 1:
-            return [(begin, end)]
-        sides = [b - a for a, b in zip(begin, end, strict=True)]
-        axis = sides.index(max(sides))
-        cut = begin[axis] + round(sides[axis] * (count // 2) / count)
-        low, high = list(end), list(begin)
-        low[axis] = high[axis] = cut
-        return halves(begin, tuple(low), count // 2) + halves(tuple(high), end, count - count // 2)
-
-    return halves((0,) * 3, tuple(cells), parts)
-
-
 @dataclass
 class _Pieces:
     """Points of parts of lines, as the kernel wrote them.
@@ -288,7 +254,7 @@ class _Pieces:
 
     def add(self, rows: NDArray[np.float64], before: NDArray[np.float64], found: Any, counts: Any) -> None:
         some = counts > 0
-        keys = 2 * rows[:, NUMBER] + (rows[:, DIRECTION] < 0)
+        keys = 2 * rows[:, key.NUMBER] + (rows[:, key.DIRECTION] < 0)
         self.headers.append(np.stack([keys, before, counts], axis=1)[some].astype(np.int64))
         self.points.append(found[: counts.sum()].copy())
 
@@ -311,7 +277,7 @@ class _Run:
         self.vectors, self.settings, self.kind, self.channel = vectors, settings, kind, channel
         self.span, self.over, self.pool = span, over, pool
         self.stores = kind != "streaklines"
-        self.boxes: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
+        self.boxes: list[tuple[Index, Index]] = []
         longest = LONGEST_STEP * settings.step
         if isinstance(vectors, Cells):
             self.domain = cells_domain(vectors)
@@ -319,7 +285,7 @@ class _Run:
             self.domain = formula_domain(vectors)
         elif over == "data":
             cells = np.maximum(np.array(vectors.grid.shape_zyx[::-1]) - 1, 1)
-            self.boxes = split_cells(cells.tolist(), channel.size)
+            self.boxes = split_box(cells.tolist(), channel.size)
             halo = ceil(trace_kernel.STAGE_LIMIT * longest) + 1
             self.domain = grid_domain(vectors, self.boxes[channel.rank], halo)
             self.cells = cells
@@ -327,19 +293,24 @@ class _Run:
             self.domain = grid_domain(vectors)
         self.pieces = _Pieces()
         self.steps = self.bytes_sent = self.rounds = 0
-        self.numbers = np.zeros(21, np.int64)
-        self.numbers[:3] = settings.integrator == "rk45", kind == "streamlines", self.stores
+        self.numbers, self.floats = np.zeros(key.NUMBERS, np.int64), np.zeros(key.FLOATS)
+        domain, numbers, floats = self.domain, self.numbers, self.floats
+        numbers[key.ADAPTS], numbers[key.BY_LENGTH] = settings.integrator == "rk45", kind == "streamlines"
+        numbers[key.STORES], numbers[key.KIND], numbers[key.ON_CELLS] = self.stores, domain.kind, domain.on_cells
         self.tableau = tableau_of(settings.integrator)
-        for at, values in ((3, "begin"), (6, "samples"), (10, "first_cell"), (13, "end_cell"), (16, "shape")):
-            self.numbers[at : at + 3] = getattr(self.domain, values)
-        self.numbers[19:] = self.domain.kind, self.domain.on_cells
-        unit, far = self.domain.unit, inf if settings.max_length is None else settings.max_length
-        self.floats = np.zeros(23)
-        self.floats[:6], self.floats[17:] = self.domain.metric, self.domain.bins
-        self.floats[8:14] = (
-            *(settings.step * unit, longest * unit, settings.tolerance, far, settings.min_speed, close * unit),
-        )
-        self.floats[16] = settings.max_steps
+        for at, values in (
+            (key.FIRST_SAMPLE, domain.begin),
+            (key.SAMPLES, domain.samples),
+            (key.FIRST_CELL, domain.first_cell),
+            (key.END_CELL, domain.end_cell),
+            (key.SHAPE, domain.shape),
+        ):
+            numbers[at : at + 3] = values
+        floats[key.METRIC : key.METRIC + 6], floats[key.BINS : key.BINS + 6] = domain.metric, domain.bins
+        floats[key.NOMINAL], floats[key.LONGEST_STEP] = settings.step * domain.unit, longest * domain.unit
+        floats[key.TOLERANCE], floats[key.LEAST_SPEED] = settings.tolerance, settings.min_speed
+        floats[key.MOST_LENGTH] = inf if settings.max_length is None else settings.max_length
+        floats[key.CLOSE], floats[key.STEPS_ALLOWED] = close * domain.unit, settings.max_steps
 
     def trace(self, seeds: Any) -> Traced:
         interval = self.span.intervals[0]
@@ -349,18 +320,18 @@ class _Run:
         inside = self.domain.contains(self.domain.from_world(positions))
         waiting = self._new_states(positions, np.flatnonzero(inside))
         ended: list[NDArray[np.float64]] = []
-        active = np.empty((0, STATE))
+        active = np.empty((0, key.STATE))
         for number, interval in enumerate(self.span.intervals):
             if number:
                 self._load(interval)
             stop = min(interval[3], self.span.end)
-            begins = (waiting[:, TIME] < stop) | (interval == self.span.intervals[-1])
+            begins = (waiting[:, key.TIME] < stop) | (interval == self.span.intervals[-1])
             active = np.concatenate([active, waiting[begins]])
             waiting = waiting[~begins]
             active, done = self._advance_all(active)
             ended.append(done)
-            active[:, STATUS] = np.where(active[:, STATUS] == END_OF_INTERVAL, RUNNING, active[:, STATUS])
-        active[:, STATUS] = END_OF_INTERVAL
+            active[active[:, key.STATUS] == key.END_OF_INTERVAL, key.STATUS] = key.RUNNING
+        active[:, key.STATUS] = key.END_OF_INTERVAL
         ended.append(active)
         return self._gathered(np.concatenate(ended), len(positions), int((~inside).sum()))
 
@@ -389,16 +360,17 @@ class _Run:
         if self.boxes or self.channel.rank == 0:
             rows = self._rows(positions[mine], mine, 1.0)
             floats, numbers = self.floats.copy(), self.numbers.copy()
-            floats[16], numbers[2] = 0, 0  # no steps, nothing stored
+            floats[key.STEPS_ALLOWED], numbers[key.STORES] = 0, 0
             self._kernel(numbers, floats, rows, np.empty((0, 5)), np.zeros(len(rows), np.int64))
-            found[mine] = rows[:, SPEED]
+            found[mine] = rows[:, key.SPEED]
         speeds = np.max(all_to_all(self.channel, [found] * self.channel.size, _TAG), axis=0)
         return np.where(speeds < 0, np.nan, speeds)
 
     def _rows(self, positions: Positions, numbers: NDArray[Any], direction: float) -> NDArray[np.float64]:
-        rows = np.zeros((len(positions), STATE))
-        rows[:, NUMBER], rows[:, DIRECTION], rows[:, POSITION : POSITION + 3] = numbers, direction, positions
-        rows[:, STEP], rows[:, STATUS], rows[:, TIME], rows[:, CELL] = self.floats[8], NEW, self.span.begin, -1
+        rows = np.zeros((len(positions), key.STATE))
+        rows[:, key.NUMBER], rows[:, key.DIRECTION], rows[:, key.STATUS] = numbers, direction, key.NEW
+        rows[:, key.POSITION : key.POSITION + 3], rows[:, key.STEP] = positions, self.floats[key.NOMINAL]
+        rows[:, key.TIME], rows[:, key.CELL] = self.span.begin, -1
         return rows
 
     def _new_states(self, positions: Positions, inside: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -418,12 +390,12 @@ class _Run:
                 raise InputError("too many particles", where="trace.release", found=found, allowed=MOST_RELEASES)
             rows = np.repeat(self._rows(places, inside * count, 1.0), count, axis=0)
             number = np.tile(np.arange(count), len(places))
-            rows[:, NUMBER] += number
-            rows[:, TIME] = self.span.begin + release * number
+            rows[:, key.NUMBER] += number
+            rows[:, key.TIME] = self.span.begin + release * number
         rank = self.channel.rank
-        here = rows[:, NUMBER] % self.channel.size == rank
+        here = rows[:, key.NUMBER] % self.channel.size == rank
         if self.boxes:
-            here = self._owners(rows[:, POSITION : POSITION + 3]) == rank
+            here = self._owners(rows[:, key.POSITION : key.POSITION + 3]) == rank
         mine: NDArray[np.float64] = rows[here]
         return mine
 
@@ -448,9 +420,9 @@ class _Run:
             self.first = known[1] if known[0] == before else self.domain.load(before)
             self.second = self.domain.load(after) if after != before else self.first
             self._loaded = after, self.second
-        self.numbers[9] = after != before
-        self.floats[6:8] = begin, 1 / (end - begin) if after != before else 0.0
-        self.floats[14:16] = self.span.begin, min(end, self.span.end)
+        self.numbers[key.CHANGES] = after != before
+        self.floats[key.BEGIN], self.floats[key.RATE] = begin, 1 / (end - begin) if after != before else 0.0
+        self.floats[key.STOP_BACKWARDS], self.floats[key.STOP_FORWARDS] = self.span.begin, min(end, self.span.end)
 
     def _kernel(self, numbers: Any, floats: Any, rows: Any, points: Any, counts: Any) -> tuple[int, int]:
         mesh, slopes = self.domain.mesh, np.empty((len(self.tableau), 4))
@@ -461,22 +433,22 @@ class _Run:
 
     def _advance_all(self, active: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Advance particles of all ranks until each has ended or waits for the next interval; return both kinds."""
-        waiting, ended = [np.empty((0, STATE))], [np.empty((0, STATE))]
+        waiting, ended = [np.empty((0, key.STATE))], [np.empty((0, key.STATE))]
         while True:
             active = self._advance(active)
-            status = active[:, STATUS]
-            leaves, waits = status == HANDED_OVER, status == END_OF_INTERVAL
+            status = active[:, key.STATUS]
+            leaves, waits = status == key.HANDED_OVER, status == key.END_OF_INTERVAL
             waiting.append(active[waits])
             ended.append(active[~leaves & ~waits])
             if not self.boxes or not self.channel.maximum(int(leaves.any())):
                 return np.concatenate(waiting), np.concatenate(ended)
             leaving = active[leaves]
-            leaving[:, STATUS] = RUNNING
-            owners = self._owners(leaving[:, POSITION : POSITION + 3])
+            leaving[:, key.STATUS] = key.RUNNING
+            owners = self._owners(leaving[:, key.POSITION : key.POSITION + 3])
             sent = [np.ascontiguousarray(leaving[owners == rank]).reshape(-1) for rank in range(self.channel.size)]
             self.bytes_sent += leaving.nbytes
             self.rounds += 1
-            active = np.concatenate(all_to_all(self.channel, sent, _TAG)).reshape(-1, STATE)
+            active = np.concatenate(all_to_all(self.channel, sent, _TAG)).reshape(-1, key.STATE)
 
     def _advance(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Advance particles until none has filled its room; keep what they wrote."""
@@ -485,9 +457,9 @@ class _Run:
             self.pieces.headers += pieces.headers
             self.pieces.points += pieces.points
             self.steps += steps
-        lost = rows[rows[:, STATUS] == NOT_LOADED]
+        lost = rows[rows[:, key.STATUS] == key.NOT_LOADED]
         if len(lost):
-            place = self.domain.to_world(lost[:1, POSITION : POSITION + 3])[0]
+            place = self.domain.to_world(lost[:1, key.POSITION : key.POSITION + 3])[0]
             raise ClustervizError(f"a line left the vectors that its rank holds, near {place.tolist()}")
         return rows
 
@@ -496,14 +468,14 @@ class _Run:
         room = np.empty((min(ROOM, len(rows) * (self.settings.max_steps + 1)) if self.stores else 0, 5))
         while begin < len(rows):
             own, counts = rows[begin:], np.zeros(len(rows) - begin, np.int64)
-            before = np.where(own[:, STATUS] == NEW, -1, own[:, STEPS])
+            before = np.where(own[:, key.STATUS] == key.NEW, -1, own[:, key.STEPS])
             done, attempts = self._kernel(self.numbers, self.floats, own, room, counts)
             steps += attempts
             pieces.add(own, before, room, counts)
             begin += done
-            if rows[begin - 1, STATUS] == FULL:
+            if rows[begin - 1, key.STATUS] == key.FULL:
                 begin -= 1
-                rows[begin, STATUS] = RUNNING
+                rows[begin, key.STATUS] = key.RUNNING
         return pieces, steps
 
     def _gathered(self, ended: NDArray[np.float64], seeds: int, outside: int) -> Traced:
@@ -514,24 +486,25 @@ class _Run:
         headers = np.concatenate(all_to_all(channel, [heads] * channel.size, _TAG)).reshape(-1, 3)
         whole = np.concatenate(all_to_all(channel, [points] * channel.size, _TAG)).reshape(-1, 5)
         rows = np.concatenate(all_to_all(channel, [np.ascontiguousarray(ended).reshape(-1)] * channel.size, _TAG))
-        states = rows.reshape(-1, STATE)
-        states = states[np.lexsort((states[:, DIRECTION], states[:, NUMBER]))]
+        states = rows.reshape(-1, key.STATE)
+        states = states[np.lexsort((states[:, key.DIRECTION], states[:, key.NUMBER]))]
         counted = channel.allgather_numbers([self.steps, self.bytes_sent]).sum(axis=0).tolist()
-        numbers, counts = np.unique(states[:, STATUS], return_counts=True)
-        ends = {ENDS[int(n)]: int(count) for n, count in zip(numbers, counts, strict=True)}
+        numbers, counts = np.unique(states[:, key.STATUS], return_counts=True)
+        ends = {key.ENDS[int(n)]: int(count) for n, count in zip(numbers, counts, strict=True)}
         lines = self._streaklines(states) if self.kind == "streaklines" else self._lines(headers, whole, states)
         return Traced(lines, ends, seeds, outside, counted[0], counted[1], self.rounds, self.over)
 
     def _lines(self, headers: NDArray[np.int64], points: Any, states: NDArray[np.float64]) -> Lines:
         """Join parts of lines in their order, and the two halves of each line."""
-        key, step, count = headers.T
-        number, backward, begin = key // 2, key % 2, np.cumsum(count) - count
-        lines, status, forward = states[:, NUMBER].astype(int), states[:, STATUS].astype(int), states[:, DIRECTION] > 0
+        half, step, count = headers.T
+        number, backward, begin = half // 2, half % 2, np.cumsum(count) - count
+        lines, status = (states[:, each].astype(int) for each in (key.NUMBER, key.STATUS))
+        forward = states[:, key.DIRECTION] > 0
         has_forward, ends = np.zeros(lines.max(initial=-1) + 1, bool), np.zeros(lines.max(initial=-1) + 1, int)
         has_forward[lines[forward]] = True
         ends[lines[~forward]] = status[~forward]
         ends[lines[forward]] = status[forward]
-        kept = (backward == 0) | (ends != CLOSED)[number] | ~has_forward[number]
+        kept = (backward == 0) | (ends != key.CLOSED)[number] | ~has_forward[number]
         # The seed is the first point of both halves.
         twice = (backward == 1) & (step < 0) & has_forward[number]
         begin, count = begin + twice, count - twice
@@ -550,16 +523,18 @@ class _Run:
     def _streaklines(self, states: NDArray[np.float64]) -> Lines:
         """Join the particles of each seed that are still there, from the last released on; gaps end a line."""
         count = self.releases
-        rows = states[states[:, STATUS] == END_OF_INTERVAL]
-        rows = rows[np.lexsort((-rows[:, NUMBER], rows[:, NUMBER] // count))]
-        seed, release = np.divmod(rows[:, NUMBER].astype(np.int64), count)
+        rows = states[states[:, key.STATUS] == key.END_OF_INTERVAL]
+        rows = rows[np.lexsort((-rows[:, key.NUMBER], rows[:, key.NUMBER] // count))]
+        seed, release = np.divmod(rows[:, key.NUMBER].astype(np.int64), count)
         cut = np.flatnonzero((np.diff(seed) != 0) | (np.diff(release) != -1)) + 1
         parts = [part for part in np.split(np.arange(len(rows)), cut) if len(part) > 1]
         order = np.concatenate([np.empty(0, np.int64), *parts])
         released = self.span.begin + release * (self.settings.release or 1.0)
-        points = np.column_stack([rows[:, POSITION : POSITION + 3], released, rows[:, SPEED]])
+        points = np.column_stack([rows[:, key.POSITION : key.POSITION + 3], released, rows[:, key.SPEED]])
         first = [int(seed[part[0]]) for part in parts]
-        return self._as_lines(points[order], np.cumsum([0, *map(len, parts)]), first, [END_OF_INTERVAL] * len(parts))
+        return self._as_lines(
+            points[order], np.cumsum([0, *map(len, parts)]), first, [key.END_OF_INTERVAL] * len(parts)
+        )
 
     def _as_lines(self, points: Any, offsets: NDArray[np.int64], numbers: list[int], ends: list[int]) -> Lines:
         name = f"{self.vectors.name}: {self.kind}"

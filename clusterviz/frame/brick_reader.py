@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence, Set
 from typing import Any
 
+from clusterviz.content.volume.opening import Bricks, OpenedVolume
 from clusterviz.data.source import Index, levels_of
 from clusterviz.data.store.cache import CACHE
-from clusterviz.frame.opening import Bricks, Opened, OpenedVolume
+from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
 from clusterviz.plan.plan import Plan
 

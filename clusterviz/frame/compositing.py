@@ -30,7 +30,7 @@ from clusterviz.composite import (
     rounded,
     rounding_bound,
 )
-from clusterviz.content.flow.section import FlowInfo
+from clusterviz.content.visibility import visibility_warnings
 from clusterviz.errors import ClustervizError
 from clusterviz.frame.run import Image, Run
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered
@@ -46,7 +46,6 @@ from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans
-from clusterviz.scene.visibility import visibility_warnings
 
 CHECK_TOLERANCE = 1e-5
 ROW = "compositing"
@@ -209,7 +208,7 @@ class Compositing:
             if run.channel.rank == 0:
                 warnings.warn(reasons[topic], stacklevel=2)
         remarks = (drawn.changes, tuple(reasons.values()), work.plan.detail if work.plan else ())
-        flows = tuple(one.summary for one in drawn.infos if isinstance(one, FlowInfo) and one.summary)
+        flows = tuple(one.summary for one in drawn.infos if one.summary)
         statistics = FrameStatistics(per_rank, drawn.number, work.accuracy, work.sharing, *remarks, flows)
         kept = drawn if run.options.keep_drawn else None
         return Rendered(image, work.scene, statistics, tuple(clock.spans or ()), kept)

@@ -20,14 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
+from clusterviz.content.diff import is_same_volume
 from clusterviz.content.grid.section import KBuffer
+from clusterviz.content.volume.opening import Bricks
 from clusterviz.data import ALL_STEPS, ONE_STEP
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.compositing import Compositing, open_async_compositing
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.driver import with_right_device
-from clusterviz.frame.opening import Bricks, Given, Opened, complete, open_time_steps, open_volumes
+from clusterviz.frame.opening import Given, Opened, complete, open_content, open_time_steps
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Image, Options, Progress, Run
 from clusterviz.frame.surface_lic import open_painter
@@ -36,7 +38,6 @@ from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.plan import changed_settings
 from clusterviz.report.decisions import Change
 from clusterviz.report.statistics import RankFrame, summed
-from clusterviz.scene.diff import is_same_volume
 from clusterviz.scene.lens import eye_points, has_eye_points
 from clusterviz.scene.values import Scene
 
@@ -82,7 +83,7 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
         text, where = "only straight rays are measured here", "volumes[0].optics.refraction"
         raise SceneError(text, where=where, found=True, allowed="false")
     _refuse_undrawn(scene)
-    scene, opened, bricks = open_volumes(run, scene, source)
+    scene, opened, bricks = open_content(run, scene, source)
     reader = BrickReader(opened, bricks)
     drawing = Drawing(reader)
     work = FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene)
@@ -136,7 +137,7 @@ class FrameLoop:
         with run.clock.stage("total", "open"):
             if scene.flows:  # which are convolved as they are opened
                 run = with_right_device(run, scene, None, "open")
-            self.scene, opened, bricks = open_volumes(run, scene, source)
+            self.scene, opened, bricks = open_content(run, scene, source)
             run = self._run = with_right_device(run, self.scene, opened, "plan")
             self._painter = open_painter(run, self.scene, opened)
         self._infos = opened.infos if opened else ()

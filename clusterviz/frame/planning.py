@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from clusterviz.auto.calibration import SmallPicture
 from clusterviz.auto.mode import AutoMode
+from clusterviz.content.diff import check_same_volume
 from clusterviz.distribution.contract import Distribution
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.drawing import Drawing
@@ -23,7 +24,6 @@ from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import make_view
 from clusterviz.report.decisions import Accuracy, Sharing
-from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.values import Scene
 
 if TYPE_CHECKING:

@@ -26,10 +26,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.opening import Bricks
 from clusterviz.data.source import Index
 from clusterviz.data.store.cache import CACHE, CACHE_BYTES
 from clusterviz.frame.brick_reader import BrickReader, bytes_of
-from clusterviz.frame.opening import Bricks
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import brick_bytes

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.composite import TileCollector
+from clusterviz.content.flow.opening import OpenedFlow
 from clusterviz.content.flow.section import FlowSection, Lic
 from clusterviz.data.source import Grid
 from clusterviz.flow.cells import Cells
-from clusterviz.flow.content import OpenedFlow
 from clusterviz.flow.lic import line_weights
 from clusterviz.flow.surface_lic import (
     Convolution,

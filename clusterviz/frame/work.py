@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import abort_on_failure, mark_agreed
+from clusterviz.content.facts import Facts
 from clusterviz.data.source import Index
 from clusterviz.errors import ClustervizError, RankError
 from clusterviz.frame.run import Image, Run
@@ -27,7 +28,6 @@ from clusterviz.render.crossing import FoundLayers
 from clusterviz.report.decisions import Accuracy, Change, Sharing
 from clusterviz.report.statistics import FrameStatistics, RankFrame
 from clusterviz.report.trace import Span
-from clusterviz.scene.complete import Info
 from clusterviz.scene.values import Scene
 
 Mode = Literal["sort-last", "sort-first", "hybrid"]
@@ -89,7 +89,7 @@ class DrawnFrame:
     work: RankWork
     partials: list[PartialImage]
     counts: RankFrame
-    infos: tuple[Info, ...] = ()
+    infos: tuple[Facts, ...] = ()
     changes: tuple[Change, ...] = ()
     layers: Sequence[FoundLayers] = ()
     fragments: Sequence[NDArray[np.int32]] = ()

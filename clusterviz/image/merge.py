@@ -94,7 +94,6 @@ def merge_partials(partials: Iterable[PartialImage], size: tuple[int, int], oper
 
     Parameters
     ----------
-    partials : of the same operator
     size : (width, height) of the picture
 
     Returns

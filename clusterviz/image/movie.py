@@ -40,8 +40,6 @@ def write_movie(path: Path, pictures: Iterable[Bytes], count: int, frames_per_se
     path : ends in .gif, or is encoded as H.264
     pictures : uint8 (h, w, 3), all of one size. H.264 halves the resolution of colour, so an odd side is padded with a
         copy of its last row or column.
-    count : number of pictures
-    frames_per_second : rate
 
     Raises
     ------

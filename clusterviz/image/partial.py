@@ -70,8 +70,6 @@ class PartialImage:
 
     Attributes
     ----------
-    rect : Rect
-        The footprint on the screen.
     rgba : float32, float16 or uint8 (rect.height, rect.width, 4), premultiplied, C order
     """
 

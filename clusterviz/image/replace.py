@@ -135,12 +135,7 @@ def remove_temporaries() -> None:
 
 
 def remove_leftovers(folder: Path) -> list[Path]:
-    """Remove temporary files and folders of this user's ended processes on this machine.
-
-    Returns
-    -------
-    removed : their paths
-    """
+    """Remove temporary files and folders of this user's ended processes on this machine."""
     removed = []
     for path in folder.glob(f".*.{_MARK}*"):
         with suppress(OSError):

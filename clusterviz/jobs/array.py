@@ -29,7 +29,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from clusterviz.comm import Channel, RemoteBox, RemoteMemory, abort_on_failure, agree, all_to_all, mark_agreed
+from clusterviz.comm import Channel, RemoteBox, abort_on_failure, agree, all_to_all, mark_agreed
 from clusterviz.comm.remote_memory import Transfer, operation_of
 from clusterviz.data.bricks import Box, read_bricks
 from clusterviz.data.header import check_dtype
@@ -46,7 +46,7 @@ _TAG = 31_000
 MEMORY_SHARE = 0.9
 """Share of a node's free memory that one array may take."""
 
-_Waiting = tuple[int, RemoteBox, bool, str, NDArray[Any]]
+_Waiting = tuple[int, RemoteBox, int, str, NDArray[Any]]
 Key = EllipsisType | int | slice | Box | tuple[int | slice | EllipsisType, ...]
 
 
@@ -126,11 +126,11 @@ class DistributedArray:
         self._offsets: list[list[list[int]]] = offset.tolist()
         self._is_in_file: list[list[list[bool]]] = in_file.tolist()
         _check_memory(channel, in_memory, f"{name} of shape {self.shape} and type {self.dtype}")
-        self._memory = channel.remote_memory(int(in_memory[channel.rank]))
-        self._files: RemoteMemory | None = None
+        # The blocks in memory, and those in files if there are any.
+        self._parts = [channel.remote_memory(int(in_memory[channel.rank]))]
         if in_files.any():
             folder = Path(spill if spill is not None else tempfile.gettempdir())
-            self._files = channel.remote_memory(int(in_files[channel.rank]), folder)
+            self._parts.append(channel.remote_memory(int(in_files[channel.rank]), folder))
 
     @property
     def shape_zyx(self) -> Index:
@@ -167,8 +167,8 @@ class DistributedArray:
         """Yield the blocks that this rank holds, in array order: index and writable elements, (z, y, x, components)."""
         for z, y, x in self._owners.bricks(self.channel.rank).tolist():
             begin, end = self.grid.box((z, y, x))
-            memory, place = self._place((z, y, x), (begin, end))
-            yield (z, y, x), np.ndarray(place.shape, self.dtype, memory.own, place.offset)
+            number, place = self._place((z, y, x), (begin, end))
+            yield (z, y, x), np.ndarray(place.shape, self.dtype, self._parts[number].own, place.offset)
 
     def read(self, box: Box) -> NDArray[Any]:
         """Return the elements of a box, (z, y, x, components), owned by the caller.
@@ -180,11 +180,10 @@ class DistributedArray:
         """
         begin, end = self._checked_box(box)
         values = np.empty((*np.subtract(end, begin), *self.components), self.dtype)
-        in_memory, in_files = self._transfers((begin, end), values)
-        self._memory.get(in_memory)
-        if self._files is not None:
-            self._files.get(in_files)
-        far = _far_bytes((in_memory, in_files), self.channel.rank)
+        transfers = self._transfers((begin, end), values)
+        for part, some in zip(self._parts, transfers, strict=True):
+            part.get(some)
+        far = sum(values.nbytes for some in transfers for box, values in some if box.rank != self.channel.rank)
         with self._counting:
             self.bytes_fetched += far
             self.bytes_local += values.nbytes - far
@@ -198,10 +197,9 @@ class DistributedArray:
         InputError
             The box does not lie in the array, or the values do not fit its shape or the array's type.
         """
-        in_memory, in_files = self._transfers(self._checked_box(box), self._fitting(box, values))
-        self._memory.put(in_memory)
-        if self._files is not None:
-            self._files.put(in_files)
+        transfers = self._transfers(self._checked_box(box), self._fitting(box, values))
+        for part, some in zip(self._parts, transfers, strict=True):
+            part.put(some)
 
     def accumulate(self, box: Box, values: ArrayLike, operation: str = "sum", order: int | None = None) -> None:
         """Combine the elements of a box with values: sum, min or max; atomic in each block. NaN wins over numbers.
@@ -218,17 +216,14 @@ class DistributedArray:
             As `write`; or no such operation.
         """
         operation_of(operation)
-        in_memory, in_files = self._transfers(self._checked_box(box), self._fitting(box, values))
+        transfers = self._transfers(self._checked_box(box), self._fitting(box, values))
         if order is not None:
             with self._counting:
-                for is_in_file, transfers in enumerate((in_memory, in_files)):
-                    self._waiting += [
-                        (order, place, bool(is_in_file), operation, np.array(part)) for place, part in transfers
-                    ]
+                for number, some in enumerate(transfers):
+                    self._waiting += [(order, place, number, operation, np.array(part)) for place, part in some]
             return
-        self._memory.accumulate(in_memory, operation)
-        if self._files is not None:
-            self._files.accumulate(in_files, operation)
+        for part, some in zip(self._parts, transfers, strict=True):
+            part.accumulate(some, operation)
 
     def compare_and_swap(self, index: Sequence[int], expected: Any, new: Any) -> Any:
         """Write an element if its bytes are those of `expected`, atomically, and return its previous value.
@@ -247,12 +242,12 @@ class DistributedArray:
         if len(at) != len(self.shape) or not all(0 <= i < n for i, n in zip(at, self.shape, strict=True)):
             raise InputError("no such element", where=self.name, found=at, allowed=f"below {self.shape}")
         block = cast(Index, tuple(i // side for i, side in zip(at[:3], self.grid.block_zyx, strict=True)))
-        memory, place = self._place(block, self.grid.box(block))
+        number, place = self._place(block, self.grid.box(block))
         inside = (*(i % side for i, side in zip(at[:3], self.grid.block_zyx, strict=True)), *at[3:])
         element = RemoteBox(place.rank, place.offset, place.shape, inside, tuple(i + 1 for i in inside))
         one = (1,) * len(at)
         old, given = (self._typed(value).reshape(one) for value in (expected, new))
-        return memory.compare_and_swap(element, old, given).reshape(())[()]
+        return self._parts[number].compare_and_swap(element, old, given).reshape(())[()]
 
     def __getitem__(self, key: Key) -> Any:
         """Read a box: array[...], array[box], or integers and slices along z, y and x as in NumPy."""
@@ -356,12 +351,12 @@ class DistributedArray:
 
     def sync(self) -> None:
         """Apply contributions that wait, and let all ranks see what any of them wrote before; collective."""
-        self._memory.sync()
+        self._parts[0].sync()
         if self.channel.maximum(len(self._waiting)):
             self._apply_waiting()
-            self._memory.sync()
-        if self._files is not None:
-            self._files.sync()
+            self._parts[0].sync()
+        for part in self._parts[1:]:
+            part.sync()
 
     def _apply_waiting(self) -> None:
         """Send contributions that wait to the owners of their blocks, and apply those to own blocks in order."""
@@ -371,26 +366,21 @@ class DistributedArray:
         self._waiting.clear()
         received = all_to_all(self.channel, [np.frombuffer(data, np.uint8) for data in sent], _TAG)
         mine: list[_Waiting] = [one for data in received for one in pickle.loads(data.tobytes())]
-        for _, place, is_in_file, operation, values in sorted(mine, key=lambda one: one[0]):
-            memory = self._files if is_in_file else self._memory
-            assert memory is not None, "no block is in a file without files"
-            target = np.ndarray(place.shape, self.dtype, memory.own, place.offset)[place.slices]
+        for _, place, number, operation, values in sorted(mine, key=lambda one: one[0]):
+            target = np.ndarray(place.shape, self.dtype, self._parts[number].own, place.offset)[place.slices]
             operation_of(operation)(target, values, out=target)
 
     def free(self) -> None:
         """Release the memory; collective."""
-        self._memory.free()
-        if self._files is not None:
-            self._files.free()
+        for part in self._parts:
+            part.free()
 
-    def _place(self, block: Index, box: Box) -> tuple[RemoteMemory, RemoteBox]:
-        """Return where a box of one block's elements lies."""
+    def _place(self, block: Index, box: Box) -> tuple[int, RemoteBox]:
+        """Return where a box of one block's elements lies: the number of the part, and the place in it."""
         (z, y, x), (z_end, y_end, x_end) = self.grid.box(block)
         (z_in, y_in, x_in), (z_out, y_out, x_out) = box
         i, j, k = block
-        files = self._files
-        memory = files if files is not None and self._is_in_file[i][j][k] else self._memory
-        return memory, RemoteBox(
+        return int(self._is_in_file[i][j][k]), RemoteBox(
             self._owner_lists[i][j][k],
             self._offsets[i][j][k],
             (z_end - z, y_end - y, x_end - x, *self.components),
@@ -398,14 +388,14 @@ class DistributedArray:
             (z_out - z, y_out - y, x_out - x, *self.components),
         )
 
-    def _transfers(self, box: Box, values: NDArray[Any]) -> tuple[list[Transfer], list[Transfer]]:
-        """Return the parts of a box in the blocks in memory, and in those in files, with views of its values."""
-        found: tuple[list[Transfer], list[Transfer]] = [], []
+    def _transfers(self, box: Box, values: NDArray[Any]) -> list[list[Transfer]]:
+        """Return what each of `_parts` has of a box, with views of its values."""
+        found: list[list[Transfer]] = [[] for _ in self._parts]
         (z, y, x), _ = box
         for block, (begin, end) in self.grid.shared(box):
-            memory, place = self._place(block, (begin, end))
+            number, place = self._place(block, (begin, end))
             part = values[begin[0] - z : end[0] - z, begin[1] - y : end[1] - y, begin[2] - x : end[2] - x]
-            found[memory is self._files].append((place, part))
+            found[number].append((place, part))
         return found
 
     def _checked_box(self, box: Box) -> Box:
@@ -449,46 +439,31 @@ class DistributedArray:
             first = keys.index(Ellipsis)
             keys = (*keys[:first], *[slice(None)] * (4 - len(keys)), *keys[first + 1 :])
         keys = (*keys, *[slice(None)] * (3 - len(keys)))
-        begin: list[int] = []
-        end: list[int] = []
-        dropped: list[int | slice] = []
-        for part, n in zip(keys[:3], self.shape_zyx, strict=True):
+        allowed = "a box, or integers and slices without steps along z, y and x"
+        error = InputError("no such part of an array", where=self.name, found=key, allowed=allowed)
+        if len(keys) != 3:
+            raise error
+        spans, dropped = list[tuple[int, int]](), list[int | slice]()
+        for part, n in zip(keys, self.shape_zyx, strict=True):
             if isinstance(part, int | np.integer):
                 at = int(part) + (n if part < 0 else 0)
-                begin.append(at)
-                end.append(at + 1)
+                spans.append((at, at + 1))
                 dropped.append(0)
             elif isinstance(part, slice) and part.step in (None, 1):
                 low, high, _ = part.indices(n)
-                begin.append(low)
-                end.append(max(low, high))
+                spans.append((low, max(low, high)))
                 dropped.append(slice(None))
             else:
-                begin = []
-                break
-        if len(keys) != 3 or len(begin) != 3:
-            allowed = "a box, or integers and slices without steps along z, y and x"
-            raise InputError("no such part of an array", where=self.name, found=key, allowed=allowed)
-        return ((begin[0], begin[1], begin[2]), (end[0], end[1], end[2])), tuple(dropped)
+                raise error
+        (z, z_end), (y, y_end), (x, x_end) = spans
+        return ((z, y, x), (z_end, y_end, x_end)), tuple(dropped)
 
 
 class ArrayBoxes:
     """Distributed array as a data source; each rank reads the boxes that it needs."""
 
     def __init__(self, array: DistributedArray, grid: Grid) -> None:
-        self._array, self._grid = array, grid
-
-    @property
-    def name(self) -> str:
-        return self._array.name
-
-    @property
-    def grid(self) -> Grid:
-        return self._grid
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return self._array.dtype
+        self._array, self.grid, self.name, self.dtype = array, grid, array.name, array.dtype
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         """Read the samples of a box; see `Source.read`."""
@@ -569,7 +544,3 @@ def _check_memory(channel: Channel, own_bytes: NDArray[np.int64], where: str) ->
             raise mark_agreed(
                 InputError("the array does not fit into memory", where=where, found=found, allowed=allowed)
             )
-
-
-def _far_bytes(transfers: Sequence[Sequence[Transfer]], rank: int) -> int:
-    return sum(values.nbytes for part in transfers for box, values in part if box.rank != rank)

@@ -64,13 +64,7 @@ class Blocks:
             end.append(min(n, (i + 1) * side + halo))
         return (begin[0], begin[1], begin[2]), (end[0], end[1], end[2])
 
-    def cell_box(self, index_zyx: Index) -> Box:
-        """Return the elements of a block."""
-        return self.box(index_zyx)
-
-    def sample_box(self, index_zyx: Index) -> Box:
-        """Return the elements of a block."""
-        return self.box(index_zyx)
+    cell_box = sample_box = box
 
     def parts(self, box: Box) -> list[list[tuple[int, int, int]]]:
         """Return along z, y and x: index, begin and end of what each block shares with a box."""

@@ -69,23 +69,17 @@ class Cluster:
     ----------
     channel : to all ranks
     pool : devices of this rank
+
+    Attributes
+    ----------
+    rank, size : number of this rank, and of all ranks
     """
 
     def __init__(self, channel: Channel, pool: DevicePool) -> None:
-        self.channel, self._pool = channel, pool
+        self.channel, self.rank, self.size, self._pool = channel, channel.rank, channel.size, pool
         self._arrays: list[DistributedArray] = []
         self._counters: Counters | None = None
         self._count = 0
-
-    @property
-    def rank(self) -> int:
-        """Number of this rank."""
-        return self.channel.rank
-
-    @property
-    def size(self) -> int:
-        """Number of ranks."""
-        return self.channel.size
 
     def run(self, job: Job, grid: Grid, schedule: ScheduleName = "local", seed: int = 0) -> Run:
         """Run a job on all blocks of a grid; collective.
@@ -118,7 +112,8 @@ class Cluster:
         with agree(self.channel, None, "jobs"):
             planned = make_schedule(schedule, len(blocks), self.size, held, seed)
             if after:
-                planned = in_order(planned, _order(parts, blocks, after))
+                names = [f"{parts[part][0].name} {block}" for part, block in blocks]
+                planned = in_order(planned, dependency_order(after, names.__getitem__))
         return _Runner(self, parts, blocks, after, planned).run()
 
     def array(self, shape: Sequence[int], dtype: Any, blocks: int | IndexZyx = 64, **options: Any) -> DistributedArray:
@@ -229,12 +224,12 @@ class _Runner:
         try:
             pool.run(self._work)
         except BaseException:  # interrupted: the devices' threads take no more
-            self._reader().close()
+            QueueReader(self._schedule, self._add, self._cluster.rank).close()
             raise
 
     def _work(self) -> None:
         """Take blocks and run them; one device's part."""
-        reader = self._reader()
+        reader = QueueReader(self._schedule, self._add, self._cluster.rank)
         _THREAD.in_job = True
         try:
             while (taken := reader.take()) is not None:
@@ -243,9 +238,6 @@ class _Runner:
                     reader.close()
         finally:
             _THREAD.in_job = False
-
-    def _reader(self) -> QueueReader:
-        return QueueReader(self._schedule, self._add, self._cluster.rank)
 
     def _run_block(self, number: int, stolen: bool) -> bool:
         """Run a block; return False if it has failed."""
@@ -348,16 +340,6 @@ def _dependencies(jobs: Sequence[Job], blocks: Sequence[Block]) -> dict[int, lis
                 raise InputError(what, found=f"job {job.name}, block {index}")
             found[number].append(other)
     return found
-
-
-def _order(parts: Sequence[tuple[Job, Grid]], blocks: Sequence[Block], after: dict[int, list[int]]) -> list[int]:
-    """Return the numbers of blocks in an order in which none waits for a later one; see `dependency_order`."""
-
-    def text(number: int) -> str:
-        part, block = blocks[number]
-        return f"{parts[part][0].name} {block}"
-
-    return dependency_order(after, text)
 
 
 @contextmanager

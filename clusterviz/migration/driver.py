@@ -82,7 +82,6 @@ class MigrationDriver:
         self._complete(run)
 
     def close(self) -> None:
-        """Complete all messages and close the channel."""
         if self._transfer is not None:
             self._transfer.close()
 

@@ -10,17 +10,15 @@ from __future__ import annotations
 from collections import defaultdict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from clusterviz.codec import AutoCodec
 from clusterviz.codec.auto import MIN_BYTES
-from clusterviz.codec.contract import Bytes, CodecError
+from clusterviz.codec.contract import Bytes, CodecError, Pixels, Rows
 from clusterviz.comm import Channel
-from clusterviz.composite.messages import compile_codecs
+from clusterviz.composite.messages import compile_codecs, packer
 from clusterviz.composite.model.network import default_network
 from clusterviz.data.source import Index
 from clusterviz.distribution.flights import Flight
@@ -75,18 +73,11 @@ class _Awaited:
 
 @dataclass
 class Delivery:
-    """Flights that ended at this rank.
+    """Flights that ended at this rank."""
 
-    Attributes
-    ----------
-    arrived : numbers of flights whose bricks are stored
-    lost : numbers of flights whose messages were damaged or outdated
-    spans : of their messages, for the trace
-    """
-
-    arrived: list[int] = field(default_factory=list)
-    lost: list[int] = field(default_factory=list)
-    spans: list[Span] = field(default_factory=list)
+    arrived: list[int] = field(default_factory=list)  # numbers of flights whose bricks are stored
+    lost: list[int] = field(default_factory=list)  # numbers of flights whose messages were damaged or outdated
+    spans: list[Span] = field(default_factory=list)  # of their messages, for the trace
 
 
 class BrickTransfer:
@@ -108,10 +99,9 @@ class BrickTransfer:
     def __init__(self, channel: Channel, wire_format: WireFormat, time_budget: TimeBudget) -> None:
         self._channel, self._time_budget = channel.duplicate(), time_budget
         nodes = len(channel.nodes())
-        network = default_network(nodes)
         if wire_format.most_bytes(0) > MIN_BYTES:  # smaller ones are never packed
             compile_codecs(channel)
-        self._codec = AutoCodec(network.seconds_per_byte if nodes > 1 else network.node_seconds_per_byte)
+        self._pack = packer("auto", default_network(nodes), nodes)
         self._outgoing: deque[_Outgoing] = deque()
         self._awaited: list[_Awaited] = []
         self._arrived: deque[tuple[_Awaited, int]] = deque()
@@ -123,14 +113,12 @@ class BrickTransfer:
     def post(self, flights: Sequence[Flight], wire_format: WireFormat) -> range:
         """Post receives for flights to this rank, and queue flights from it for `send`.
 
+        Returns numbers of the flights, the same on every rank.
+
         Parameters
         ----------
         flights : of all ranks, the same on each
         wire_format : of their bricks
-
-        Returns
-        -------
-        numbers : of the flights, the same on every rank
         """
         numbers = range(self._numbers, self._numbers + len(flights))
         self._numbers = numbers.stop
@@ -148,9 +136,7 @@ class BrickTransfer:
     def send(self, read: Read) -> None:
         """Send parts of bricks while there is time.
 
-        Parameters
-        ----------
-        read : returns a stored brick; None if this rank has dropped it, or stores it in another format
+        `read`: returns a stored brick; None if this rank has dropped it, or stores it in another format.
         """
         while self._outgoing and self._send_part(self._outgoing[0], read):
             if self._outgoing[0].sent == self._outgoing[0].wire_format.parts:
@@ -159,9 +145,7 @@ class BrickTransfer:
     def collect(self, store: Store) -> Delivery:
         """Unpack parts that have arrived, and store bricks that are complete, while there is time.
 
-        Parameters
-        ----------
-        store : called with each brick, the stamp of its storage format and its data; returns False if it is outdated
+        `store`: called with each brick, the stamp of its storage format and its data; returns False if it is outdated.
         """
         delivery = Delivery()
         with self._time_budget.step():
@@ -198,20 +182,23 @@ class BrickTransfer:
 
     def _send_part(self, brick: _Outgoing, read: Read) -> bool:
         """Send the next part of a brick, an empty message if it is void; False if there was no time."""
-        size, message = brick.wire_format.most_bytes(brick.sent), NOTHING
+        size, message, target = brick.wire_format.most_bytes(brick.sent), NOTHING, brick.flight.target
         if not brick.is_void and brick.stream is None and not self._read(brick, read):
             return False
         if brick.stream is not None and not brick.is_void:
             if not self._time_budget.allows("pack", size):
                 return False
-            pack = partial(self._codec.pack, key=brick.flight.target)
+
+            def pack(pixels: Pixels, rows: Rows) -> Bytes:
+                return self._pack(pixels, rows, (0, target))
+
             with self._time_budget.step("pack", size):
                 message = brick.wire_format.wrap(brick.flight.brick, brick.voxels, brick.stream, brick.sent, pack)
-                self._channel.isend(message, brick.flight.target, brick.tags[brick.sent] % TAGS)
+                self._channel.isend(message, target, brick.tags[brick.sent] % TAGS)
             self.bytes_raw += size
             self.bytes_sent += message.nbytes
         else:
-            self._channel.isend(message, brick.flight.target, brick.tags[brick.sent] % TAGS)
+            self._channel.isend(message, target, brick.tags[brick.sent] % TAGS)
         brick.sent += 1
         return True
 

@@ -28,33 +28,20 @@ Pack = Callable[[Pixels, Rows], Bytes]
 HEADER = np.dtype([("checksum", "<u4"), ("stamp", "<u4"), ("voxels", "<i8"), ("brick", "<i4", 3), ("number", "<i4")])
 PART_BYTES = 1 << 18  # of a stream: four times the least size of codecs, and a fraction of a millisecond of work
 # Codecs treat samples as the components of pixels of the same size.
-PIXEL: dict[str, np.dtype[Any]] = {
-    "u8": np.dtype(np.uint8),
-    "u16": np.dtype(np.float16),
-    "f32": np.dtype(np.float32),
-}
+PIXEL: dict[str, np.dtype[Any]] = {"u8": np.dtype(np.uint8), "u16": np.dtype(np.float16), "f32": np.dtype(np.float32)}
 
 
 @dataclass(frozen=True)
 class WireFormat:
-    """Wire format of the bricks of one frame, the same for sender and receiver.
+    """Wire format of the bricks of one frame, the same for sender and receiver."""
 
-    Attributes
-    ----------
-    slot : of the bricks in memory
-    dtype : of value ranges: that of the voxels, float64 for several volumes
-    stamp : of the storage format, which depends on the plan
-    part_bytes : length of a part of the stream, a multiple of 16
-    layers : of geometry and of unstructured grids
-    index_zyx : of the brick, if it has any, or is one of several volumes
-    """
-
-    slot: Slot
-    dtype: np.dtype[Any]
-    stamp: int
-    part_bytes: int
+    slot: Slot  # of the bricks in memory
+    dtype: np.dtype[Any]  # of value ranges: that of the voxels, float64 for several volumes
+    stamp: int  # of the storage format, which depends on the plan
+    part_bytes: int  # length of a part of the stream, a multiple of 16
+    # of geometry and of unstructured grids
     layers: tuple[GeometryLayer | CellLayer, ...] = field(default=(), compare=False)
-    index_zyx: Index | None = None
+    index_zyx: Index | None = None  # of the brick, if it has any, or is one of several volumes
 
     def of(self, brick: Index) -> WireFormat:
         """Return the wire format of one brick, as sizes may differ."""
@@ -117,10 +104,7 @@ class WireFormat:
     def unwrap(self, message: Bytes, brick: Index, number: int, stream: Bytes) -> int:
         """Unpack a message into its part of a stream; returns `voxels` as in `Stored`.
 
-        Raises
-        ------
-        CodecError
-            The message is damaged, or of another brick or storage format.
+        Raises CodecError if the message is damaged, or of another brick or storage format.
         """
         if message.size <= HEADER.itemsize:
             raise CodecError(f"a message of {message.size} bytes has no part of a brick")

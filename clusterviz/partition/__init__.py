@@ -17,12 +17,12 @@ plane before brick b lies at b.
 from __future__ import annotations
 
 from clusterviz.partition.bsp import build_tree
-from clusterviz.partition.edges import Edges, refined_edges, units
+from clusterviz.partition.edges import refined_edges, units
 from clusterviz.partition.fronts import PARALLEL_ORIGIN, RayOrigin, front_owners, ray_origin
-from clusterviz.partition.groups import BrickGroup, ranks_of, visible_groups
+from clusterviz.partition.groups import BrickGroup, visible_groups
 from clusterviz.partition.interleave import interleave
 from clusterviz.partition.owners import UNASSIGNED, Owners, bricks_of, owners_of
-from clusterviz.partition.pieces import Piece, bounding_box, group_pieces, leaf_pieces, owner_pieces
+from clusterviz.partition.pieces import Piece, bounding_box, leaf_pieces, owner_pieces
 from clusterviz.partition.replicate import Replicas, assign_replicas, replicate
 from clusterviz.partition.search import busiest, move_planes, search_tree
 from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split, draw, front_to_back
@@ -33,7 +33,6 @@ __all__ = [
     "BrickBox",
     "BrickGroup",
     "BspTree",
-    "Edges",
     "Leaf",
     "Node",
     "Owners",
@@ -49,13 +48,11 @@ __all__ = [
     "draw",
     "front_owners",
     "front_to_back",
-    "group_pieces",
     "interleave",
     "leaf_pieces",
     "move_planes",
     "owner_pieces",
     "owners_of",
-    "ranks_of",
     "ray_origin",
     "refined_edges",
     "replicate",

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.partition.tree import BrickBox, BspTree, Index, Leaf, Node, Split
 
 Costs = NDArray[np.float64]
@@ -30,49 +29,42 @@ def build_tree(cost: Costs, ranks: int) -> BspTree:
     3. the smallest mean cost of a rank on the costlier side;
     4. the longest axis, the plane nearest the middle, z before y before x.
 
+    The tree is the same on every rank for the same costs.
+
     Parameters
     ----------
     cost : float64 (bz, by, bx), finite, not negative: cost of each brick; 0 for one that is not drawn
     ranks : number of leaves; above the number of bricks some leaves are empty
-
-    Returns
-    -------
-    tree : the same on every rank for the same costs
-
-    Raises
-    ------
-    InputError
-        `ranks` below 1, or `cost` is not a non-empty 3-D array of finite values ≥ 0.
 
     References
     ----------
     M. Berger, S. Bokhari: A partitioning strategy for nonuniform problems on multiprocessors, IEEE Transactions on
     Computers 36(5), 1987 (binary decomposition).
     """
-    if ranks < 1:
-        raise InputError("no rank to hold the bricks", where="ranks", found=ranks, allowed="1 or more")
-    if cost.ndim != 3 or cost.size == 0:
-        raise InputError("not an array over bricks", where="cost", found=f"shape {cost.shape}", allowed="(bz, by, bx)")
-    if not (np.isfinite(cost).all() and (cost >= 0).all()):
-        raise InputError("not a cost", where="cost", found="a negative or not finite value", allowed="0 or more")
     z, y, x = cost.shape
     return BspTree((z, y, x), ranks, _grow(np.asarray(cost, np.float64), BrickBox((0, 0, 0), (z, y, x)), 0, ranks))
 
 
 def _grow(cost: Costs, box: BrickBox, first_rank: int, ranks: int) -> Node:
     if ranks == 1:
-        return Leaf(first_rank, box, trim(cost, box), float(cost[box.slices].sum()))
+        return make_leaf(cost, box, first_rank)
     low_ranks = ranks // 2
     axis, plane = _best_plane(cost[box.slices], low_ranks, ranks - low_ranks)
     plane += box.begin_zyx[axis]
-    low = BrickBox(box.begin_zyx, replaced(box.end_zyx, axis, plane))
-    high = BrickBox(replaced(box.begin_zyx, axis, plane), box.end_zyx)
-    return Split(
-        axis,
-        plane,
-        _grow(cost, low, first_rank, low_ranks),
-        _grow(cost, high, first_rank + low_ranks, ranks - low_ranks),
-    )
+    low, high = halves(box, axis, plane)
+    low_node = _grow(cost, low, first_rank, low_ranks)
+    return Split(axis, plane, low_node, _grow(cost, high, first_rank + low_ranks, ranks - low_ranks))
+
+
+def make_leaf(cost: Costs, box: BrickBox, rank: int) -> Leaf:
+    """Return the leaf of a box."""
+    return Leaf(rank, box, trim(cost, box), float(cost[box.slices].sum()))
+
+
+def halves(box: BrickBox, axis: int, plane: int) -> tuple[BrickBox, BrickBox]:
+    """Return the parts of a box before and behind a plane."""
+    low = BrickBox(box.begin_zyx, _replaced(box.end_zyx, axis, plane))
+    return low, BrickBox(_replaced(box.begin_zyx, axis, plane), box.end_zyx)
 
 
 def trim(cost: Costs, box: BrickBox) -> BrickBox:
@@ -84,8 +76,7 @@ def trim(cost: Costs, box: BrickBox) -> BrickBox:
     return BrickBox((int(begin[0]), int(begin[1]), int(begin[2])), (int(end[0]), int(end[1]), int(end[2])))
 
 
-def replaced(index: Index, axis: int, value: int) -> Index:
-    """Return an index with another number along one axis."""
+def _replaced(index: Index, axis: int, value: int) -> Index:
     z, y, x = (value if a == axis else old for a, old in enumerate(index))
     return z, y, x
 

@@ -12,7 +12,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.partition.tree import BspTree, Index, Leaf, Node
 
 Edges = tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
@@ -28,18 +27,11 @@ def refined_edges(tree: BspTree, coarsest: int = 8, fine: int = 2) -> Edges:
     coarsest : the longest side of a unit, in bricks
     fine : units of each length on either side of a plane: of one brick, then of two, of four, … of `coarsest`
 
-    Raises
-    ------
-    InputError
-        `coarsest` or `fine` below 1.
-
     References
     ----------
     M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.6
     and figure 5.10 (bricks closer to a node transition are smaller).
     """
-    if min(coarsest, fine) < 1:
-        raise InputError("no size", where="coarsest and fine", found=(coarsest, fine), allowed="1 or more")
     planes = _planes(tree.root)
     z, y, x = (_refined(n, planes[axis], coarsest, fine) for axis, n in enumerate(tree.shape_zyx))
     return z, y, x
@@ -54,7 +46,6 @@ def units(shape_zyx: Index, edges: Edges) -> NDArray[np.int64]:
 
 
 def _planes(node: Node) -> dict[int, set[int]]:
-    """The planes of a tree by axis."""
     if isinstance(node, Leaf):
         return {0: set(), 1: set(), 2: set()}
     below, above = _planes(node.low), _planes(node.high)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
 from clusterviz.partition.owners import Owners
 from clusterviz.partition.tree import BspTree, Index, Leaf, Node, Vector, leaves_below
@@ -37,30 +36,20 @@ def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN) -
 
     When to use: costs are known well, and whole layers are expensive. When not: every rank needs a box.
 
+    Returns the rank of every brick. At each node the cost of either side differs from its ranks' share by at most half
+    the cost of a brick. From an eye outside the volume's extent along all axes, such as that of parallel rays, whole
+    ranks can be ordered; from others some ranks need a few more images.
+
     Parameters
     ----------
     tree : tree whose axes and ranks are used; its planes are not
-    cost : float64 (bz, by, bx); bricks without a cost are assigned by their position
     eye : ray origin for which the number of images is small; their order is right for every origin
-
-    Returns
-    -------
-    owners : rank of every brick. At each node the cost of either side differs from its ranks' share by at most half the
-        cost of a brick. From an eye outside the volume's extent along all axes, such as that of parallel rays, whole
-        ranks can be ordered; from others some ranks need a few more images
-
-    Raises
-    ------
-    InputError
-        The cost and the tree have different shapes.
 
     References
     ----------
     M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.6:
     the transfer of complete fronts of bricks is the drawback that non-uniform bricks reduce there.
     """
-    if cost.shape != tree.shape_zyx:
-        raise InputError("not over the tree's bricks", where="cost", found=cost.shape, allowed=tree.shape_zyx)
     owner = np.empty(cost.size, np.int32)
     index = np.indices(cost.shape).reshape(3, -1)
     _divide(_Bricks(index, cost.ravel(), tree.shape_zyx), np.arange(cost.size), tree.root, eye, owner)

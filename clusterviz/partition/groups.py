@@ -14,45 +14,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.partition.owners import UNASSIGNED, Owners
-from clusterviz.partition.tree import Index, Vector
+from clusterviz.partition.tree import Index, Vector, check_finite
 
 Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class BrickGroup:
-    """Bricks of one partial image.
+    """Bricks of one partial image."""
 
-    Attributes
-    ----------
-    rank : rank that draws it
-    bricks : int64 (m, 3), indices (z, y, x) in array order; no ray leaves them for another rank's and returns
-    """
-
-    rank: int
+    rank: int  # rank that draws it
+    # int64 (m, 3), indices (z, y, x) in array order; no ray leaves them for another rank's and returns
     bricks: NDArray[np.int64]
 
 
 def visible_groups(owners: Owners, eye_brick: Vector | None, direction_index: Vector) -> tuple[BrickGroup, ...]:
     """Return all assigned bricks in groups from front to back.
 
+    Every assigned brick is in one of the groups; no ray visits a later group before an earlier one. If whole ranks
+    can be ordered, as those of a tree can, there is one group per rank; else few, not always the fewest. A rank's
+    images are its groups in this order; ranks may have none. Errors as of `front_to_back`.
+
     Parameters
     ----------
     owners : rank of each brick; bricks that are `UNASSIGNED` are ignored
     eye_brick, direction_index : as in `front_to_back`
-
-    Returns
-    -------
-    groups : every assigned brick is in one of them; no ray visits a later group before an earlier one. If whole ranks
-        can be ordered, as those of a tree can, there is one group per rank; else few, not always the fewest. A rank's
-        images are its groups in this order; ranks may have none. `ranks_of` gives the order for the compositor.
-
-    Raises
-    ------
-    InputError
-        A position or direction is not finite.
 
     Notes
     -----
@@ -60,19 +47,13 @@ def visible_groups(owners: Owners, eye_brick: Vector | None, direction_index: Ve
     is stricter than necessary: two bricks are ordered if one is farther from the eye along every axis, even if no ray
     meets both. Adjacent layers of bricks with the same owners are merged, so that trees take microseconds.
     """
-    if not all(map(math.isfinite, (*direction_index, *(eye_brick or ())))):
-        raise InputError("not finite", where="camera", found=f"eye {eye_brick}, direction {direction_index}")
+    check_finite(eye_brick, direction_index)
     eye = _eye_layers(owners.owner.shape, eye_brick, direction_index)
     keys = [_merged_layers(owners.owner, axis, eye[axis]) for axis in range(3)]
     small = owners.owner[np.ix_(*[np.flatnonzero(np.diff(key, prepend=-1)) for key in keys])]
     z, y, x = (int(key[at]) for key, at in zip(keys, eye, strict=True))
     number, ranks = _grow_groups(small, owners.ranks, (z, y, x))
     return tuple(map(BrickGroup, ranks, _members(number[np.ix_(*keys)], len(ranks))))
-
-
-def ranks_of(groups: tuple[BrickGroup, ...]) -> list[int]:
-    """Return the rank of each group, from front to back."""
-    return [group.rank for group in groups]
 
 
 def _eye_layers(shape: tuple[int, ...], eye: Vector | None, direction: Vector) -> Index:
@@ -132,7 +113,6 @@ def _unobstructed(owner: NDArray[np.int32], ranks: int, eye: Index) -> Bools:
 
 
 def _members(number: NDArray[np.int64], groups: int) -> list[NDArray[np.int64]]:
-    """Return the bricks (m, 3) of each group, in array order."""
     flat = number.ravel()
     ordered = np.argsort(flat, kind="stable")
     begins = np.searchsorted(flat[ordered], np.arange(groups + 1))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
 from clusterviz.partition.owners import UNASSIGNED, Owners
 
@@ -15,20 +15,12 @@ def interleave(cost: Costs, ranks: int, block: int = 1) -> Owners:
     When to use: the cost is not known or changes, and data must not move. When not: nearly every block of bricks is a
     separate image to composite.
 
+    Returns blocks with a cost, assigned round robin along a Z curve; numbers of blocks differ by at most one.
+
     Parameters
     ----------
     cost : float64 (bz, by, bx); bricks of cost 0 are not assigned
-    ranks : number of ranks, 1 or more
     block : side of the assigned blocks, in bricks; larger blocks make fewer images, and balance less well
-
-    Returns
-    -------
-    owners : blocks with a cost, assigned round robin along a Z curve; numbers of blocks differ by at most one
-
-    Raises
-    ------
-    InputError
-        `ranks` or `block` below 1.
 
     References
     ----------
@@ -36,8 +28,6 @@ def interleave(cost: Costs, ranks: int, block: int = 1) -> Owners:
     static - interleaved; P. Campbell et al.: Dynamic octree load balancing using space-filling curves, Williams College
     CS-03-01, 2003.
     """
-    if min(ranks, block) < 1:
-        raise InputError("nothing to deal by", where="ranks and block", found=(ranks, block), allowed="1 or more")
     drawn = np.argwhere(cost > 0)
     keys = _z_curve(drawn // block)
     _, turn = np.unique(keys, return_inverse=True)
@@ -46,9 +36,7 @@ def interleave(cost: Costs, ranks: int, block: int = 1) -> Owners:
     return Owners(ranks, owner)
 
 
-def _z_curve(
-    places: np.ndarray[tuple[int, ...], np.dtype[np.int64]],
-) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+def _z_curve(places: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the position of each block along the Z curve: the interleaved bits of its three indices."""
     keys = np.zeros(len(places), np.int64)
     for bit in range(21):

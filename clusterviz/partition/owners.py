@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
 from clusterviz.partition.tree import BspTree
 
@@ -16,28 +15,10 @@ UNASSIGNED = -1
 
 @dataclass(frozen=True, eq=False)
 class Owners:
-    """The rank that draws each brick.
+    """The rank that draws each brick."""
 
-    Attributes
-    ----------
-    ranks : number of ranks, with or without bricks
-    owner : int32 (bz, by, bx), 0 … ranks − 1, or `UNASSIGNED` for a brick that is not drawn
-
-    Raises
-    ------
-    InputError
-        `owner` is not a 3-D array of such numbers.
-    """
-
-    ranks: int
-    owner: NDArray[np.int32]
-
-    def __post_init__(self) -> None:
-        if self.owner.ndim != 3 or self.owner.size == 0:
-            raise InputError("not an array over bricks", where="owner", found=f"shape {self.owner.shape}")
-        low, high = int(self.owner.min()), int(self.owner.max())
-        if low < UNASSIGNED or high >= self.ranks:
-            raise InputError("no such rank", where="owner", found=f"{low} … {high}", allowed=f"−1 … {self.ranks - 1}")
+    ranks: int  # number of ranks, with or without bricks
+    owner: NDArray[np.int32]  # int32 (bz, by, bx), 0 … ranks − 1, or `UNASSIGNED` for a brick that is not drawn
 
     def bricks(self, rank: int) -> NDArray[np.int64]:
         """Return a rank's bricks, int64 (m, 3), indices (z, y, x) in array order."""
@@ -72,25 +53,8 @@ def owners_of(tree: BspTree) -> Owners:
 def bricks_of(tree: BspTree, rank: int, cost: Costs) -> NDArray[np.int64]:
     """Return the bricks that a rank loads and draws: those of its leaf with a cost above 0.
 
-    Parameters
-    ----------
-    tree : built from `cost`, or from other costs over the same bricks
-    rank : rank of the tree
-    cost : float64 (bz, by, bx)
-
-    Returns
-    -------
-    bricks : int64 (m, 3), indices (z, y, x), in array order, which is the order on disk
-
-    Raises
-    ------
-    InputError
-        The tree has no such rank, or is over another number of bricks.
+    `cost` is float64 (bz, by, bx). The bricks, int64 (m, 3), indices (z, y, x), are in array order, as on disk.
     """
-    if not 0 <= rank < tree.ranks:
-        raise InputError("not in the tree", where="rank", found=rank, allowed=f"0 … {tree.ranks - 1}")
-    if cost.shape != tree.shape_zyx:
-        raise InputError("not over the tree's bricks", where="cost", found=cost.shape, allowed=tree.shape_zyx)
     box = tree.leaves[rank].box
     bricks: NDArray[np.int64] = np.argwhere(cost[box.slices] > 0) + np.array(box.begin_zyx, np.int64)
     return bricks

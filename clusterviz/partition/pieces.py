@@ -6,7 +6,6 @@ brick at its midpoint, in the pixels of its rectangle, so the picture does not d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,27 +14,19 @@ from numpy.typing import NDArray
 
 from clusterviz.image.partial import Rect
 from clusterviz.partition.bsp import Costs, trim
-from clusterviz.partition.groups import BrickGroup, visible_groups
+from clusterviz.partition.groups import visible_groups
 from clusterviz.partition.owners import Owners
 from clusterviz.partition.tree import BrickBox, BspTree, Vector, front_to_back
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Bricks and pixels of one partial image.
+    """Bricks and pixels of one partial image."""
 
-    Attributes
-    ----------
-    rank : rank that draws it
-    box : bounding box of its bricks
-    bricks : bool (bz, by, bx) over the box, its own bricks; None: all
-    rect : pixels to which it is clipped; None: the whole picture
-    """
-
-    rank: int
-    box: BrickBox
-    bricks: NDArray[np.bool_] | None = None
-    rect: Rect | None = None
+    rank: int  # rank that draws it
+    box: BrickBox  # bounding box of its bricks
+    bricks: NDArray[np.bool_] | None = None  # bool (bz, by, bx) over the box, its own bricks; None: all
+    rect: Rect | None = None  # pixels to which it is clipped; None: the whole picture
 
     def shows_bricks_of(self, other: Piece) -> bool:
         """Return whether another piece has the same bricks, as the pieces of a shared screen do."""
@@ -54,11 +45,7 @@ class Piece:
 def leaf_pieces(tree: BspTree, cost: Costs, eye_brick: Vector | None, direction_index: Vector) -> tuple[Piece, ...]:
     """Return a piece for each leaf with a cost above 0, from front to back.
 
-    Parameters
-    ----------
-    tree : one leaf a rank
-    cost : float64 (bz, by, bx); may differ from the costs from which the tree was built
-    eye_brick, direction_index : as in `front_to_back`
+    `cost`: float64 (bz, by, bx); may differ from the costs from which the tree was built.
     """
     order = front_to_back(tree, eye_brick, direction_index)
     boxes = [(rank, trim(cost, tree.leaves[rank].box)) for rank in order]
@@ -66,12 +53,8 @@ def leaf_pieces(tree: BspTree, cost: Costs, eye_brick: Vector | None, direction_
 
 
 def owner_pieces(owners: Owners, eye_brick: Vector | None, direction_index: Vector) -> tuple[Piece, ...]:
-    """Return the pieces of any assignment, from front to back; parameters as in `visible_groups`."""
-    return group_pieces(visible_groups(owners, eye_brick, direction_index))
-
-
-def group_pieces(groups: Sequence[BrickGroup]) -> tuple[Piece, ...]:
-    """Return a piece for each group of `visible_groups`, in the same order."""
+    """Return a piece for each of the `visible_groups` of any assignment, from front to back."""
+    groups = visible_groups(owners, eye_brick, direction_index)
     return tuple(Piece(group.rank, **_around(group.bricks)) for group in groups)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.partition.bsp import Costs
 from clusterviz.partition.owners import UNASSIGNED, Owners, owners_of
 from clusterviz.partition.tree import BspTree
@@ -17,16 +16,10 @@ SWEEPS = 200  # at most; near the end the shares of 64 ranks change by less than
 
 @dataclass(frozen=True, eq=False)
 class Replicas:
-    """Static assignment of bricks to several ranks each.
+    """Static assignment of bricks to several ranks each."""
 
-    Attributes
-    ----------
-    home : tree whose leaves are replicated as a whole
-    holders : int64 (leaves, k), ranks that hold a leaf's bricks, its own first
-    """
-
-    home: BspTree
-    holders: NDArray[np.int64]
+    home: BspTree  # tree whose leaves are replicated as a whole
+    holders: NDArray[np.int64]  # int64 (leaves, k), ranks that hold a leaf's bricks, its own first
 
     def holds(self, rank: int) -> NDArray[np.bool_]:
         """Return the bricks that a rank holds, bool (bz, by, bx)."""
@@ -47,18 +40,11 @@ def replicate(home: BspTree, copies: int) -> Replicas:
     When to use: the memory of all ranks together can hold the data `copies` times. Leaves with neighbouring numbers are
     neighbours in space, and the ring lets work move between all ranks, each of which keeps a part of its own leaf.
 
-    Raises
-    ------
-    InputError
-        Not 1 … ranks copies.
-
     References
     ----------
     R. Samanta, T. Funkhouser, K. Li: Parallel rendering with k-way replication, PVG 2001; H.-I. Hsiao, D. DeWitt:
     Chained declustering, ICDE 1990 (the ring).
     """
-    if not 1 <= copies <= home.ranks:
-        raise InputError("impossible", where="copies", found=copies, allowed=f"1 … {home.ranks}")
     ring = np.arange(home.ranks)[:, None] + np.arange(copies)
     return Replicas(home, ring % home.ranks)
 
@@ -68,9 +54,7 @@ def assign_replicas(replicas: Replicas, cost: Costs) -> Owners:
 
     Each leaf is cut across its longest axis into as many parts as it has holders, so that there are few groups.
 
-    Parameters
-    ----------
-    cost : float64 (bz, by, bx), expected cost in this frame; bricks of cost 0 are not assigned
+    `cost`: float64 (bz, by, bx), expected cost in this frame; bricks of cost 0 are not assigned.
     """
     leaves = replicas.home.leaves
     totals = np.array([cost[leaf.box.slices].sum() for leaf in leaves])
@@ -98,9 +82,7 @@ def even_shares(totals: NDArray[np.float64], holders: NDArray[np.int64]) -> NDAr
     Each leaf's cost in turn is divided anew so that the loads of its holders become equal, until nothing changes. The
     sum of squares of the loads is convex and decreases in each step.
 
-    Returns
-    -------
-    shares : float64 (leaves, k), rows sum to `totals`
+    Returns float64 (leaves, k), rows sum to `totals`.
     """
     shares = np.zeros(holders.shape)
     shares[:, 0] = totals

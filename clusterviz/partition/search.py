@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
-from clusterviz.partition.bsp import SAME_COST, Costs, build_tree, replaced, trim
+from clusterviz.partition.bsp import SAME_COST, Costs, build_tree, halves, make_leaf
 from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split
 
 FEW_RANKS = 8  # up to this number of ranks all divisions are tried
@@ -24,16 +23,17 @@ TRIALS = 4  # cuts of a node of few ranks that are searched to the leaves
 
 @dataclass(frozen=True, eq=False)
 class CostTable:
-    """Summed-volume table of the costs of bricks.
-
-    Attributes
-    ----------
-    cost : float64 (bz, by, bx)
-    corner : float64 (bz + 1, by + 1, bx + 1), sums over all bricks before each corner
-    """
+    """Summed-volume table of the costs of bricks: `corner` (bz + 1, by + 1, bx + 1) sums all bricks before a corner."""
 
     cost: Costs
     corner: NDArray[np.float64]
+
+    @staticmethod
+    def of(cost: Costs) -> CostTable:
+        """Return the table of a cost per brick."""
+        corner = np.zeros(tuple(n + 1 for n in cost.shape))
+        corner[1:, 1:, 1:] = cost.cumsum(0).cumsum(1).cumsum(2)
+        return CostTable(cost, corner)
 
     def total(self, box: BrickBox) -> float:
         """Return the cost of a box."""
@@ -76,42 +76,23 @@ def search_tree(cost: Costs, ranks: int) -> BspTree:
     each axis and each division of the ranks is a candidate; the `TRIALS` most even ones are searched to the leaves,
     unless a bound excludes them.
 
-    Parameters
-    ----------
-    cost, ranks : as in `build_tree`
-
-    Returns
-    -------
-    tree : the same on every rank for the same costs; the largest cost is at most that of `build_tree`
-
-    Raises
-    ------
-    InputError
-        See `build_tree`.
+    `cost`, `ranks`: as in `build_tree`. The tree is the same on every rank for the same costs; the largest cost is at
+    most that of `build_tree`.
     """
     plain = build_tree(cost, ranks)
     if not cost.any():
         return plain
-    table = cost_table(cost)
+    table = CostTable.of(cost)
     # Without a limit the first trial of every node succeeds.
     root = _best(table, BrickBox((0, 0, 0), plain.shape_zyx), 0, ranks, np.inf) or plain.root
     found = BspTree(plain.shape_zyx, ranks, root)
     return plain if busiest(plain.root) < busiest(root) else found
 
 
-def move_planes(tree: BspTree, cost: Costs, still: float = 0.0) -> BspTree:
+def move_planes(tree: BspTree, cost: Costs) -> BspTree:
     """Move the planes of a tree to where the costs are most even now, from the root down.
 
-    Parameters
-    ----------
-    tree : tree of the last frame
-    cost : as in `build_tree`
-    still : hysteresis: a plane stays if the costlier side has at most this fraction more than at the best position
-
-    Raises
-    ------
-    InputError
-        The cost and the tree have different shapes.
+    `cost`: as in `build_tree`.
 
     References
     ----------
@@ -119,10 +100,8 @@ def move_planes(tree: BspTree, cost: Costs, still: float = 0.0) -> BspTree:
     C. Müller, M. Strengert, T. Ertl: Optimized volume raycasting for graphics-hardware-based cluster systems, EGPGV
     2006.
     """
-    if cost.shape != tree.shape_zyx:
-        raise InputError("not over the tree's bricks", where="cost", found=cost.shape, allowed=tree.shape_zyx)
-    table = cost_table(cost)
-    return BspTree(tree.shape_zyx, tree.ranks, _moved(table, tree.root, BrickBox((0, 0, 0), tree.shape_zyx), still))
+    table = CostTable.of(cost)
+    return BspTree(tree.shape_zyx, tree.ranks, _moved(table, tree.root, BrickBox((0, 0, 0), tree.shape_zyx)))
 
 
 def busiest(node: Node) -> float:
@@ -130,24 +109,17 @@ def busiest(node: Node) -> float:
     return node.cost if isinstance(node, Leaf) else max(busiest(node.low), busiest(node.high))
 
 
-def cost_table(cost: Costs) -> CostTable:
-    """Return the prefix sums of a cost per brick."""
-    corner = np.zeros(tuple(n + 1 for n in cost.shape))
-    corner[1:, 1:, 1:] = cost.cumsum(0).cumsum(1).cumsum(2)
-    return CostTable(cost, corner)
-
-
 def _best(table: CostTable, box: BrickBox, first_rank: int, ranks: int, limit: float) -> Node | None:
     """Return the best tree of a box, or None if its largest cost is not below a limit."""
     if ranks == 1:
-        leaf = _leaf(table, box, first_rank)
+        leaf = make_leaf(table.cost, box, first_rank)
         return leaf if leaf.cost < limit else None
     best, enough = None, GOOD_ENOUGH * table.total(box) / ranks
     trials = TRIALS if ranks <= FEW_RANKS else 1
     for cut in sorted(_cuts(table, box, ranks), key=lambda cut: (cut.load, -cut.length, cut.axis))[:trials]:
         if cut.load >= limit * (1 - SAME_COST):
             break
-        low_box, high_box = _halves(box, cut.axis, cut.plane)
+        low_box, high_box = halves(box, cut.axis, cut.plane)
         low = _best(table, low_box, first_rank, cut.low_ranks, limit)
         high = low and _best(table, high_box, first_rank + cut.low_ranks, ranks - cut.low_ranks, limit)
         if low is None or high is None:
@@ -177,10 +149,9 @@ def _cuts(table: CostTable, box: BrickBox, ranks: int) -> Iterator[_Cut]:
         yield _Cut(total / ranks, 0, 0, box.end_zyx[0], ranks // 2)
 
 
-def _moved(table: CostTable, node: Node, box: BrickBox, still: float) -> Node:
-    """Return a node for a box whose borders may have moved."""
+def _moved(table: CostTable, node: Node, box: BrickBox) -> Node:
     if isinstance(node, Leaf):
-        return _leaf(table, box, node.rank)
+        return make_leaf(table.cost, box, node.rank)
     axis, planes = node.axis_zyx, table.planes(box, node.axis_zyx)
     plane = min(max(node.plane, box.begin_zyx[axis]), box.end_zyx[axis])
     if len(planes):
@@ -189,20 +160,11 @@ def _moved(table: CostTable, node: Node, box: BrickBox, still: float) -> Node:
         below = table.below(box, axis, planes)
         load = np.maximum(below / share, (total - below) / (1 - share))
         old = np.flatnonzero(planes == node.plane)
-        if len(old) == 0 or load[old[0]] > load.min() * (1 + still):
+        if len(old) == 0 or load[old[0]] > load.min():
             plane = int(planes[np.argmin(load)])
-    low, high = _halves(box, axis, plane)
-    return Split(axis, plane, _moved(table, node.low, low, still), _moved(table, node.high, high, still))
+    low, high = halves(box, axis, plane)
+    return Split(axis, plane, _moved(table, node.low, low), _moved(table, node.high, high))
 
 
 def _ranks(node: Node) -> int:
     return 1 if isinstance(node, Leaf) else _ranks(node.low) + _ranks(node.high)
-
-
-def _halves(box: BrickBox, axis: int, plane: int) -> tuple[BrickBox, BrickBox]:
-    low = BrickBox(box.begin_zyx, replaced(box.end_zyx, axis, plane))
-    return low, BrickBox(replaced(box.begin_zyx, axis, plane), box.end_zyx)
-
-
-def _leaf(table: CostTable, box: BrickBox, rank: int) -> Leaf:
-    return Leaf(rank, box, trim(table.cost, box), float(table.cost[box.slices].sum()))

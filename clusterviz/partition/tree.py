@@ -44,32 +44,17 @@ class BrickBox:
 
 @dataclass(frozen=True)
 class Leaf:
-    """Leaf of a tree: the bricks of one rank.
-
-    Attributes
-    ----------
-    rank : rank of the leaf
-    box : its bricks; the boxes of all leaves contain each brick exactly once
-    trimmed : bounding box of its bricks with a cost above 0; empty (all zero) if there are none
-    cost : sum of its bricks' costs
-    """
+    """Leaf of a tree: the bricks of one rank."""
 
     rank: int
-    box: BrickBox
-    trimmed: BrickBox
+    box: BrickBox  # its bricks; the boxes of all leaves contain each brick exactly once
+    trimmed: BrickBox  # bounding box of its bricks with a cost above 0; empty (all zero) if there are none
     cost: float
 
 
 @dataclass(frozen=True)
 class Split:
-    """Inner node: a plane between bricks; `low` has the bricks before `plane` along `axis_zyx`, `high` the others.
-
-    Attributes
-    ----------
-    axis_zyx : 0 for z, 1 for y, 2 for x, as in array indices
-    plane : index of the first brick behind the plane
-    low, high : the two sides; low has the lower ranks
-    """
+    """Inner node: `low` has the bricks before `plane` along `axis_zyx`, and the lower ranks, `high` the others."""
 
     axis_zyx: int
     plane: int
@@ -106,9 +91,7 @@ def leaves_below(node: Node) -> Iterator[Leaf]:
 def draw(tree: BspTree) -> str:
     """Return a tree as text, with a line for each node.
 
-    Returns
-    -------
-    text : for two ranks over 2 × 1 × 1 bricks of cost 1::
+    For two ranks over 2 × 1 × 1 bricks of cost 1::
 
         2 × 1 × 1 bricks (z, y, x) on 2 ranks
         └─ z = 1
@@ -143,32 +126,30 @@ Vector = tuple[float, float, float]
 def front_to_back(tree: BspTree, eye_brick: Vector | None, direction_index: Vector) -> list[int]:
     """Sort the ranks by visibility.
 
+    Returns every rank once, the nearest first. No ray visits a leaf of a later rank before one of an earlier rank. A
+    position or direction that is not finite raises InputError.
+
     Parameters
     ----------
-    tree : BSP tree
     eye_brick : (x, y, z) position of the eye in bricks, or None for parallel projection; may lie inside the volume or
         on a plane
     direction_index : (x, y, z) view direction in index space, of any length; in perspective it is used only if the eye
         lies on a plane, where either order is right
 
-    Returns
-    -------
-    ranks : every rank once, the nearest first. No ray visits a leaf of a later rank before one of an earlier rank.
-
-    Raises
-    ------
-    InputError
-        A position or direction is not finite.
-
     References
     ----------
     H. Fuchs, Z. Kedem, B. Naylor: On visible surface generation by a priori tree structures, SIGGRAPH 1980.
     """
-    if not all(map(math.isfinite, (*direction_index, *(eye_brick or ())))):
-        raise InputError("not finite", where="camera", found=f"eye {eye_brick}, direction {direction_index}")
+    check_finite(eye_brick, direction_index)
     ranks: list[int] = []
     _visit(tree.root, eye_brick, direction_index, ranks)
     return ranks
+
+
+def check_finite(eye: Vector | None, direction: Vector) -> None:
+    """Raise InputError if a position or direction is not finite."""
+    if not all(map(math.isfinite, (*direction, *(eye or ())))):
+        raise InputError("not finite", where="camera", found=f"eye {eye}, direction {direction}")
 
 
 def _visit(node: Node, eye: Vector | None, direction: Vector, ranks: list[int]) -> None:

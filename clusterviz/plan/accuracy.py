@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.transfer import transfer_function
 from clusterviz.errors import SceneError
 from clusterviz.plan.blend_mode import Classification, is_preintegrated
 from clusterviz.plan.content import Filter
@@ -41,7 +42,6 @@ from clusterviz.plan.estimate import (
     still_missing,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene, Volume
 
 COARSEST, FINEST = -1, 6

@@ -16,7 +16,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.grid.section import KBuffer
+from clusterviz.content.geometry.section import GeometryInfo
+from clusterviz.content.grid.section import GridInfo, KBuffer
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.levels import LevelMap, mixed_type
 from clusterviz.data.source import Grid, Index, MultilevelSource
@@ -32,20 +34,16 @@ from clusterviz.plan.blend_mode import (
     reach_of,
     spread_of,
 )
-from clusterviz.plan.brick_search import BrickGrid
-from clusterviz.plan.cell_bricks import KnownCells
 from clusterviz.plan.cells import CellBrick, CellLayer
 from clusterviz.plan.detail import choose_levels, levels_in_bricks
-from clusterviz.plan.domain import Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
+from clusterviz.plan.domain import BrickGrid, Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
 from clusterviz.plan.geometry import GeometryLayer, Primitives
-from clusterviz.plan.geometry_bricks import KnownGeometry
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
 from clusterviz.plan.shading import make_grading, make_shading, occlusion_reach
 from clusterviz.plan.spectrum import Spectrum
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Fill, Resolve, Scene, Volume
 
@@ -188,7 +186,7 @@ class Content:
     mixed: bool = True
     geometry: tuple[GeometryLayer, ...] = ()
     reach: int = 0
-    fill: Fill = "auto"
+    fill: Fill = "fixed"
     resolve: Resolve = "static"
     cells: tuple[CellLayer, ...] = ()
 
@@ -254,7 +252,7 @@ def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.flo
 
 
 def make_lone_content(
-    scene: Scene, known: KnownVolume, domain: Domain, step_world: float, spectrum: Spectrum | None
+    scene: Scene, known: KnownVolume, bricks: BrickGrid, step_world: float, spectrum: Spectrum | None
 ) -> tuple[Content, NDArray[np.float64]]:
     """Return the content of a completed scene with one volume alone, and the cost of its bricks, as `make_content`.
 
@@ -263,7 +261,7 @@ def make_lone_content(
     InputError
         The layout's margin is too small, so that pictures would depend on the bricks.
     """
-    (volume,), quality, layout = scene.volumes, scene.quality, known.layout
+    (volume,), quality, layout = scene.volumes, scene.quality, bricks.layout
     how, around = (quality.classification, quality.borders), occlusion_reach(volume, known.grid)
     if layout.margin < (needed := margin_of(volume, *how, scene.needs_layers, around)):
         raise InputError(
@@ -272,7 +270,7 @@ def make_lone_content(
             found=layout.margin,
             allowed=needed,
         )
-    cut = make_cut(domain, layout, known.grid, layout.margin)
+    cut = make_cut(bricks.domain, layout, known.grid, layout.margin)
     layer = replace(
         _volume_layer(volume, known, scene, cut, step_world, spectrum),
         filter=_filter(volume, quality.filter),
@@ -280,15 +278,15 @@ def make_lone_content(
         spread=spread_of(volume, *how),
     )
     hidden = layer.blend_mode.hides(layer.transfer, known.summary.minimum, known.summary.maximum)
-    return Content(domain, layout, (layer,), mixed=False), brick_cost(layout, hidden)
+    return Content(bricks.domain, layout, (layer,), mixed=False), brick_cost(layout, hidden)
 
 
 def make_content(
     scene: Scene,
     volumes: Sequence[KnownVolume],
-    geometry: Sequence[KnownGeometry],
-    grids: Sequence[KnownCells],
-    domain: Domain,
+    bricks: BrickGrid,
+    geometry: Sequence[GeometryLayer],
+    grids: Sequence[tuple[CellLayer, NDArray[np.float64]]],
     step_world: float,
 ) -> tuple[Content, NDArray[np.float64]]:
     """Return the mixed content of a completed scene, and the cost of drawing each brick of the domain.
@@ -296,8 +294,9 @@ def make_content(
     Parameters
     ----------
     volumes : metadata of the volumes, in the order of the scene
+    bricks : of the domain
     geometry : meshes, lines and points, in the order of the scene
-    grids : unstructured grids, in the order of the scene
+    grids : unstructured grids, in the order of the scene, each with the segments of a ray expected in each brick
     step_world : length of a slab in world units
 
     Returns
@@ -306,10 +305,7 @@ def make_content(
     cost : float64 (bz, by, bx), cells of all volumes, `PRIMITIVE_COST` a primitive and `SEGMENT_COST` a segment in a
         tetrahedron; 0 where all is hidden
     """
-    # Bricks of volumes are as large as is asked for, since voxels are what takes memory.
-    side = 0.0 if volumes else min((known.info.side for known in grids), default=0.0)
-    own = sum(math.prod(BrickLayout(known.grid.shape_zyx, scene.cluster.brick).counts_zyx) for known in volumes)
-    layout = domain_layout(domain, scene.cluster.brick, bool(geometry or grids), side, own)
+    domain, layout = bricks.domain, bricks.layout
     cost = np.zeros(layout.counts_zyx)
     volume_layers = []
     for number, (volume, known) in enumerate(zip(scene.volumes, volumes, strict=True)):
@@ -329,36 +325,41 @@ def make_content(
         hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
         cost += samples_in_bricks(part.cut, known.layout, hidden)
         volume_layers.append(part)
-    # Fragments lie up to half a slab from the midpoint that a brick holds.
-    reach = max(1, math.ceil(step_world / domain.spacing / 2))
-    layers: list[GeometryLayer] = []
-    for section, known_one in zip(scene.geometry, geometry, strict=True):
-        layer = known_one.layer(section, scene.lights, BrickGrid(domain, layout, reach))
+    for section, layer in zip(scene.geometry, geometry, strict=True):
         cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0 or layer.edges is not None)
-        layers.append(layer)
-    cells: list[CellLayer] = []
-    for number, (grid, known_grid) in enumerate(zip(scene.grids, grids, strict=True)):
-        cell_layer, segments = known_grid.layer(grid, scene.lights, BrickGrid(domain, layout, reach))
-        if grid.shade and cell_layer.on_cells:
+    for number, (grid, (cells, segments)) in enumerate(zip(scene.grids, grids, strict=True)):
+        if grid.shade and cells.on_cells:
             text, where = "values of cells have no gradient to light", f"grids[{number}].shade"
             raise SceneError(text, where=where, found="true, and values of cells", allowed="false, or values of points")
         cost += SEGMENT_COST * segments
-        cells.append(cell_layer)
     asked = scene.quality.abuffer
     # Of opaque layers alone, a pixel has one fragment at most.
-    fill = "fixed" if asked.fill == "auto" and layers and all(layer.opaque for layer in layers) else asked.fill
+    fill = "fixed" if asked.fill == "auto" and geometry and all(layer.opaque for layer in geometry) else asked.fill
     resolve: Resolve = "peeling" if fill in ("lists", "pages") else "static"
     schemes = fill, resolve if asked.resolve == "auto" else asked.resolve
-    return Content(domain, layout, tuple(volume_layers), True, tuple(layers), reach, *schemes, tuple(cells)), cost
+    layers, grids_alone = tuple(geometry), tuple(cells for cells, _ in grids)
+    return Content(domain, layout, tuple(volume_layers), True, layers, bricks.reach, *schemes, grids_alone), cost
 
 
 def domain_of(
-    scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[KnownGeometry], grids: Sequence[KnownCells] = ()
+    scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[GeometryInfo], grids: Sequence[GridInfo]
 ) -> Domain:
     """Return the domain of a completed scene."""
     pairs = zip(scene.geometry, geometry, strict=True)
-    boxes = [*(known.info.grown_box(section) for section, known in pairs), *(known.info.box for known in grids)]
+    boxes = [*(info.grown_box(section) for section, info in pairs), *(info.box for info in grids)]
     return make_domain([known.grid for known in volumes], boxes)
+
+
+def layout_of(
+    scene: Scene, domain: Domain, volumes: Sequence[KnownVolume], has_geometry: bool, grids: Sequence[GridInfo]
+) -> BrickLayout:
+    """Return the bricks of the domain of a completed scene: of a volume alone its own."""
+    if not is_mixed(scene):
+        return volumes[0].layout
+    # Bricks of volumes are as large as is asked for, since voxels are what takes memory.
+    side = 0.0 if volumes else min((info.side for info in grids), default=0.0)
+    own = sum(math.prod(BrickLayout(known.grid.shape_zyx, scene.cluster.brick).counts_zyx) for known in volumes)
+    return domain_layout(domain, scene.cluster.brick, has_geometry or bool(grids), side, own)
 
 
 def _volume_layer(

@@ -17,10 +17,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.geometry.section import GeometrySection
+from clusterviz.content.grid.section import GridSection
 from clusterviz.data.bricks import Box, BrickLayout
 from clusterviz.data.source import Grid, Index, Triple
 from clusterviz.errors import InputError
 
+Floats = NDArray[np.float64]
+Placed = GeometrySection | GridSection
 MOST_BRICKS = 1 << 20
 """Every rank holds arrays over all bricks."""
 MOST_WITH_GEOMETRY = 1 << 16
@@ -139,7 +143,32 @@ def domain_layout(
     return BrickLayout(domain.grid.shape_zyx, brick)
 
 
-Floats = NDArray[np.float64]
+@dataclass(frozen=True, eq=False)
+class BrickGrid:
+    """Bricks in which primitives are looked for.
+
+    Attributes
+    ----------
+    domain, layout : of a plan
+    reach : cells beyond its own in which a brick has primitives
+    """
+
+    domain: Domain
+    layout: BrickLayout
+    reach: int
+
+    def index_from_file(self, section: Placed) -> Floats:
+        """Return the map from an entry's coordinates to cells of the domain, float64 (3, 4)."""
+        matrix = world_from_file(section)[:3].copy()
+        matrix[:, 3] -= self.domain.origin
+        return matrix / self.domain.spacing
+
+
+def world_from_file(section: Placed) -> Floats:
+    """Return the entry's transform, float64 (4, 4)."""
+    return np.array(section.transform or np.eye(4), np.float64)
+
+
 SLACK = 1e-3
 """Voxels beyond the image of a brick, more than the rounding of a float32 position inside it."""
 

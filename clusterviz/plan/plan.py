@@ -6,14 +6,17 @@ those that are chosen automatically (`auto`, `quality.max_error`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.geometry.section import GeometryInfo
+from clusterviz.content.grid.section import GridInfo
 from clusterviz.data.bricks import BrickLayout
-from clusterviz.data.source import Index
+from clusterviz.data.source import Grid, Index
 from clusterviz.image.partial import Rect
 from clusterviz.plan.adaptive_step import AdaptiveStep, make_adaptive_step
 from clusterviz.plan.blend_mode import (
@@ -26,7 +29,7 @@ from clusterviz.plan.blend_mode import (
     lattice_of,
     step_of,
 )
-from clusterviz.plan.cell_bricks import KnownCells
+from clusterviz.plan.cells import CellLayer
 from clusterviz.plan.content import (
     Content,
     Filter,
@@ -34,10 +37,12 @@ from clusterviz.plan.content import (
     VolumeLayer,
     domain_of,
     is_mixed,
+    layout_of,
     make_content,
     make_lone_content,
 )
-from clusterviz.plan.geometry_bricks import KnownGeometry
+from clusterviz.plan.domain import BrickGrid
+from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.layers import LayeredContent, make_layers
 from clusterviz.plan.lens import Lens, make_lens
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length
@@ -224,18 +229,45 @@ def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
 
+def domain_bricks(
+    scene: Scene,
+    volumes: Sequence[KnownVolume],
+    geometry: Sequence[GeometryInfo] = (),
+    grids: Sequence[GridInfo] = (),
+) -> BrickGrid:
+    """Return the bricks of a completed scene, in which the primitives of its geometry and grids are then looked for.
+
+    Parameters
+    ----------
+    volumes, geometry, grids : their metadata, in the order of the scene
+
+    Raises
+    ------
+    InputError
+        The domain would have too many bricks, or a ray too many slabs.
+    """
+    domain = domain_of(scene, volumes, geometry, grids)
+    layout = layout_of(scene, domain, volumes, bool(geometry), grids)
+    # Fragments lie up to half a slab from the midpoint that a brick holds.
+    half = _rays_of(scene, domain.grid)[1] / domain.spacing / 2
+    return BrickGrid(domain, layout, max(1, math.ceil(half)) if is_mixed(scene) else 0)
+
+
 def make_plan(
     scene: Scene,
     volumes: Sequence[KnownVolume],
-    geometry: Sequence[KnownGeometry] = (),
-    grids: Sequence[KnownCells] = (),
+    bricks: BrickGrid | None = None,
+    geometry: Sequence[GeometryLayer] = (),
+    grids: Sequence[tuple[CellLayer, NDArray[np.float64]]] = (),
 ) -> Plan:
     """Make the plan of a frame.
 
     Parameters
     ----------
     scene : a completed scene
-    volumes, geometry, grids : their metadata, in the order of the scene
+    volumes : their metadata, in the order of the scene
+    bricks : of the scene; None: it shows volumes only
+    geometry, grids : meshes, lines and points, and unstructured grids, in these bricks, as in `make_content`
 
     Raises
     ------
@@ -243,18 +275,15 @@ def make_plan(
         The domain would have too many bricks, or a ray too many slabs; or the bricks of a volume alone lack the margin
         that it needs.
     """
-    quality, mixed = scene.quality, is_mixed(scene)
-    steps = [step_of(volume, quality.step, quality.classification) for volume in scene.volumes]
-    domain, lattice = domain_of(scene, volumes, geometry, grids), lattice_of(scene.volumes, quality)
-    view = make_view(scene.camera, scene.image.size, domain.grid)
-    shortest = view.corner_cosine if lattice == "slices" else 1.0
-    step_world = slab_length(min(steps, default=quality.step), domain.grid, shortest)
+    quality, mixed, bricks = scene.quality, is_mixed(scene), bricks or domain_bricks(scene, volumes)
+    domain = bricks.domain.grid
+    view, step_world, shortest = _rays_of(scene, domain)
     spectrum = None if mixed else make_spectrum(scene)
     if mixed:
-        content, cost = make_content(scene, volumes, geometry, grids, domain, step_world)
+        content, cost = make_content(scene, volumes, bricks, geometry, grids, step_world)
     else:
-        content, cost = make_lone_content(scene, volumes[0], domain, step_world, spectrum)
-    planes, surfaces = clip_planes(scene.clip, domain.grid), bool(geometry or grids)
+        content, cost = make_lone_content(scene, volumes[0], bricks, step_world, spectrum)
+    planes, surfaces = clip_planes(scene.clip, domain), bool(content.layers)
     # A slab's midpoint may be clipped where a fragment in the slab is not.
     beyond = planes.copy()
     beyond[:, 3] += content.reach * surfaces * np.linalg.norm(planes[:, :3], axis=1)
@@ -264,7 +293,7 @@ def make_plan(
         March(
             step_world,
             quality.early_termination,
-            lattice,
+            lattice_of(scene.volumes, quality),
             frame_coherence=None if surfaces else make_frame_coherence(scene, all_grids, shortest * step_world),
             discard_margin=quality.early_discarding if geometry and not grids else None,
         ),
@@ -276,6 +305,14 @@ def make_plan(
         spectrum=spectrum,
     )
     return _behind_lens(plan if mixed else _of_lone_volume(plan, scene), scene)
+
+
+def _rays_of(scene: Scene, domain: Grid) -> tuple[View, float, float]:
+    """Return the view, the length of a slab in world units, and that of the shortest slab of all rays in these."""
+    quality, view = scene.quality, make_view(scene.camera, scene.image.size, domain)
+    steps = [step_of(volume, quality.step, quality.classification) for volume in scene.volumes]
+    shortest = view.corner_cosine if lattice_of(scene.volumes, quality) == "slices" else 1.0
+    return view, slab_length(min(steps, default=quality.step), domain, shortest), shortest
 
 
 def _of_lone_volume(plan: Plan, scene: Scene) -> Plan:

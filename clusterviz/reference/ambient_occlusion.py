@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.fields import SAMPLERS
+from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.values import Scene, Volume
@@ -57,3 +58,20 @@ def ambient_light(volume: Volume, voxels: NDArray[Any], point: Floats, scene: Sc
         lost -= np.expm1(-depth) / 14
     share: Floats = volume.ambient * (1 - volume.ambient_occlusion.strength * lost)
     return share[:, None]
+
+
+def lit_volume(
+    field: tuple[Volume, NDArray[Any], Grid],
+    scene: Scene,
+    colour: Floats,
+    gradient: Floats | None,
+    point: Floats,
+    ray: Floats,
+    box: tuple[int, ...] = (),
+) -> Floats:
+    """Return straight colours (n, 3) under the scene's lights, as they are if the volume is not lit; see `lit`."""
+    volume, voxels, grid = field
+    if not volume.shade or gradient is None:
+        return colour
+    ambient = ambient_light(volume, voxels, point, scene, grid)
+    return lit(colour, gradient, point, ray, volume, scene, grid, box, ambient)

@@ -35,7 +35,8 @@ from clusterviz.data.unstructured import FACES, UnstructuredGrid
 from clusterviz.reference.fragments import Fragments
 from clusterviz.reference.intersections import near_pairs
 from clusterviz.reference.lighting import Material, lit
-from clusterviz.reference.rays import Floats, Rays
+from clusterviz.reference.preintegrated import NODES, TO_NODES, WEIGHTS
+from clusterviz.reference.rays import Columns, Floats, Rays
 from clusterviz.reference.transfer import TransferFunction, transfer_function
 from clusterviz.scene.values import Clip, Scene
 
@@ -45,11 +46,6 @@ TOLERANCE = 1e-14
 DARK = 2.0**-60
 DIGITS = 1e-9
 """Relative error of a face's weights above which they are computed in fractions."""
-NODES = (np.polynomial.legendre.leggauss(8)[0] + 1) / 2
-WEIGHTS = np.polynomial.legendre.leggauss(8)[1] / 2
-POWERS = np.arange(8)
-# From values at the nodes to integrals from 0 to each node, exact for polynomials through 8 nodes.
-TO_NODES = (NODES[:, None] ** (POWERS + 1) / (POWERS + 1)) @ np.linalg.inv(NODES[:, None] ** POWERS)
 
 
 @dataclass(frozen=True)
@@ -89,7 +85,7 @@ def place_cells(section: GridSection, grid: UnstructuredGrid) -> PlacedCells:
 
 
 @dataclass(frozen=True)
-class Passages:
+class Passages(Columns):
     """Parts of rays in tetrahedra, (k,) each, in no order.
 
     Attributes
@@ -109,9 +105,8 @@ class Passages:
     def within(self, near: Floats, far: Floats) -> Passages:
         """Return the parts between two lengths of each ray, float64 (rays,)."""
         begin, end = np.maximum(self.begin, near[self.ray]), np.minimum(self.end, far[self.ray])
-        some = begin < end
-        at = [self._scalar(t)[some] for t in (begin, end)]
-        return Passages(self.ray[some], self.tetrahedron[some], begin[some], end[some], *at)
+        at = self._scalar(begin), self._scalar(end)
+        return Passages(self.ray, self.tetrahedron, begin, end, *at).some(begin < end)
 
     def _scalar(self, t: Floats) -> Floats:
         length = np.where(self.end > self.begin, self.end - self.begin, 1)
@@ -217,7 +212,7 @@ class Medium(Protocol):
 
 
 @dataclass(frozen=True)
-class UniformSlabs:
+class UniformSlabs(Columns):
     """Slabs of rays that absorb evenly, such as those of volumes; the scalar is a slab's number.
 
     Attributes
@@ -252,23 +247,6 @@ class UniformSlabs:
         number = np.arange(len(self.ray))
         scalar = number.astype(np.float64)
         return Passages(self.ray, number, self.begin, self.end, scalar, scalar)
-
-    def some(self, chosen: Indices) -> UniformSlabs:
-        """Return those with some numbers."""
-        return UniformSlabs(
-            self.ray[chosen], self.begin[chosen], self.end[chosen], self.depth[chosen], self.glow[chosen]
-        )
-
-    @staticmethod
-    def joined(parts: Sequence[UniformSlabs]) -> UniformSlabs:
-        """Return all of some parts."""
-        return UniformSlabs(
-            np.concatenate([np.empty(0, np.int64), *(part.ray for part in parts)]),
-            np.concatenate([np.empty(0), *(part.begin for part in parts)]),
-            np.concatenate([np.empty(0), *(part.end for part in parts)]),
-            np.concatenate([np.empty(0), *(part.depth for part in parts)]),
-            np.concatenate([np.empty((0, 3)), *(part.glow for part in parts)]),
-        )
 
 
 def clip_range(rays: Rays, clip: Clip) -> tuple[Floats, Floats]:
@@ -344,12 +322,8 @@ class _Course:
     ) -> None:
         self.media, self.lights = media, lights
         self.grid = np.repeat(np.arange(len(every)), [len(each.ray) for each in every])
-        self.passages = Passages(
-            *(
-                np.concatenate([np.empty(0, kind), *(getattr(each, name) for each in every)])
-                for name, kind in zip(Passages.__dataclass_fields__, [np.int64] * 2 + [np.float64] * 4, strict=True)
-            )
-        )
+        nothing = np.empty(0, np.int64)
+        self.passages = Passages(nothing, nothing, *[np.empty(0)] * 4).joined(every)
         whole = self.passages
         cuts = [(whole.ray, whole.begin), (whole.ray, whole.end), *self._knots()]
         self.solid = np.empty((0, 2)), np.empty((0, 4))

@@ -21,8 +21,7 @@ from clusterviz.data.geometry import Attributes, Lines, Mesh, Points
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.intersections import Hits, Primitives, Segments, Spheres, Triangles, intersect
-from clusterviz.reference.layers import unit
-from clusterviz.reference.lighting import lit
+from clusterviz.reference.lighting import lit, unit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.transfer import colour_points, interpolate, opacity_points
 from clusterviz.scene.background import background_rgb

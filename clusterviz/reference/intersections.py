@@ -21,14 +21,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.reference.rays import Floats, Rays, inside
+from clusterviz.reference.rays import Columns, Floats, Rays, inside
 
 Indices = NDArray[np.int64]
 PAIRS = 1 << 13  # of rays and primitives that are tested without dividing them further
 
 
 @dataclass(frozen=True)
-class Hits:
+class Hits(Columns):
     """Intersections of rays with primitives, (k,) each.
 
     Attributes
@@ -44,10 +44,6 @@ class Hits:
     t: Floats
     normal: Floats
     weights: Floats
-
-    def some(self, kept: NDArray[np.bool_]) -> Hits:
-        """Return those of a mask (k,)."""
-        return Hits(self.ray[kept], self.primitive[kept], self.t[kept], self.normal[kept], self.weights[kept])
 
 
 class Primitives(Protocol):
@@ -72,13 +68,9 @@ class Primitives(Protocol):
 def intersect(rays: Rays, primitives: Primitives) -> Hits:
     """Return all intersections with t ≥ 0, in no order."""
     found = [primitives.meet(rays, *pair) for pair in near_pairs(rays, primitives.low, primitives.high)]
-    whole = Hits(
-        np.concatenate([np.empty(0, np.int64), *(hits.ray for hits in found)]),
-        np.concatenate([np.empty(0, np.int64), *(hits.primitive for hits in found)]),
-        np.concatenate([np.empty(0), *(hits.t for hits in found)]),
-        np.concatenate([np.empty((0, 3)), *(hits.normal for hits in found)]),
-        np.concatenate([hits.weights for hits in found]) if found else np.empty((0, 1)),
-    )
+    nothing = np.empty(0, np.int64)
+    count = found[0].weights.shape[1] if found else 1
+    whole = Hits(nothing, nothing, np.empty(0), np.empty((0, 3)), np.empty((0, count))).joined(found)
     return whole.some(whole.t >= 0)
 
 
@@ -264,7 +256,7 @@ class Segments:
             normal = point - (begin[0, j] + (share * length[0, j])[:, None] * axis[0, j])
             hits = Hits(ray[i], which, at, normal, np.stack([1 - share, share], axis=1))
             parts.append(hits.some(surface))
-        return Hits(*(np.concatenate([getattr(p, name) for p in parts]) for name in Hits.__dataclass_fields__))
+        return parts[0].joined(parts[1:])
 
     def _hidden(self, point: Floats, which: Indices, cap: int) -> NDArray[np.bool_]:
         """Return which points (k, 3) on segments lie in a neighbour; the cap between two belongs to the first."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.fields import gradient_at
+from clusterviz.reference.lighting import unit
 from clusterviz.reference.rays import Floats
 from clusterviz.scene.values import Volume
 
@@ -93,16 +94,9 @@ def gradient_normals(points: Floats, field: Field) -> Callable[[Indices], Floats
 
     def normals(some: Indices) -> Floats:
         slope = gradient_at(volume, voxels, np.clip(points[some], 0, np.array(voxels.shape[::-1]) - 1.0))
-        slope = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
         return unit(slope @ np.linalg.inv(matrix / np.abs(matrix).max()))
 
     return normals
-
-
-def unit(vectors: Floats) -> Floats:
-    """Return unit vectors (n, 3); the zero vector stays."""
-    found: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    return found
 
 
 def layers_of(met: HalfOpacity, rgba: Floats, forward: Floats) -> dict[str, Floats | Indices]:

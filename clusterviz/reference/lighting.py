@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
@@ -94,23 +95,15 @@ def lit(
     B. T. Phong: Illumination for computer generated pictures, CACM 18(6), 1975.
     """
     world_from_index = grid.world_from_index[:3, :3]
-    normal = _unit(_unit(gradient) @ np.linalg.inv(world_from_index / np.abs(world_from_index).max()))
-    toward_eye = -_unit(ray @ world_from_index.T)
+    normal = unit(unit(gradient) @ np.linalg.inv(world_from_index / np.abs(world_from_index).max()))
+    toward_eye = -unit(ray @ world_from_index.T)
     share, cap = (
         _cap(gradient, point, volume, scene.clip, grid, box)
         if box and scene.clip.cap and isinstance(volume, Volume)
         else (np.zeros(len(point)), normal)
     )
     found = (volume.ambient if ambient is None else ambient) * colour
-    for light in scene.lights or (Light(type="headlight"),):
-        toward_light = toward_eye
-        if light.position is not None and light.type == "scene":
-            toward_light = np.broadcast_to(_unit(np.subtract(light.position, light.focal_point)[None]), normal.shape)
-        strength = np.full(normal.shape, light.intensity) * light.color
-        if light.position is not None and light.positional:
-            way = light.position - (point @ world_from_index.T + grid.origin)
-            toward_light = _unit(way)
-            strength = strength * _arriving(light, way)[:, None]
+    for toward_light, strength in _lights(scene, point @ world_from_index.T + grid.origin, toward_eye):
         for one, weight in ((normal, 1 - share), (cap, share)):
             facing = (one * toward_light).sum(axis=1, keepdims=True)
             mirror = 2 * facing * one - toward_light
@@ -139,23 +132,27 @@ def lit_line(
     IEEE Visualization 1996, section 3.
     """
     world_from_index = grid.world_from_index[:3, :3]
-    tangent, toward_eye = _unit(vector), -_unit(ray @ world_from_index.T)
+    tangent, toward_eye = unit(vector), -unit(ray @ world_from_index.T)
     found = volume.ambient * colour
-    for light in scene.lights or (Light(type="headlight"),):
-        toward_light = toward_eye
-        if light.position is not None and light.type == "scene":
-            toward_light = np.broadcast_to(_unit(np.subtract(light.position, light.focal_point)[None]), tangent.shape)
-        strength = np.full(tangent.shape, light.intensity) * light.color
-        if light.position is not None and light.positional:
-            way = light.position - (point @ world_from_index.T + grid.origin)
-            toward_light = _unit(way)
-            strength = strength * _arriving(light, way)[:, None]
+    for toward_light, strength in _lights(scene, point @ world_from_index.T + grid.origin, toward_eye):
         angles = [np.arccos(np.clip((tangent * one).sum(axis=1), -1, 1)) for one in (toward_light, toward_eye)]
         # The mirrored light leaves at the same angle on the other side.
         mirrored = np.maximum(np.cos(np.pi - angles[0] - angles[1]), 0) ** volume.specular_power
         reflected = volume.diffuse * np.sin(angles[0])[:, None] * colour + (volume.specular * mirrored)[:, None]
         found = found + reflected * strength
     return np.minimum(found, 1)
+
+
+def _lights(scene: Scene, places: Floats, toward_eye: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """Yield the directions to each light from places in the world, and what arrives of it, (n, 3) each."""
+    for light in scene.lights or (Light(type="headlight"),):
+        toward_light, strength = toward_eye, np.full(places.shape, light.intensity) * light.color
+        if light.position is not None and light.type == "scene":
+            toward_light = np.broadcast_to(unit(np.subtract(light.position, light.focal_point)[None]), places.shape)
+        if light.position is not None and light.positional:
+            toward_light = unit(light.position - places)
+            strength = strength * _arriving(light, light.position - places)[:, None]
+        yield toward_light, strength
 
 
 def _cap(
@@ -198,7 +195,7 @@ def _arriving(light: Light, way: Floats) -> Floats:
     constant, linear, square = light.attenuation
     share = 1 / (constant + linear * distance + square * distance**2)
     if light.has_cone and light.position is not None:
-        along = _unit(way) @ _unit(np.subtract(light.position, light.focal_point)[None])[0]
+        along = unit(way) @ unit(np.subtract(light.position, light.focal_point)[None])[0]
         inside = along >= np.cos(np.radians(light.cone_angle))
         share = share * np.where(inside, np.maximum(along, 0) ** light.exponent, 0)
     found: Floats = share
@@ -241,7 +238,7 @@ def _half(low: Floats, high: Floats) -> Floats:
     return np.where(np.isfinite(half), half, high / 2 - low / 2)
 
 
-def _unit(vectors: Floats) -> Floats:
+def unit(vectors: Floats) -> Floats:
     """Return unit vectors; the zero vector stays."""
     largest = np.abs(vectors).max(axis=1, keepdims=True)
     scaled = vectors / np.where(largest > 0, largest, 1)

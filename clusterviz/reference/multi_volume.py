@@ -32,14 +32,14 @@ from numpy.typing import NDArray
 
 from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.data.source import Grid
-from clusterviz.reference.ambient_occlusion import ambient_light
+from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.cells import PlacedCells, UniformSlabs, march_cells
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import Fragments, PlacedGeometry, find_fragments, joined_fragments
-from clusterviz.reference.grading import fading, glow_and_extinction, magnitude_of, needs_gradient
+from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
-from clusterviz.reference.lighting import lit, lit_line
-from clusterviz.reference.preintegrated import integrate
+from clusterviz.reference.lighting import lit_line
+from clusterviz.reference.preintegrated import is_ramped, ramp
 from clusterviz.reference.rays import Floats, Rays, inside, kept, on_slices, to_index_space
 from clusterviz.reference.slabs import Slab, slabs_in
 from clusterviz.reference.surfaces import Crossings, RayField
@@ -67,7 +67,7 @@ class PlacedVolume:
 
 @dataclass(frozen=True)
 class Layer:
-    """A surface in a slab of rays.
+    """A surface in a slab of rays: a fragment of geometry, or an isosurface.
 
     Attributes
     ----------
@@ -75,65 +75,20 @@ class Layer:
     opacity : float64 (m,), 0 where the slab has no surface
     colour : float64 (m, 3), straight
     number : int (m,), of the object
+    normals : gives unit normals in the world, (k, 3), of some of the rays, int (k,)
     """
 
     place: Floats
     opacity: Floats
     colour: Floats
     number: NDArray[np.int64]
-
-    @property
-    def normals(self) -> Callable[[NDArray[np.int64]], Floats]:
-        """Function that gives the normals of some of the rays."""
-        raise NotImplementedError
+    normals: Callable[[NDArray[np.int64]], Floats]
 
     def note(self, met: HalfOpacity, rays: NDArray[np.int64], before: Floats, opacity: Floats, place: Floats) -> None:
         """Let rays meet the surface at a place, with an opacity; parameters as of `HalfOpacity.take`."""
         with np.errstate(divide="ignore"):
             depth = -np.log1p(-opacity)
         met.take(rays, before, depth, (place, place), self.number, self.normals)
-
-
-@dataclass(frozen=True)
-class FragmentHit(Layer):
-    """A fragment of geometry in a slab of rays.
-
-    Attributes
-    ----------
-    normal : float64 (m, 3), unit vectors in the world
-    """
-
-    normal: Floats
-
-    @property
-    def normals(self) -> Callable[[NDArray[np.int64]], Floats]:
-        """Function that gives the normals of some of the rays."""
-        return lambda some: self.normal[some]
-
-
-@dataclass(frozen=True)
-class SurfaceHit(Layer):
-    """An isosurface in a slab of rays.
-
-    Attributes
-    ----------
-    volume : that it belongs to
-    inside : float64 (m, 3), points where the field has a gradient
-    """
-
-    volume: VolumeRays
-    inside: Floats
-
-    @property
-    def normals(self) -> Callable[[NDArray[np.int64]], Floats]:
-        """Function that gives the normals of some of the rays."""
-        return gradient_normals(self.inside, self.volume.field)
-
-
-def is_ramped(volume: Volume, scene: Scene) -> bool:
-    """Return whether classification is pre-integrated."""
-    has_ramps = volume.interpolation != "nearest" and not (volume.isosurfaces or volume.transfer_2d or volume.shader)
-    return scene.quality.classification == "pre-integrated" and volume.blending == "composite" and has_ramps
 
 
 def has_ends(volume: Volume, scene: Scene) -> bool:
@@ -156,6 +111,7 @@ class VolumeRays:
     ) -> None:
         self.components = components
         self.volume, self.grid, self.voxels, self.scene = placed.volume, placed.grid, placed.voxels, scene
+        self.field: Field = placed.volume, placed.voxels, placed.grid
         self.rays, self.last = to_index_space(rays, placed.grid), np.array(placed.grid.shape_zyx[::-1], np.float64) - 1
         self.transfer, self.sampler = transfer_function(placed.volume), SAMPLERS[placed.volume.interpolation]
         wider = Rays(self.rays.start + SLACK * self.last, self.rays.direction)
@@ -177,7 +133,7 @@ class VolumeRays:
             return np.zeros(len(seen)), np.zeros((len(seen), 3))
         return self._ramp(slab, seen) if is_ramped(self.volume, self.scene) else self._midpoint(slab, seen)
 
-    def surfaces(self, slab: Slab) -> Iterator[SurfaceHit]:
+    def surfaces(self, slab: Slab) -> Iterator[Layer]:
         """Return the isosurfaces in a slab; they are clipped at their own positions."""
         if not self.wanted:
             return
@@ -186,9 +142,7 @@ class VolumeRays:
         for met in self.course.crossings(slab.rays, *self._part(slab)):
             yield self._met(slab, met, opacities[met.surface], colours[met.surface], numbers[met.surface])
 
-    def _met(
-        self, slab: Slab, met: Crossings, opacity: Floats, colour: Floats, number: NDArray[np.int64]
-    ) -> SurfaceHit:
+    def _met(self, slab: Slab, met: Crossings, opacity: Floats, colour: Floats, number: NDArray[np.int64]) -> Layer:
         """Return a surface at its position."""
         here, count = met.slabs, len(slab.rays)
         alpha, place, colours = np.zeros(count), np.full(count, np.inf), np.zeros((count, 3))
@@ -199,12 +153,7 @@ class VolumeRays:
         colours[here] = self._lit(slab.rays[here], point, colour, gradient, ())
         numbers, inside = np.zeros(count, np.int64), np.zeros((count, 3))
         numbers[here], inside[here] = number, met.inside
-        return SurfaceHit(place, alpha, colours, numbers, self, inside)
-
-    @property
-    def field(self) -> Field:
-        """The volume, its voxels and its grid."""
-        return self.volume, self.voxels, self.grid
+        return Layer(place, alpha, colours, numbers, gradient_normals(inside, self.field))
 
     def _midpoint(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
         """Return absorption of a slab with the sample of its midpoint."""
@@ -233,21 +182,11 @@ class VolumeRays:
         Light and gradient opacity are those of the part's midpoint; an end without a scalar has the midpoint's.
         """
         begin, end = self._part(slab)
-        middle = begin + (end - begin) / 2
-        scalar, known = self._sample(slab, middle)
-        ends = [self._sample(slab, at) for at in (begin, end)]
-        front, back = (np.where(valid, found, scalar) for found, valid in ends)
-        there = seen & (known | (ends[0][1] & ends[1][1]))
-        way = np.where(there, np.maximum(end - begin, 0), 0)
-        point = np.clip(self.points(slab, middle), 0, self.last)
-        gradient = gradient_at(self.volume, self.voxels, point) if needs_gradient(self.volume) else None
-        if gradient is not None:
-            gradient = np.where(known[:, None], gradient, 0)
-            if self.volume.gradient_opacity:
-                way = way * fading(self.volume, magnitude_of(gradient, self.grid))
-        glow, depth = integrate(self.transfer, front, back, way, attenuated=False)
+        places = [np.clip(self.points(slab, at), 0, self.last) for at in (begin, begin + (end - begin) / 2, end)]
+        way = np.maximum(end - begin, 0)
+        glow, depth, gradient = ramp(self.field, self.transfer, places, way, seen, attenuated=False)
         colour = glow / np.where(depth > 0, depth, 1)[:, None]
-        return depth, depth[:, None] * self._lit(slab.rays, point, colour, gradient)
+        return depth, depth[:, None] * self._lit(slab.rays, places[1], colour, gradient)
 
     def _part(self, slab: Slab) -> tuple[Floats, Floats]:
         """Return begin and end, (m,) each, of the part of a slab in the volume; end ≤ begin if there is none.
@@ -261,11 +200,6 @@ class VolumeRays:
         """Return the points (m, 3) of a slab's rays at given lengths."""
         points: Floats = self.rays.start[slab.rays] + at[:, None] * self.rays.direction[slab.rays]
         return points
-
-    def _sample(self, slab: Slab, at: Floats) -> tuple[Floats, Flags]:
-        """Return the field at given lengths along a slab's rays, and where it is valid."""
-        scalar, valid = self.sampler(self.voxels, *np.clip(self.points(slab, at), 0, self.last).T)
-        return scalar, valid
 
     def _lit(
         self,
@@ -284,8 +218,7 @@ class VolumeRays:
         if isinstance(self.volume, LicVolume):
             return lit_line(colour, gradient, point, direction, self.volume, self.scene, self.grid)
         box = self.voxels.shape if box is None else box
-        ambient = ambient_light(self.volume, self.voxels, point, self.scene, self.grid)
-        return lit(colour, gradient, point, direction, self.volume, self.scene, self.grid, box, ambient)
+        return lit_volume(self.field, self.scene, colour, gradient, point, direction, box)
 
 
 DARK = 2.0**-60
@@ -349,6 +282,8 @@ def march_mixture(
         if placed.has_extent
     ]
     mixed, crossed = list[UniformSlabs](), list[Fragments]()
+    nothing = np.empty(0)
+    none = UniformSlabs(np.empty(0, np.int64), nothing, nothing, nothing, np.empty((0, 3)))
     for slab in slabs_in(placed_rays, high - low, length, lambda: transmittance > DARK):
         seen = kept(slab.point, scene.clip, box)
         depth, glow = np.zeros(len(seen)), np.zeros((len(seen), 3))
@@ -366,12 +301,12 @@ def march_mixture(
         _pass(rgba, transmittance, slab, depth, colour, [*isosurfaces, *fragments.take(slab)], passed)
     if cells:
         every = joined_fragments([*crossed, fragments.fragments])
-        return march_cells(rays, cells, scene.clip, every, UniformSlabs.joined(mixed), scene)
+        return march_cells(rays, cells, scene.clip, every, none.joined(mixed), scene)
     fragments.composite_rest(rgba, transmittance)
     return rgba
 
 
-def _as_fragments(slab: Slab, surface: SurfaceHit, rays: int) -> Fragments:
+def _as_fragments(slab: Slab, surface: Layer, rays: int) -> Fragments:
     """Return the fragments of an isosurface in a slab, without normals and of no entry."""
     some = np.flatnonzero(surface.opacity > 0)
     begins = np.searchsorted(slab.rays[some], np.arange(rays + 1))
@@ -421,7 +356,7 @@ class FragmentQueue:
         self.composite_rest(rgba, transmittance)
         return rgba
 
-    def _layer(self, rays: NDArray[np.int64], end: Floats) -> tuple[FragmentHit, Flags]:
+    def _layer(self, rays: NDArray[np.int64], end: Floats) -> tuple[Layer, Flags]:
         """Return the next fragment of each ray in front of `end`, and where there is one."""
         left = self.next[rays] < self.fragments.begins[rays + 1]
         t, rgba = np.full(len(rays), np.inf), np.zeros((len(rays), 4))
@@ -430,7 +365,7 @@ class FragmentQueue:
         which, numbers, normals = self.next[rays[here]], np.zeros(len(rays), np.int64), np.zeros((len(rays), 3))
         rgba[here], numbers[here] = self.fragments.rgba[which], self.first + self.fragments.entry[which]
         normals[here] = self.fragments.normal[which]
-        return FragmentHit(np.where(here, t, np.inf), rgba[:, 3], rgba[:, :3], numbers, normals), here
+        return Layer(np.where(here, t, np.inf), rgba[:, 3], rgba[:, :3], numbers, lambda some: normals[some]), here
 
 
 def _pass(

@@ -11,21 +11,22 @@ Graphics Hardware 2001, section 3.1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.ambient_occlusion import ambient_light
+from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
-from clusterviz.reference.layers import HalfOpacity, gradient_normals
-from clusterviz.reference.lighting import lit
+from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
 from clusterviz.reference.rays import Floats, Rays, inside, kept
+from clusterviz.reference.sample import Flags
 from clusterviz.reference.slabs import in_brick, pieces_of, slabs
 from clusterviz.reference.transfer import TransferFunction, transfer_function
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Scene, Volume
 
 NODES = (np.polynomial.legendre.leggauss(8)[0] + 1) / 2
 WEIGHTS = np.polynomial.legendre.leggauss(8)[1] / 2
@@ -50,7 +51,7 @@ def march_preintegrated(
     the ray runs through decides whether there is a scalar. `met` is written.
     """
     volume = scene.volumes[0]
-    classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
+    classify = transfer_function(volume)
     rgba = np.zeros((len(rays.direction), 4))
     transmittance = np.ones(len(rgba))
     brick = scene.cluster.brick if scene.quality.borders == "split" else None
@@ -60,32 +61,60 @@ def march_preintegrated(
         whole = kept(slab.point, scene.clip, grid)
         start, direction = rays.start[slab.rays], rays.direction[slab.rays]
         for part in pieces_of(slab, rays, voxels.shape, brick):
-            middle, known = sample(voxels, *part.point.T)
             times = np.maximum(part.begin, (entry + hair)[slab.rays]), np.minimum(part.end, (leave - hair)[slab.rays])
-            places = (in_brick(start + t[:, None] * direction, part.point, brick) for t in times)
-            ends = [sample(voxels, *place.T) for place in places]
-            front, back = (np.where(valid, scalar, middle) for scalar, valid in ends)
-            seen = (known | (ends[0][1] & ends[1][1])) & whole
-            way = np.where(seen, part.end - part.begin, 0)
-            gradient = gradient_at(volume, voxels, part.point) if needs_gradient(volume) else None
-            if gradient is not None:
-                gradient = np.where(known[:, None], gradient, 0)
-            if gradient is not None and volume.gradient_opacity:
-                way = way * fading(volume, magnitude_of(gradient, grid))
-            colour, depth = integrate(classify, front, back, way)
+            front, back = (in_brick(start + t[:, None] * direction, part.point, brick) for t in times)
+            places, way = (front, part.point, back), part.end - part.begin
+            colour, depth, gradient = ramp((volume, voxels, grid), classify, places, way, whole)
             if met:
                 ends_of, normals = (part.begin, part.end), gradient_normals(part.point, (volume, voxels, grid))
                 met.take(slab.rays, transmittance[slab.rays], depth, ends_of, 0, normals)
             alpha = -np.expm1(-depth)
-            if volume.shade and gradient is not None:
+            if volume.shade:
                 straight = colour / np.where(alpha > 0, alpha, 1)[:, None]
-                ambient = ambient_light(volume, voxels, part.point, scene, grid)
-                light = lit(straight, gradient, part.point, direction, volume, scene, grid, voxels.shape, ambient)
+                field = volume, voxels, grid
+                light = lit_volume(field, scene, straight, gradient, part.point, direction, voxels.shape)
                 colour = light * alpha[:, None]
             rgba[slab.rays, :3] += transmittance[slab.rays, None] * colour
             rgba[slab.rays, 3] += transmittance[slab.rays] * alpha
             transmittance[slab.rays] *= np.exp(-depth)
     return rgba
+
+
+def is_ramped(volume: Volume, scene: Scene) -> bool:
+    """Return whether classification is pre-integrated; nearest voxels have no linear scalars."""
+    has_ramps = volume.interpolation != "nearest" and not (volume.isosurfaces or volume.transfer_2d or volume.shader)
+    return scene.quality.classification == "pre-integrated" and volume.blending == "composite" and has_ramps
+
+
+def ramp(
+    field: Field,
+    classify: TransferFunction,
+    places: Sequence[Floats],
+    way: Floats,
+    seen: Flags,
+    attenuated: bool = True,
+) -> tuple[Floats, Floats, Floats | None]:
+    """Return emission, optical depth and gradients (n, 3), if any are needed, of slabs with a linear scalar.
+
+    An end without a scalar has that of the middle; without it, or where a slab is not seen, it is transparent.
+
+    Parameters
+    ----------
+    places : begin, middle and end of the slabs, (n, 3), in samples
+    way : float64 (n,), their lengths in the world
+    """
+    volume, voxels, grid = field
+    (front, has_front), (middle, known), (back, has_back) = (
+        SAMPLERS[volume.interpolation](voxels, *place.T) for place in places
+    )
+    way = np.where(seen & (known | (has_front & has_back)), way, 0)
+    gradient = gradient_at(volume, voxels, places[1]) if needs_gradient(volume) else None
+    if gradient is not None:
+        gradient = np.where(known[:, None], gradient, 0)
+        if volume.gradient_opacity:
+            way = way * fading(volume, magnitude_of(gradient, grid))
+    ends = np.where(has_front, front, middle), np.where(has_back, back, middle)
+    return *integrate(classify, *ends, way, attenuated), gradient
 
 
 def integrate(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.optics import optical_function
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.transfer import TransferFunction
 from clusterviz.reference.two_flux import TwoFlux
@@ -113,7 +114,7 @@ def projection_of(volume: Volume, rays: int, classify: TransferFunction, backgro
     if volume.blending == "first-hit":
         return FirstHit(rays, float(volume.threshold))  # type: ignore[arg-type]
     if volume.optics is not None:
-        return TwoFlux(rays, volume.optics, background)
+        return TwoFlux(rays, optical_function(volume.optics), background)
     if volume.blending in ("maximum", "minimum"):
         return Extreme(rays, 1 if volume.blending == "maximum" else -1)
     return Sum(rays, classify, None if volume.blending == "average" else classify.unit_distance)

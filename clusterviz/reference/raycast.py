@@ -1,7 +1,7 @@
 """Reference ray caster in float64 NumPy, with which every fast path is compared.
 
 It follows the definition of the picture (docs/, frames and units: the optical model, the sampling lattice) and shares
-no code with the renderer, only the scene's values and transfer function, and the grid.
+no code with the renderer, only the scene's values and the grid.
 
 It has no early ray termination, hardware texture filter or float32 pixels, as it measures their errors. A ray stops
 only when its transmittance is at most 2⁻⁶⁰, below the last bit of float64.
@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.volume.optics import optical_function
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
-from clusterviz.reference.ambient_occlusion import ambient_light
+from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.cells import PlacedCells
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import SectionGeometry, place
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, gradient_normals, layers_of
-from clusterviz.reference.lighting import lit
 from clusterviz.reference.multi_volume import PlacedVolume, march_mixture
-from clusterviz.reference.preintegrated import march_preintegrated
+from clusterviz.reference.preintegrated import is_ramped, march_preintegrated
 from clusterviz.reference.projections import projection_of
 from clusterviz.reference.rays import (
     Floats,
@@ -131,7 +131,7 @@ def render_reference(
             jittered = scene.quality.jitter and not has_surfaces
             some = Rays(rays.start[part], rays.direction[part], shifts[part] if jittered else 0.0)
             most, passed = 2 * min(grid.spacing), met and met.part(part)
-            length = min(length, most) if _is_preintegrated(scene) else length
+            length = min(length, most) if is_ramped(volume, scene) else length
             if scene.quality.renderer == "slices" and not has_surfaces:
                 last = np.array(voxels.shape[::-1]) - 1.0
                 some = on_slices(some, placed.direction[part], last, grid.corners, length, scene)
@@ -139,11 +139,11 @@ def render_reference(
                 # Surfaces alone are the same, however long slabs are.
                 each = most if volume.blending == "isosurface" else min(length, most)
                 rgba[part] = march_surfaces(some, voxels, each, scene, grid, passed)
-            elif _is_preintegrated(scene):
+            elif is_ramped(volume, scene):
                 rgba[part] = march_preintegrated(some, voxels, length, scene, grid, passed)
             elif volume.optics is not None and volume.refracts:
                 background = background_rgb(scene.image.background) or (0.0, 0.0, 0.0)
-                bent = Bent(len(some.direction), volume.optics, background)
+                bent = Bent(len(some.direction), optical_function(volume.optics), background)
                 bent.march(some, voxels, min(length, most), volume, grid)
                 rgba[part] = bent.finish(transfer_function(volume))
             elif volume.blending == "composite":
@@ -208,22 +208,12 @@ def _march(
         # expm1: 1 − e^{−κd} would lose an opacity of 1e-8 to rounding.
         weight = transmittance[slab.rays] * -np.expm1(-depth)
         colour = np.where(valid[:, None], colour, 0)
-        if volume.shade and gradient is not None:
-            ambient = ambient_light(volume, voxels, slab.point, scene, grid)
-            colour = lit(
-                colour, gradient, slab.point, rays.direction[slab.rays], volume, scene, grid, voxels.shape, ambient
-            )
+        ray = rays.direction[slab.rays]
+        colour = lit_volume((volume, voxels, grid), scene, colour, gradient, slab.point, ray, voxels.shape)
         rgba[slab.rays, :3] += weight[:, None] * colour
         rgba[slab.rays, 3] += weight
         transmittance[slab.rays] *= np.exp(-depth)
     return rgba
-
-
-def _is_preintegrated(scene: Scene) -> bool:
-    """Return whether slabs are pre-integrated; nearest voxels have no linear scalars."""
-    volume, classification = scene.volumes[0], str(scene.quality.classification)
-    has_ramps = volume.interpolation != "nearest" and not (volume.transfer_2d or volume.shader)
-    return classification == "pre-integrated" and volume.blending == "composite" and has_ramps
 
 
 def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid) -> Floats:

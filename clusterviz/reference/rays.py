@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,19 @@ from clusterviz.errors import InputError
 from clusterviz.scene.values import Camera, Clip, Scene
 
 Floats = NDArray[np.float64]
+
+
+class Columns:
+    """Base of dataclasses whose fields are arrays of one length."""
+
+    def some(self, chosen: NDArray[Any]) -> Self:
+        """Return the rows of a mask, or with some numbers."""
+        return type(self)(*(getattr(self, one.name)[chosen] for one in fields(self)))  # type: ignore[arg-type]
+
+    def joined(self, parts: Sequence[Self]) -> Self:
+        """Return the rows of this and of parts behind it."""
+        names = [one.name for one in fields(self)]  # type: ignore[arg-type]
+        return type(self)(*(np.concatenate([getattr(one, name) for one in (self, *parts)]) for name in names))
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.reference.rays import Floats, Rays, inside
+from clusterviz.reference.rays import Columns, Floats, Rays, inside
 
 
 @dataclass(frozen=True)
-class Slab:
+class Slab(Columns):
     """The k-th slab of rays.
 
     Attributes

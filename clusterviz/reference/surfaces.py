@@ -23,11 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.ambient_occlusion import ambient_light
+from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, gradient_normals
-from clusterviz.reference.lighting import lit
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.slabs import Slab, in_brick, pieces_of, slabs
 from clusterviz.reference.transfer import transfer_function
@@ -53,23 +52,6 @@ class Crossings:
     place: Floats
     surface: NDArray[np.int64]
     inside: Floats
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """Pieces of rays in one valid cell each.
-
-    Attributes
-    ----------
-    rays : int (p,)
-    begin, end : float64 (p,)
-    cell : float64 (p, 3), a point inside
-    """
-
-    rays: NDArray[np.int64]
-    begin: Floats
-    end: Floats
-    cell: Floats
 
 
 class RayField:
@@ -112,7 +94,7 @@ class RayField:
         valid = self._field(rays, some, part.point[some], part.begin[some])[1]
         self._before[which[some[~valid]]] = np.nan
         some = some[valid]
-        piece = _Piece(some, part.begin[some], part.end[some], part.point[some])
+        piece = part.some(some)
         cuts, at_cuts = self._monotone(rays, piece)
         before = self._before[which[some]]
         at_cuts[0] = np.where(np.isnan(before), at_cuts[0], before)
@@ -127,23 +109,23 @@ class RayField:
         met = surface[part_of, nth_of, piece_of]
         low, high = cuts[part_of, piece_of], cuts[part_of + 1, piece_of]
         place = self._root(rays, piece, piece_of, (low, high), self._values[met], rises[part_of, 0, piece_of])
-        inside = self._inside(rays, some[piece_of], piece.cell[piece_of], place)
+        inside = self._inside(rays, some[piece_of], piece.point[piece_of], place)
         return some[piece_of], place, met, inside
 
-    def _monotone(self, rays: Rays, piece: _Piece) -> tuple[Floats, Floats]:
+    def _monotone(self, rays: Rays, piece: Slab) -> tuple[Floats, Floats]:
         """Return ends of the intervals in which the field is monotone, and its values there, float64 (4, p) each."""
         length = piece.end - piece.begin
         places = piece.begin + THIRDS[:, None] * length
-        fields = np.stack([self._field(rays, piece.rays, piece.cell, at)[0] for at in places])
+        fields = np.stack([self._field(rays, piece.rays, piece.point, at)[0] for at in places])
         turns = np.sort(extrema(fields), axis=0)
         cuts = np.stack([piece.begin, *(piece.begin + turns * length), piece.end])
-        at_turns = [self._field(rays, piece.rays, piece.cell, at)[0] for at in cuts[1:3]]
+        at_turns = [self._field(rays, piece.rays, piece.point, at)[0] for at in cuts[1:3]]
         return cuts, np.stack([fields[0], *at_turns, fields[3]])
 
     def _root(
         self,
         rays: Rays,
-        piece: _Piece,
+        piece: Slab,
         of: NDArray[np.int64],
         between: tuple[Floats, Floats],
         value: Floats,
@@ -153,7 +135,7 @@ class RayField:
         low, high = between
         for _ in range(HALVINGS if len(of) else 0):
             middle = low + (high - low) / 2
-            before = (self._field(rays, piece.rays[of], piece.cell[of], middle)[0] < value) == rises
+            before = (self._field(rays, piece.rays[of], piece.point[of], middle)[0] < value) == rises
             low, high = np.where(before, middle, low), np.where(before, high, middle)
         return low
 
@@ -228,10 +210,7 @@ def march_surfaces(
     def lit_up(
         colour: Floats, gradient: Floats | None, point: Floats, pixels: NDArray[np.int64], box: tuple[int, ...] = ()
     ) -> Floats:
-        if gradient is None or not volume.shade:
-            return colour
-        ambient = ambient_light(volume, voxels, point, scene, grid)
-        return lit(colour, gradient, point, rays.direction[pixels], volume, scene, grid, box, ambient)
+        return lit_volume((volume, voxels, grid), scene, colour, gradient, point, rays.direction[pixels], box)
 
     course = RayField(rays, voxels, volume.interpolation, np.array([value for value, _ in wanted]))
     opacities, colours = (np.array([entry[1] for entry in wanted]), classify.colour(np.array([v for v, _ in wanted])))

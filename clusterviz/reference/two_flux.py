@@ -24,7 +24,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from clusterviz.content.volume.optics import OpticalFunction, Optics, optical_function
+from clusterviz.content.volume.optics import OpticalFunction
 from clusterviz.errors import InputError
 from clusterviz.image.spectral.from_rgb import reflectance_of
 from clusterviz.image.spectral.illuminate import illuminate
@@ -90,28 +90,26 @@ class TwoFlux:
     Parameters
     ----------
     rays : number of rays
-    optics : of the volume
+    function : of the volume's optics
     background : sRGB of the background, for `finish`
     """
 
-    def __init__(self, rays: int, optics: Optics, background: RGB) -> None:
-        self.function, self.background = optical_function(optics), background
-        shape = rays, len(self.function.wavelengths)
+    def __init__(self, rays: int, function: OpticalFunction, background: RGB) -> None:
+        self.function, self.background = function, background
+        shape = rays, len(function.wavelengths)
         self.fluxes = Fluxes(np.zeros(shape), np.zeros(shape), np.ones(shape))
 
     def of_ray(self, number: int) -> TwoFlux:
         """Return the fluxes of one ray at one wavelength, which has met nothing."""
-        own, function = TwoFlux.__new__(TwoFlux), self.function
-        one = slice(number, number + 1)
-        own.function = OpticalFunction(
+        function, one = self.function, slice(number, number + 1)
+        own = OpticalFunction(
             function.wavelengths[one],
             function.absorption_values,
             function.absorption[:, one],
             function.scattering_values,
             function.scattering[:, one],
         )
-        own.background, own.fluxes = self.background, Fluxes(np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)))
-        return own
+        return TwoFlux(1, own, self.background)
 
     def take(self, rays: NDArray[np.int64], scalar: Floats, valid: NDArray[np.bool_], length: Floats) -> None:
         """Add the next samples of rays."""

@@ -26,7 +26,6 @@ from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import (
     EXACT,
     LATTICES,
-    LONE_BLOCKS,
     MOST_ROWS,
     TABLES_BINDING,
     VolumeVariant,
@@ -37,7 +36,6 @@ from clusterviz.render.volume_layers import (
     gradient_file,
     light_files,
     spline_file,
-    volume_variant,
     volume_variants,
     voxel_files,
 )
@@ -49,6 +47,7 @@ USUAL_BRICK = 64  # cells along its side
 MOST_MET = 21  # most intersections of one surface with a slab of two voxels, which lies in seven cells
 MOST_IN_SLAB = 64  # most surfaces of all volumes in a slab
 NOTHING = "// nothing\n"
+NO_VOLUME = VolumeVariant("linear", Slot((1, 1, 1), "f32", False), 0)
 Files = str | tuple[str, ...]
 SURFACES_FILES = ("root.glsl", "surfaces.glsl")
 PREINTEGRATED_FILES = ("sums.glsl", "front_to_back.glsl", "ramp.glsl", "ramp_slab.glsl", "preintegrated.glsl")
@@ -89,14 +88,14 @@ class Variant:
 
     Attributes
     ----------
-    volume : the volume that is drawn alone, with the layout of a stored brick; of mixed content a plain one
+    slot : layout of a stored brick
     brick : cells along the side of a brick; 0 on a CPU that draws bricks of any size
-    block_bytes : size of the uniform block for the transfer function's records; 0 if they are too many for one
+    block_bytes : size of the uniform block for the transfer functions' records; 0 if they are too many for one
+    volumes : variants of the volumes
     blending : blend mode
     planes : number of clipping planes
     lattice : where slabs begin
     split : slabs are cut where they leave a brick
-    volumes : variants of several volumes; empty for one volume
     frame_coherence : rays start by the hits of the last frame
     crossing : only where the opacity of a pixel passes one half is found
     cpu : how a CPU draws it; None: a GPU draws
@@ -106,14 +105,14 @@ class Variant:
     reals : form of the numbers that decide which slabs a box owns
     """
 
-    volume: VolumeVariant
+    slot: Slot
     brick: int
     block_bytes: int
+    volumes: tuple[VolumeVariant, ...] = ()
     blending: Blending = DEFAULT_BLENDING
     planes: int = 0
     lattice: Lattice = "rays"
     split: bool = False
-    volumes: tuple[VolumeVariant, ...] = ()
     frame_coherence: bool = False
     crossing: bool = False
     cpu: Lanes | None = None
@@ -123,14 +122,14 @@ class Variant:
     reals: Reals = "double"
 
     @property
-    def slot(self) -> Slot:
-        """Layout of a stored brick."""
-        return self.volume.slot
+    def is_mixed(self) -> bool:
+        """Whether slabs are those of mixed content, and not of a volume alone."""
+        return self.slot.mixed
 
     @property
-    def is_mixed(self) -> bool:
-        """Whether slabs are those of several volumes, or of one or none with geometry."""
-        return bool(self.volumes or self.geometry)
+    def volume(self) -> VolumeVariant:
+        """Variant of the volume that is drawn alone; of mixed content one that shows nothing."""
+        return NO_VOLUME if self.is_mixed else self.volumes[0]
 
     @property
     def name(self) -> str:
@@ -157,58 +156,65 @@ class Variant:
     @property
     def fetches_ahead(self) -> bool:
         """Whether a program for CPUs brings voxels nearer before it samples them."""
-        return self.volume.filter == "linear" and not (
-            self.is_mixed or self.volume.surfaces or self.volume.preintegrated
-        )
+        volume = self.volume
+        return volume.filter == "linear" and not (self.is_mixed or volume.surfaces or volume.preintegrated)
 
     @property
     def source(self) -> ShaderSource:
         """Assembled shader."""
-        records = "records_uniform.glsl" if self.block_bytes else "records_storage.glsl"
-        run: Files = SURFACES_FILES if self.volume.surfaces else "samples.glsl"
-        sample: Files = ("table.glsl", "composite_2d.glsl") if self.volume.table else self._traits.shader
-        if self.volume.look:
-            sample = (self.volume.look.glsl(), "look.glsl", "composite_2d.glsl")
-        if self.volume.preintegrated:
-            run, sample = PREINTEGRATED_FILES, NOTHING
-        density = density_files(self.volume.preintegrated) if self.volume.occlusion and not self.volumes else ()
+        volume = self.volume
         slots: dict[str, Files] = {
             "REALS": f"reals_{self.reals}.glsl",
             "FRAME": FRAME_BLOCKS[self.reals],
             "VECTORS": (f"vectors_{self.reals}.glsl", "reals.glsl", f"bricks_{self.reals}.glsl"),
             "CONSTANTS": self.constants,
-            "TRANSFER": "transfer.glsl",
-            "RECORDS": records,
-            "SEGMENT": NOTHING if self.volume.preintegrated else ("segment.glsl", "whole_slab.glsl"),
+            "RECORDS": "records_uniform.glsl" if self.block_bytes else "records_storage.glsl",
             "WORDS": "words.glsl",
             "PITCH": "pitch.glsl",
-            "VOXEL": voxel_files(self.slot),
             "PREFETCH": "no_prefetch.glsl",
-            "SPLINE": spline_file(self.volume.filter, self._gradient),
-            "SCALAR": field_file(self.volume.filter, self.slot),
-            "CELL": cell_files(self.volume.filter) if self.volume.surfaces else NOTHING,
-            "RUN": run,
-            "SAMPLE": sample,
             "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
-            "BORDERS": (self._borders, *self._slope, *density),
-            "GRADIENT": self._gradient,
+            "BORDERS": (
+                self._borders,
+                *self._slope,
+                *(density_files(volume.preintegrated) if volume.occlusion else ()),
+            ),
             "STEP": "adaptive_step.glsl" if self.slot.adaptive else "fixed_step.glsl",
             "STARTS": self._starts,
             "LATTICE": LATTICES[self.lattice],
             "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",
-            "MAGNITUDE": "magnitude.glsl" if self.volume.fading or self.volume.table else NOTHING,
-            "FADE": "faded.glsl" if self.volume.fading else "unfaded.glsl",
-            "LIGHT": "lights.glsl" if self.volume.lights else "unlit.glsl",
-            "GROUPS": ("groups.glsl", "groups_of_bricks.glsl"),
             "PROFILE": f"profile_{self.profile}.glsl" if self.profile else "no_profile.glsl",
             "PACKETS": NOTHING,
             "MAIN": "pixels.glsl",
-            "LIGHTS_FROM": light_files(self.volume.near, bool(self.volume.occlusion))
-            if self.volume.lights
-            else NOTHING,
         }
-        slots |= (self._content if self.is_mixed else {}) | (self._on_cpu if self.cpu else {})
+        slots |= (self._content if self.is_mixed else self._alone) | (self._on_cpu if self.cpu else {})
         return assemble("raycast.glsl", slots | (self.geometry.whole_rays if self.geometry else {}))
+
+    @property
+    def _alone(self) -> dict[str, Files]:
+        """Return the slots of files that sample a volume alone."""
+        volume = self.volume
+        run: Files = SURFACES_FILES if volume.surfaces else "samples.glsl"
+        sample: Files = ("table.glsl", "composite_2d.glsl") if volume.table else self._traits.shader
+        if volume.look:
+            sample = (volume.look.glsl(), "look.glsl", "composite_2d.glsl")
+        if volume.preintegrated:
+            run, sample = PREINTEGRATED_FILES, NOTHING
+        return {
+            "TRANSFER": "transfer.glsl",
+            "SEGMENT": NOTHING if volume.preintegrated else ("segment.glsl", "whole_slab.glsl"),
+            "VOXEL": voxel_files(self.slot),
+            "SPLINE": spline_file(volume.filter, self._gradient),
+            "SCALAR": field_file(volume.filter, self.slot),
+            "CELL": cell_files(volume.filter) if volume.surfaces else NOTHING,
+            "RUN": run,
+            "SAMPLE": sample,
+            "GRADIENT": self._gradient,
+            "MAGNITUDE": "magnitude.glsl" if volume.fading or volume.table else NOTHING,
+            "FADE": "faded.glsl" if volume.fading else "unfaded.glsl",
+            "LIGHT": "lights.glsl" if volume.lights else "unlit.glsl",
+            "LIGHTS_FROM": light_files(volume.near, bool(volume.occlusion)) if volume.lights else NOTHING,
+            "GROUPS": ("groups.glsl", "groups_of_bricks.glsl"),
+        }
 
     @property
     def _on_cpu(self) -> dict[str, Files]:
@@ -269,27 +275,22 @@ class Variant:
     @property
     def _gradient(self) -> str:
         """Return the file of the gradient."""
-        shaded = (
-            self.volume.lights
-            or self.volume.fading
-            or self.volume.table
-            or (self.volume.look and self.volume.look.uses_gradient)
-        )
-        needed = shaded or self.crossing or self.refraction
-        return gradient_file(self.volume.filter, self.volume.smooth) if needed else "gradient_none.glsl"
+        volume = self.volume
+        needed = volume.is_graded or self.crossing or self.refraction
+        return gradient_file(volume.filter, volume.smooth) if needed else "gradient_none.glsl"
 
     @property
     def _content(self) -> dict[str, Files]:
         """Return the slots of files that differ for several volumes."""
         names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
-        one: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
+        none: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         pieces = self.cpu.volumes if self.cpu else None
         geometry = self.geometry.parts(len(self.volumes), self.cpu is not None) if self.geometry else ()
         planes = PLANES if self.crossing else 0
         cells = self.geometry.cells(self.cpu is not None, planes) if self.geometry else ()
         files = content_files(self.volumes, self.crossing, pieces, geometry, cells)
-        return one | {"CLIP": ("kept.glsl", clip), "RUN": files, "GROUPS": "groups_of_domain.glsl"}
+        return none | {"CLIP": ("kept.glsl", clip), "RUN": files, "GROUPS": "groups_of_domain.glsl"}
 
     @property
     def _record_bytes(self) -> int:
@@ -298,7 +299,6 @@ class Variant:
     @property
     def _sample_iterations(self) -> int:
         """Most iterations of loops in a sample."""
-        searches = self.volumes or (self.volume,)
         each = [
             one.further_starts.bit_length()
             + one.lights
@@ -306,13 +306,13 @@ class Variant:
             + one.fading
             + (one.look.iterations if one.look else 0)
             + 14 * (one.occlusion + 4 * one.further_starts.bit_length()) * bool(one.occlusion)
-            for one in searches
+            for one in self.volumes
         ]
-        return 1 + sum(each) + sum(volume.further_iterations for volume in self.volumes)
+        return 1 + sum(each) + self.is_mixed * sum(volume.further_iterations for volume in self.volumes)
 
     @property
     def _shows_surfaces(self) -> bool:
-        return bool(self.volume.surfaces or self.geometry) or any(volume.surfaces for volume in self.volumes)
+        return self.geometry is not None or any(volume.surfaces for volume in self.volumes)
 
     @property
     def constants(self) -> str:
@@ -336,8 +336,9 @@ class Variant:
             lines.append(f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};")
             lines.append(f"const int PIECES = {self.cpu.pieces}, PIECES_BEFORE = 0;")
             lines.append(f"const bool FITTED = {str(self.cpu.fitted).lower()};")
-        if self.volume.surfaces:
-            lines.append(self._block("surface"))
+        volume, rows = self.volume, {name: self._rows(count) for name, count in self.volume.rows.items()}
+        if "surface" in rows:
+            lines.append(glsl_rows("Surfaces", 4, {"surface": rows["surface"]}))
             lines.append(f"const bool IN_VOLUME = {str(self._traits.absorbs).lower()};")
         alone = self.geometry is not None and self.geometry.grids > 0 and not self.volumes
         lines.append(f"const bool SLABS_COUNT = {str(not alone).lower()}; // as samples")
@@ -351,17 +352,15 @@ class Variant:
         if self.geometry:
             count = len(self.volumes)
             lines += [self.geometry.constants, f"const int VOLUMES = {count};"]
-        lines.append(
-            f"const bool FADED = {str(self.volume.fading > 0).lower()}; // extinction by the gradient's magnitude"
-        )
-        if "grading" in self.volume.rows:
-            lines.append(self._block("grading"))
-        if self.volume.table:
+        lines.append(f"const bool FADED = {str(volume.fading > 0).lower()}; // extinction by the gradient's magnitude")
+        if "grading" in rows:
+            lines.append(glsl_rows("Grading", 5, {"grading": rows["grading"]}))
+        if volume.table:
             lines.append(f"#define TABLE_BINDING {TABLES_BINDING}")
-            lines.append(f"const bool TABLE_HAS_COLOUR = {str(self.volume.table == 'colour and opacity').lower()};")
-        if self.volume.lights:
-            lines.append(self._block("lighting"))
-            lines.append(f"const int LIGHT_ROWS = {self.volume.light_rows}; // for each")
+            lines.append(f"const bool TABLE_HAS_COLOUR = {str(volume.table == 'colour and opacity').lower()};")
+        if "lighting" in rows:
+            lines.append(glsl_rows("Lights", 2, {"lighting": rows["lighting"]}))
+            lines.append(f"const int LIGHT_ROWS = {volume.light_rows}; // for each")
         clock = [CLOCK] if self.profile == "clock" and not self.cpu else []
         return "\n".join((*clock, *lines, *self._traits.constants)) + "\n"
 
@@ -372,22 +371,21 @@ class Variant:
             return 1 << 20
         return 64 if self.cpu else 16
 
-    def _block(self, rows: str) -> str:
-        """Return the block of some rows of the volume, whose number CPUs do not know when they compile."""
-        name, binding = LONE_BLOCKS[rows]
-        return glsl_rows(name, binding, {rows: MOST_ROWS if self.cpu else self.volume.rows[rows]})
+    def _rows(self, count: int) -> int:
+        """Return the number of rows of a block, which CPUs do not know when they compile."""
+        return MOST_ROWS if self.cpu else count
 
     @property
     def _sizes(self) -> list[str]:
         """Constants for sizes and numbers, on GPUs."""
-        volume = self.volume
         lines = [
             *self._brick_sizes,
             f"const int MARGIN = {self.slot.margin}; // samples beyond the cells of a stored brick on every side",
             f"const int ROW_WORDS = {self.slot.row_words}, SLICE_WORDS = {self.slot.slice_words};",
-            f"const int FURTHER_STARTS = {volume.further_starts};",
+            f"const int FURTHER_STARTS = {self.volume.further_starts};",
             f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
         ]
+        volume = self.volume
         if volume.surfaces:
             lines.append(f"const int SURFACES = {volume.surfaces};")
         if volume.lights:
@@ -395,7 +393,7 @@ class Variant:
                 f"const int LIGHTS = {volume.lights}, CAPS = {volume.caps}; // and planes that cut what is lit"
             )
             lines.append(f"const int OCCLUSION_PLANES = {volume.occlusion - OCCLUSION_ROWS};")
-        if "grading" in volume.rows:
+        if volume.fading or volume.table or volume.look:
             lines.append(f"const int FADING_PIECES = {volume.fading};")
         if self.planes:
             lines.append(f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;")
@@ -421,10 +419,10 @@ class Variant:
         """The same on CPUs, where most are variables, so that few programs serve all sizes."""
         assert self.cpu, "a GPU draws"
         lines = [
-            glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.volumes)),
+            glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.slot.parts)),
             f"const bool FAR_APART = {str(self.cpu.far).lower()}; // samples, so that caches hold few of them",
             # With several volumes, and where bricks cut slabs, ends of slabs lie on faces; lines that bend go beyond.
-            f"const bool WITHIN_CELLS = {str(not (self.split or self.volumes or self.refraction)).lower()};",
+            f"const bool WITHIN_CELLS = {str(not (self.split or self.slot.parts or self.refraction)).lower()};",
             "const int SAMPLE_ITERATIONS = 1; // which nobody counts",
             f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};",
             "int MARGIN = sizes[0].first.y, FIRST_WORD = sizes[0].first.x; // of a brick's first cell",
@@ -455,30 +453,30 @@ def cpu_variant_of(plan: Plan, slot: Slot, cpu: Lanes) -> Variant:
     # Constants are a little faster.
     whole = slot.cells_zyx == (USUAL_BRICK,) * 3 and plan.layout.brick == USUAL_BRICK
     usual = whole and not cpu.pitched and not given.is_mixed
+    slot = slot if usual else _without_size(slot)
+    volumes = tuple(
+        replace(
+            each,
+            filter=EXACT.get(each.filter, each.filter),
+            slot=_without_size(each.slot) if slot.mixed else slot,
+            further_starts=0,
+            lights=min(each.lights, 1),
+            caps=0,
+            fading=min(each.fading, 1),
+            occlusion=min(each.occlusion, 1),
+            surfaces=min(each.surfaces, 1),
+        )
+        for each in given.volumes
+    )
     return replace(
         given,
-        volume=replace(_without_numbers(given.volume), slot=slot if usual else _without_size(slot)),
+        slot=slot,
         brick=USUAL_BRICK if usual else 0,
+        volumes=volumes,
         blending="average" if given.blending == "additive" else given.blending,
         planes=min(given.planes, 1),
-        volumes=tuple(map(_without_numbers, given.volumes)),
         cpu=cpu,
         geometry=geometry_variant(plan, True),
-    )
-
-
-def _without_numbers(volume: VolumeVariant) -> VolumeVariant:
-    """Return the variant of volumes with other numbers of the same things."""
-    return replace(
-        volume,
-        filter=EXACT.get(volume.filter, volume.filter),
-        slot=_without_size(volume.slot),
-        further_starts=0,
-        lights=min(volume.lights, 1),
-        caps=0,
-        fading=min(volume.fading, 1),
-        occlusion=min(volume.occlusion, 1),
-        surfaces=min(volume.surfaces, 1),
     )
 
 
@@ -497,20 +495,17 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int, reals: Reals = "doubl
     uniform_bytes : the driver's largest uniform block
     reals : form of numbers that the device prefers; what `needs_doubles` has none but double precision
     """
-    layers, whole = plan.content.volume_layers, replace(slot, group_box=None)
-    fits = sum(part.segments.records.nbytes for part in layers) <= uniform_bytes
-    is_mixed = plan.content.mixed
-    lone = VolumeVariant(plan.filter, whole, 0) if is_mixed else volume_variant(plan.volume, whole)
+    fits = sum(part.segments.records.nbytes for part in plan.content.volume_layers) <= uniform_bytes
+    slot = replace(slot, group_box=None)
     found = Variant(
-        # Isosurfaces that are shown alone may be none.
-        replace(lone, in_volume=True, surfaces=max(lone.surfaces, plan.blend_mode.traits.only_surfaces)),
+        slot,
         plan.layout.brick,
         uniform_bytes if fits else 0,
+        volume_variants(plan.content, slot),
         plan.blend_mode.blending,
         len(plan.clip),
         plan.march.lattice,
         plan.march.split,
-        volume_variants(plan.content, slot) if is_mixed else (),
         plan.march.frame_coherence is not None,
         plan.march.crossing,
         geometry=geometry_variant(plan),

@@ -7,7 +7,7 @@ loop, and every name that belongs to one volume is a macro that ends in its numb
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -67,8 +67,7 @@ def spline_file(filter: Filter, gradient: str) -> str:
     return "spline.glsl" if "cubic" in filter + gradient else "// nothing\n"
 
 
-LONE_BLOCKS = {"lighting": ("Lights", 2), "grading": ("Grading", 5), "surface": ("Surfaces", 4)}
-"""Blocks of a volume alone: their names and bindings."""
+LONE_BINDINGS = 2, 5, 4  # lighting, grading and isosurfaces of a volume alone
 VOLUMES_BINDING, ROWS_BINDING = 6, 7  # the block of all volumes, and the rows of their lighting and isosurfaces
 OWN_BINDING = 10  # on CPUs, the first of blocks with the rows of one volume
 MOST_ROWS = 1 << 12  # of a block whose size is not known when CPUs compile
@@ -117,7 +116,7 @@ CHAINED = {
 
 @dataclass(frozen=True)
 class VolumeVariant:
-    """Constants and files of one of several volumes.
+    """Constants and files of a volume.
 
     Attributes
     ----------
@@ -162,6 +161,11 @@ class VolumeVariant:
         return found | ({"surface": 2 * self.surfaces} if self.surfaces else {})
 
     @property
+    def is_graded(self) -> bool:
+        """Whether samples need the gradient."""
+        return bool(self.lights or self.fading or self.table or (self.look and self.look.uses_gradient))
+
+    @property
     def light_rows(self) -> int:
         """Rows for each light."""
         return 5 if self.near else 2
@@ -181,8 +185,7 @@ class VolumeVariant:
         pieces : as in `Lanes`
         """
         macros, chain = self._macros(number) | (self._sizes_on_cpu(number) if on_cpu else {}), chain_of(number)
-        graded = self.lights or self.fading or self.table or (self.look and self.look.uses_gradient)
-        graded = crossing or (graded and not self.of_lines)
+        graded = crossing or (self.is_graded and not self.of_lines)
         gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
         magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
         fade = "faded.glsl" if self.fading else "unfaded.glsl"
@@ -295,30 +298,34 @@ def undefine(names: Iterable[str]) -> str:
     return "".join(f"#undef {name.partition('(')[0]}\n" for name in names)
 
 
-def volume_variant(part: VolumeLayer, slot: Slot) -> VolumeVariant:
-    """Return the variant of a volume, stored as `slot` says."""
-    mode, shading, grading = part.blend_mode, part.blend_mode.shading, part.blend_mode.grading
-    found = VolumeVariant(
-        part.filter,
-        slot,
-        part.segments.further_starts,
-        smooth=mode.smooth,
-        surfaces=len(mode.surfaces),
-        in_volume=mode.traits.absorbs,
-        preintegrated=part.preintegrated,
-        of_lines=mode.of_lines,
-    )
-    if grading:
-        found = replace(found, fading=grading.fading, table=grading.table_holds, look=grading.look)
-    if not shading:
-        return found
-    lights, caps, occlusion = (len(each) for each in (shading.lights, shading.caps, shading.occlusion))
-    return replace(found, lights=lights, caps=caps, near=shading.has_places, occlusion=occlusion)
-
-
 def volume_variants(content: Content, slot: Slot) -> tuple[VolumeVariant, ...]:
     """Return the variant of each volume."""
-    return tuple(map(volume_variant, content.volume_layers, slot.parts))
+    return tuple(
+        volume_variant(part, own, content.mixed)
+        for part, own in zip(content.volume_layers, slot.parts or (slot,), strict=False)
+    )
+
+
+def volume_variant(volume: VolumeLayer, slot: Slot, mixed: bool) -> VolumeVariant:
+    """Return the variant of a volume; one that is alone and shows only surfaces has at least one of them."""
+    mode, shading, grading = volume.blend_mode, volume.blend_mode.shading, volume.blend_mode.grading
+    return VolumeVariant(
+        volume.filter,
+        slot,
+        volume.segments.further_starts,
+        lights=len(shading.lights) if shading else 0,
+        caps=len(shading.caps) if shading else 0,
+        near=bool(shading and shading.has_places),
+        smooth=mode.smooth,
+        fading=grading.fading if grading else 0,
+        table=grading.table_holds if grading else "",
+        surfaces=max(len(mode.surfaces), int(mode.traits.only_surfaces and not mixed)),
+        in_volume=mode.traits.absorbs,
+        preintegrated=volume.preintegrated,
+        look=grading.look if grading else None,
+        occlusion=len(shading.occlusion) if shading else 0,
+        of_lines=mode.of_lines,
+    )
 
 
 def light_files(near: bool, occluded: bool, of_lines: bool = False) -> tuple[str, str, str]:
@@ -389,8 +396,10 @@ def volume_blocks(content: Content, on_cpu: bool = False) -> list[tuple[int, NDA
     """
     if not content.mixed:
         mode = content.volume_layers[0].blend_mode
-        parts = zip(LONE_BLOCKS.values(), (mode.shading, mode.grading, mode.surfaces), strict=True)
-        return list(zip([binding for (_, binding), part in parts if part], rows_of(mode), strict=True))
+        bindings = [
+            n for n, part in zip(LONE_BINDINGS, (mode.shading, mode.grading, mode.surfaces), strict=True) if part
+        ]
+        return list(zip(bindings, rows_of(mode), strict=True))
     if not content.volume_layers and not on_cpu:
         return []
     rows = [rows for part in content.volume_layers for rows in rows_of(part.blend_mode)]

@@ -14,10 +14,8 @@ class Accuracy:
 
     Attributes
     ----------
-    max_error : the bound asked for
     error : the largest error expected, an estimate
     step : sampling distance, voxels
-    classification, filter, early_termination, pixel : as in the scene
     reasons : setting -> reason in words
     verified : whether the error was estimated in all pixels, from pictures of other steps, or in a sample of pixels
     pilot_pixels : pixels of each pilot picture
@@ -53,7 +51,6 @@ class Detail:
 
     Attributes
     ----------
-    volume : number of the volume
     levels : drawn bricks of the store at each level, the finest first
     bytes : of their samples, on the rank with most
     reached : whether they hold what was asked for
@@ -88,7 +85,6 @@ class Change:
     ----------
     key : key of the scene, or option of the command
     asked, used : the value given, and the value used
-    reason : the reason in words
     """
 
     key: str
@@ -107,7 +103,6 @@ class Forecast:
     Attributes
     ----------
     groups : number of groups of ranks that share the screen; 1 is sort-last, one a rank sort-first
-    samples : samples of the busiest rank
     seconds_drawing, seconds_compositing : predicted seconds
     bytes_held : largest number of bytes of bricks on a rank
     """

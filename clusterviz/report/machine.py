@@ -20,7 +20,6 @@ class OpenGL:
 
     Attributes
     ----------
-    renderer, vendor, version : strings of the driver
     max_3d_texture : largest side of a 3-D texture, samples
     max_2d_texture : largest side of a 2-D texture, pixels
     max_storage_bytes : size of the largest shader storage block
@@ -40,7 +39,6 @@ class FeatureOutcome:
 
     Attributes
     ----------
-    name : of the feature
     error : largest difference from the reference; None if there is no picture
     bound : that the error may have
     problem : what is wrong, in one line; "" if nothing is
@@ -58,11 +56,7 @@ class SelfTest:
 
     Attributes
     ----------
-    host, egl_device : the device
-    driver : its name with the driver's version
     ranks : that draw on it; the first one has tested it
-    seconds : that this took
-    features : outcome of each
     """
 
     host: str
@@ -92,11 +86,7 @@ class RankMachine:
 
     Attributes
     ----------
-    rank, host, local_rank, local_size : placement of the rank
-    cores : number of cores assigned to the rank
-    processor : name of the CPU
     threads : thread variable -> value: LP_NUM_THREADS for llvmpipe, NUMBA_NUM_THREADS for the kernels, …
-    egl_devices : names of the EGL devices, in EGL's order
     egl_device : index of the device chosen; None if none can be
     opengl : the OpenGL context; None if none can be made
     problem : the reason for no context, or ""
@@ -123,8 +113,6 @@ class MachineReport:
 
     Attributes
     ----------
-    clusterviz, python, mpi_library, launcher : versions and names
-    size, nodes : number of ranks and of nodes
     warning : the mismatch between launcher and MPI library, or ""
     ranks : index = rank
     self_tests : of the devices, if they were asked for

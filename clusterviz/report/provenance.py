@@ -23,8 +23,6 @@ class Provenance:
 
     Attributes
     ----------
-    number : of the frame
-    ranks : number of ranks
     renderer, driver : of rank 0, as in `RankFrame`
     rounding : bound of the rounding error of blending partial images
     accuracy : settings chosen for an error bound; None without a bound

@@ -26,7 +26,6 @@ class Clock:
     ----------
     seconds : stage -> seconds
     spans : spans for a trace; None without a trace
-    row : row of the trace, as in `Span`
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
@@ -67,7 +66,6 @@ class RankFrame:
     Attributes
     ----------
     seconds : stage -> seconds, and `total`
-    bricks, bricks_drawn : number of bricks held, and drawn
     bricks_occluded : number of bricks not drawn since all rays ended in front of them
     voxels : voxels held in memory, including ghost voxels
     voxel_bytes : memory of the voxels on the device that draws, including reserved memory
@@ -140,7 +138,6 @@ class FrameStatistics:
     Attributes
     ----------
     per_rank : index = rank
-    number : number of the frame in its animation
     accuracy : settings chosen for an error bound; None without a bound
     sharing : mode and groups, and the predictions for the choice; None if not recorded
     changes : settings that are not used as given
@@ -239,7 +236,6 @@ def statistics_file(
     Parameters
     ----------
     scene : the completed scene as JSON values
-    frames : statistics of the frames drawn
     startup : part of the start-up -> seconds
     """
     return {

@@ -35,7 +35,6 @@ class Span:
 
     Attributes
     ----------
-    name, category : the name shown, and the category for filters
     begin, end : seconds of this rank's `perf_counter`
     args : details shown for the selected span
     row : name of the thread; "" for the main thread
@@ -140,7 +139,6 @@ def composition_spans(begin: float, end: float, compositing: Mapping[str, Any]) 
     Parameters
     ----------
     begin, end : seconds of this rank's clock
-    compositing : as in `RankFrame.compositing`
     """
     if not compositing:
         return

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from clusterviz.content.volume.info import VolumeInfo as VolumeInfo
     from clusterviz.scene.background import background_rgb as background_rgb
-    from clusterviz.scene.complete import complete_scene as complete_scene
-    from clusterviz.scene.complete import transfer_function as transfer_function
     from clusterviz.scene.files import dump_scene as dump_scene
     from clusterviz.scene.files import load_scene as load_scene
     from clusterviz.scene.files import scene_of_data as scene_of_data
@@ -30,7 +28,6 @@ if TYPE_CHECKING:
 HOMES = {
     "content.volume.info": ("VolumeInfo",),
     "scene.background": ("background_rgb",),
-    "scene.complete": ("complete_scene", "transfer_function"),
     "scene.files": ("dump_scene", "load_scene", "scene_of_data", "scene_schema"),
     "scene.overrides": ("parse_overrides",),
     "scene.transfer": ("TransferFunction",),

@@ -1,7 +1,7 @@
 """Features of the renderer that a driver may draw wrong, one row each.
 
 `clusterviz doctor --gl` draws a picture of each row, and a run asks which rows its scene uses. So a new feature is one
-line here, and its picture is made by `python -m clusterviz.report.self_test`.
+line here, and its picture is made by `python -m clusterviz.self_test`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Content = Literal[
     "lic",
     "filter",
 ]
-"""What a picture shows; the data are those of `report.self_test.contents`."""
+"""What a picture shows; the data are those of `self_test.contents`."""
 SECTION: dict[Content, str] = {
     "volumes": "volumes.1",
     "meshes": "meshes.0",

@@ -165,6 +165,16 @@ class Section(_Model):
     of_flow: ClassVar[bool] = False
     """Whether the section is what a flow becomes; such sections are not written to files."""
 
+    @property
+    def shown_array(self) -> str | None:
+        """Name of the array that an entry of content shows, if it names one."""
+        return getattr(self, "array", None)
+
+    @property
+    def has_one_colour(self) -> bool:
+        """Whether no scalars give the colours of an entry of content."""
+        return False
+
     @model_validator(mode="before")
     @classmethod
     def _rename_keys(cls, data: Any) -> Any:

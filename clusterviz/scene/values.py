@@ -409,6 +409,11 @@ class Scene(Section):
         return bool(self.volumes or self.geometry or self.grids or self.flows)
 
     @property
+    def refracts(self) -> bool:
+        """Whether rays bend."""
+        return any(volume.refracts for volume in self.volumes)
+
+    @property
     def needs_layers(self) -> bool:
         """Whether depths and normals are to be found, as layers or for surface LIC."""
         return bool(self.image.layers) or any(flow.show == "surface-lic" for flow in self.flows)

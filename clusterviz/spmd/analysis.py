@@ -7,26 +7,7 @@ from dataclasses import fields
 from functools import cache
 from typing import Any
 
-from clusterviz.spmd.ir import (
-    Assign,
-    Block,
-    BuiltIn,
-    Call,
-    Constant,
-    Declare,
-    Element,
-    Expression,
-    Function,
-    Leave,
-    Loop,
-    Memory,
-    Name,
-    Operation,
-    Pick,
-    Program,
-    Statement,
-    Variable,
-)
+from clusterviz.spmd import ir
 from clusterviz.spmd.types import INT
 
 MOST_UNROLLED = 4  # iterations of a loop
@@ -47,23 +28,23 @@ def children(node: Any) -> Iterator[Any]:
         value = getattr(node, name)
         for item in value if isinstance(value, (tuple, list)) else (value,):
             item = item[0] if isinstance(item, tuple) else item
-            if isinstance(item, (Expression, Statement)):
+            if isinstance(item, (ir.Expression, ir.Statement)):
                 yield item
 
 
-def root(target: Expression) -> Variable | None:
+def root(target: ir.Expression) -> ir.Variable | None:
     """Return the variable of which a value is a part; None if it is in a block, or computed."""
-    while isinstance(target, Pick | Element):
+    while isinstance(target, ir.Pick | ir.Element):
         target = target.base
-    return target.variable if isinstance(target, Name) else None
+    return target.variable if isinstance(target, ir.Name) else None
 
 
-def returns(node: Any) -> Iterator[Leave]:
+def returns(node: Any) -> Iterator[ir.Leave]:
     """Return the `return` statements inside of a node."""
-    if isinstance(node, Leave) and node.kind == "return":
+    if isinstance(node, ir.Leave) and node.kind == "return":
         yield node
     for child in children(node):
-        if isinstance(child, Statement):
+        if isinstance(child, ir.Statement):
             yield from returns(child)
 
 
@@ -73,13 +54,13 @@ def walk(*roots: Any, calls: bool = False) -> Iterator[Any]:
     while waiting:
         node = waiting.pop()
         yield node
-        if calls and isinstance(node, Call) and id(node.function) not in seen and node.function.body is not None:
+        if calls and isinstance(node, ir.Call) and id(node.function) not in seen and node.function.body is not None:
             seen.add(id(node.function))
             waiting.append(node.function.body)
         waiting += children(node)
 
 
-def used_by(program: Program) -> set[int]:
+def used_by(program: ir.Program) -> set[int]:
     """Return the ids of the variables that `main`, and what it calls, may use.
 
     Raises
@@ -90,13 +71,13 @@ def used_by(program: Program) -> set[int]:
     if "main" not in program.functions:
         raise program.places.error("no function main", 0)
     values = {id(d.variable): d.value for d in program.globals if d.value is not None}
-    found, roots = set[int](), [program.functions["main"][0].body]
+    found, roots = set[int](), list[Any]([program.functions["main"][0].body])
     while roots:
         names = set[int]()
         for node in walk(*roots, calls=True):
-            if isinstance(node, BuiltIn) and node.name == "texture":
+            if isinstance(node, ir.BuiltIn) and node.name == "texture":
                 raise program.places.error("CPUs do not filter textures", node.at, node.name, "texelFetch")
-            if isinstance(node, Name):
+            if isinstance(node, ir.Name):
                 names.add(id(node.variable))
         roots = [values[each] for each in names - found if each in values]
         found |= names
@@ -121,49 +102,51 @@ class Facts:
             self._known[key] = find(node)
         return self._known[key]
 
-    def leaves(self, node: Statement | Expression) -> frozenset[str]:
+    def leaves(self, node: ir.Statement | ir.Expression) -> frozenset[str]:
         """Return how a statement may leave what surrounds it."""
 
         def find(node: Any) -> frozenset[str]:
-            if isinstance(node, Leave):
+            if isinstance(node, ir.Leave):
                 return frozenset([node.kind])
-            if isinstance(node, Expression):
+            if isinstance(node, ir.Expression):
                 return frozenset()
             found = frozenset[str]().union(*(self.leaves(child) for child in children(node)))
-            return found - {"break", "continue"} if isinstance(node, Loop) else found
+            return found - {"break", "continue"} if isinstance(node, ir.Loop) else found
 
         return self._fact("leaves", node, find)  # type: ignore[no-any-return]
 
-    def returns_last(self, body: Block) -> bool:
+    def returns_last(self, body: ir.Block) -> bool:
         """Return whether a function returns nowhere but at its end."""
         last = body.statements[-1] if body.statements else None
 
         def find(node: Any) -> bool:
-            return sum(1 for _ in returns(node)) == (1 if isinstance(last, Leave) else 0)
+            return sum(1 for _ in returns(node)) == (1 if isinstance(last, ir.Leave) else 0)
 
         return self._fact("returns", body, find)  # type: ignore[no-any-return]
 
-    def cost(self, node: Statement | Expression) -> int:
+    def cost(self, node: ir.Statement | ir.Expression) -> int:
         """Return about how many operations a node takes; much for memory and loops."""
 
         def find(node: Any) -> int:
             own = 1 + sum(self.cost(child) for child in children(node))
-            if isinstance(node, Call):
+            if isinstance(node, ir.Call):
                 known = node.function.name in self._intrinsics or node.function.body is None
                 return own + (1 if known else self.cost(node.function.body))  # type: ignore[arg-type]
-            if isinstance(node, Loop | Leave):
-                return own + 1000 * isinstance(node, Loop)
-            return own + 100 * isinstance(node, Memory)
+            if isinstance(node, ir.Loop | ir.Leave):
+                return own + 1000 * isinstance(node, ir.Loop)
+            return own + 100 * isinstance(node, ir.Memory)
 
         return self._fact("cost", node, find)  # type: ignore[no-any-return]
 
-    def price(self, node: Expression) -> int:
+    def price(self, node: ir.Expression) -> int:
         """Return the cost of an expression that not all lanes may evaluate; very much if it changes anything."""
 
         def changes(node: Any) -> bool:
-            if isinstance(node, Call) and any(p.kind != "in" for p in node.function.parameters):
+            if isinstance(node, ir.Call) and any(p.kind != "in" for p in node.function.parameters):
                 return True
-            return isinstance(node, Assign) or self._has_effect(node) or any(changes(child) for child in children(node))
+            return (
+                isinstance(node, ir.Assign) or self._has_effect(node) or any(changes(child) for child in children(node))
+            )
 
         return self.cost(node) + SEPARATE * self._fact("changes", node, changes)  # type: ignore[no-any-return]
 
@@ -171,62 +154,64 @@ class Facts:
         """Return whether a call changes anything but what it is given."""
 
         def find(node: Any) -> bool:
-            if isinstance(node, Assign) and ((of := root(node.target)) is None or of.kind in ("global", "shared")):
+            if isinstance(node, ir.Assign) and ((of := root(node.target)) is None or of.kind in ("global", "shared")):
                 return True
-            if isinstance(node, BuiltIn) and node.name in (*ATOMIC, "barrier"):
+            if isinstance(node, ir.BuiltIn) and node.name in (*ATOMIC, "barrier"):
                 return True
-            if isinstance(node, Call) and node.function.body is not None and inside(node.function.body):
+            if isinstance(node, ir.Call) and node.function.body is not None and inside(node.function.body):
                 return True
             return any(find(child) for child in children(node))
 
-        def inside(body: Block) -> bool:
+        def inside(body: ir.Block) -> bool:
             return self._fact("effects", body, find)  # type: ignore[no-any-return]
 
-        return isinstance(node, Call) and node.function.body is not None and inside(node.function.body)
+        return isinstance(node, ir.Call) and node.function.body is not None and inside(node.function.body)
 
-    def used_in(self, function: Function) -> frozenset[int]:
+    def used_in(self, function: ir.Function) -> frozenset[int]:
         """Return the ids of the variables that a function, and what it calls, may use."""
 
-        def find(function: Function) -> frozenset[int]:
-            return frozenset(id(node.variable) for node in walk(function.body, calls=True) if isinstance(node, Name))
+        def find(function: ir.Function) -> frozenset[int]:
+            return frozenset(id(node.variable) for node in walk(function.body, calls=True) if isinstance(node, ir.Name))
 
         return self._fact("used", function, find)  # type: ignore[no-any-return]
 
-    def assigned_by(self, function: Function) -> frozenset[int]:
+    def assigned_by(self, function: ir.Function) -> frozenset[int]:
         """Return the ids of the variables that a function, and what it calls, may assign."""
 
-        def find(function: Function) -> frozenset[int]:
-            targets = list[Expression]()
+        def find(function: ir.Function) -> frozenset[int]:
+            targets = list[ir.Expression]()
             for node in walk(function.body, calls=True):
-                if isinstance(node, Assign):
+                if isinstance(node, ir.Assign):
                     targets.append(node.target)
-                if isinstance(node, Call):
+                if isinstance(node, ir.Call):
                     pairs = zip(node.arguments, node.function.parameters, strict=True)
                     targets += [argument for argument, parameter in pairs if parameter.kind != "in"]
             return frozenset(id(root(target)) for target in targets)
 
         return self._fact("assigned", function, find)  # type: ignore[no-any-return]
 
-    def unrolled(self, node: Loop) -> tuple[Variable, range] | None:
+    def unrolled(self, node: ir.Loop) -> tuple[ir.Variable, range] | None:
         """Return the variable of a loop that is counted from constant to constant in few steps, and its values."""
         counted = self.counted(node)
         return counted if counted and len(counted[1]) <= MOST_UNROLLED else None
 
-    def counted(self, node: Loop) -> tuple[Variable, range] | None:
+    def counted(self, node: ir.Loop) -> tuple[ir.Variable, range] | None:
         """Return the variable of a loop that is counted upwards from constant to constant, and its values."""
 
-        def find(node: Loop) -> tuple[Variable, range] | None:
+        def find(node: ir.Loop) -> tuple[ir.Variable, range] | None:
             begin, condition, step = node.begin, node.condition, node.step
-            if not (isinstance(begin, Declare) and isinstance(begin.value, Constant) and isinstance(step, Assign)):
+            if not (
+                isinstance(begin, ir.Declare) and isinstance(begin.value, ir.Constant) and isinstance(step, ir.Assign)
+            ):
                 return None
-            if not (isinstance(condition, Operation) and condition.operator == "<"):
+            if not (isinstance(condition, ir.Operation) and condition.operator == "<"):
                 return None
             (a, b), variable, by = condition.operands, begin.variable, step.value
-            counts = isinstance(by, Operation) and by.operator == "+" and isinstance(by.operands[1], Constant)
-            if not (counts and isinstance(a, Name) and a.variable is variable and isinstance(b, Constant)):
+            counts = isinstance(by, ir.Operation) and by.operator == "+" and isinstance(by.operands[1], ir.Constant)
+            if not (counts and isinstance(a, ir.Name) and a.variable is variable and isinstance(b, ir.Constant)):
                 return None
-            assert isinstance(by, Operation)
-            assert isinstance(by.operands[1], Constant)
+            assert isinstance(by, ir.Operation)
+            assert isinstance(by.operands[1], ir.Constant)
             if variable.type is not INT or by.operands[1].value < 1:
                 return None
             if root(step.target) is not variable or _assigns(node.body, variable):
@@ -236,10 +221,10 @@ class Facts:
         return self._fact("counted", node, find)  # type: ignore[no-any-return]
 
 
-def _assigns(node: Any, variable: Variable) -> bool:
-    if isinstance(node, Assign) and root(node.target) is variable:
+def _assigns(node: Any, variable: ir.Variable) -> bool:
+    if isinstance(node, ir.Assign) and root(node.target) is variable:
         return True
-    if isinstance(node, Call):
+    if isinstance(node, ir.Call):
         pairs = zip(node.arguments, node.function.parameters, strict=True)
         if any(p.kind != "in" and root(a) is variable for a, p in pairs):
             return True

@@ -8,23 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from clusterviz.errors import InputError
-from clusterviz.spmd.ir import (
-    Assign,
-    BuiltIn,
-    Call,
-    Constant,
-    Construct,
-    Either,
-    Element,
-    Expression,
-    Function,
-    Memory,
-    Name,
-    Number,
-    Operation,
-    Pick,
-    Variable,
-)
+from clusterviz.spmd import ir
 from clusterviz.spmd.tokens import WORDS, Places, Token
 from clusterviz.spmd.types import (
     BOOL,
@@ -88,11 +72,9 @@ class Checker:
     def __init__(self, places: Places) -> None:
         self.error = places.error
         self.types: dict[str, Type] = dict(NAMED)
-        self.functions: dict[str, list[Function]] = {}
-        self.scopes: list[dict[str, Variable | Memory]] = [
-            {name: Variable(name, kind, "system", 0) for name, kind in SYSTEM.items()}
-        ]
-        self.function: Function | None = None
+        self.functions: dict[str, list[ir.Function]] = {}
+        self.scopes: list[ir.Names] = [{name: ir.Variable(name, kind, "system", 0) for name, kind in SYSTEM.items()}]
+        self.function: ir.Function | None = None
         self.only_reads = False  # no assignments; what is declared may be named in messages
 
     def open(self) -> None:
@@ -103,7 +85,7 @@ class Checker:
         """End the innermost scope."""
         self.scopes.pop()
 
-    def declare(self, name: str, at: int, meaning: Variable | Memory) -> None:
+    def declare(self, name: str, at: int, meaning: ir.Variable | ir.Memory) -> None:
         """Give a name its meaning in the innermost scope."""
         self.check_name(name, at)
         if name in self.scopes[-1] or (len(self.scopes) == 1 and name in self.functions):
@@ -117,7 +99,7 @@ class Checker:
         if name in self.types:
             raise self.error(f"{name} is declared twice", at)
 
-    def function_of(self, name: str, result: Type, parameters: list[Variable], at: int) -> Function:
+    def function_of(self, name: str, result: Type, parameters: list[ir.Variable], at: int) -> ir.Function:
         """Return the function with these parameters, which may have been declared before."""
         self.check_name(name, at)
         kinds = [one.type for one in parameters]
@@ -127,34 +109,34 @@ class Checker:
                 if known.result is not result or not same_ways:
                     raise self.error(f"{name} was declared with another result, or other directions of parameters", at)
                 return known
-        function = Function(name, result, parameters, at)
+        function = ir.Function(name, result, parameters, at)
         self.functions.setdefault(name, []).append(function)
         return function
 
-    def value_of(self, token: Token) -> Expression:
+    def value_of(self, token: Token) -> ir.Expression:
         """Return what a name stands for."""
         for scope in reversed(self.scopes):
             if (found := scope.get(token.text)) is not None:
-                if isinstance(found, Memory):
+                if isinstance(found, ir.Memory):
                     return replace(found, at=token.at)
                 if found.constant is not None:
-                    return Constant(found.type, token.at, found.constant)
-                return Name(found.type, token.at, found)
+                    return ir.Constant(found.type, token.at, found.constant)
+                return ir.Name(found.type, token.at, found)
         known = [name for scope in self.scopes for name in reversed(scope)]
         shown = ", ".join(known[:SHOWN]) + ", …" * (len(known) > SHOWN)
         raise self.error(f"{token.text} is not declared", token.at, None, shown if self.only_reads else None)
 
-    def converted(self, value: Expression, kind: Type, at: int, what: str = "the value") -> Expression:
+    def converted(self, value: ir.Expression, kind: Type, at: int, what: str = "the value") -> ir.Expression:
         """Return a value as one of another type, where GLSL converts without being told."""
         if value.type is kind:
             return value
         if not converts(value.type, kind):
             raise self.error(f"{what} has another type", at, value.type.name, kind.name)
-        if isinstance(value, Constant):
-            return Constant(kind, value.at, float(value.value) if kind.element in "fd" else value.value)
-        return Construct(kind, value.at, (value,))
+        if isinstance(value, ir.Constant):
+            return ir.Constant(kind, value.at, float(value.value) if kind.element in "fd" else value.value)
+        return ir.Construct(kind, value.at, (value,))
 
-    def unary(self, operator: str, value: Expression, at: int) -> Expression:
+    def unary(self, operator: str, value: ir.Expression, at: int) -> ir.Expression:
         """Return `-x`, `+x`, `!x` or `~x`."""
         element = value.type.element
         allowed = {"!": "b", "~": "iu"}.get(operator, "iufd")
@@ -162,27 +144,29 @@ class Checker:
             raise self.error(f"operator {operator} has no such operand", at, value.type.name)
         if operator == "+":
             return value
-        if isinstance(value, Constant) and operator == "-":
+        if isinstance(value, ir.Constant) and operator == "-":
             negative = -value.value
-            return Constant(value.type, at, negative if isinstance(negative, float) else whole(element, negative))
-        if isinstance(value, Constant) and operator != "-":
-            return Constant(value.type, at, not value.value if operator == "!" else whole(element, ~int(value.value)))
-        return Operation(value.type, at, {"-": "neg"}.get(operator, operator), (value,))
+            return ir.Constant(value.type, at, negative if isinstance(negative, float) else whole(element, negative))
+        if isinstance(value, ir.Constant) and operator != "-":
+            return ir.Constant(
+                value.type, at, not value.value if operator == "!" else whole(element, ~int(value.value))
+            )
+        return ir.Operation(value.type, at, {"-": "neg"}.get(operator, operator), (value,))
 
-    def binary(self, operator: str, a: Expression, b: Expression, at: int) -> Expression:
+    def binary(self, operator: str, a: ir.Expression, b: ir.Expression, at: int) -> ir.Expression:
         """Return an operator's value."""
         found = self._binary(operator, a, b, at)
         if found is None:
             raise self.error(f"operator {operator} has no such operands", at, f"{a.type.name} and {b.type.name}")
         return found
 
-    def _binary(self, operator: str, a: Expression, b: Expression, at: int) -> Expression | None:
+    def _binary(self, operator: str, a: ir.Expression, b: ir.Expression, at: int) -> ir.Expression | None:
         if operator in ("&&", "||"):
-            return Either(BOOL, at, operator, a, b) if a.type is BOOL is b.type else None
+            return ir.Either(BOOL, at, operator, a, b) if a.type is BOOL is b.type else None
         if operator == "^^":
-            return Operation(BOOL, at, "!=", (a, b)) if a.type is BOOL is b.type else None
+            return ir.Operation(BOOL, at, "!=", (a, b)) if a.type is BOOL is b.type else None
         if operator == "*" and a.type is MAT3 and b.type is NUMBERS["f", 3]:
-            return Operation(b.type, at, "transform", (a, b))
+            return ir.Operation(b.type, at, "transform", (a, b))
         if operator in ("<<", ">>"):
             whole = a.type.element in ("i", "u") and b.type.element in ("i", "u") and b.type.size in (1, a.type.size)
             kind = NUMBERS[a.type.element, b.type.size] if whole else None
@@ -202,37 +186,42 @@ class Checker:
         b = b if operator in ("<<", ">>") else self.converted(b, NUMBERS[kind.element, b.type.size], at)
         return self._operation(operator, result, a, b, at)
 
-    def _operation(self, operator: str, result: Type, a: Expression, b: Expression, at: int) -> Expression:
-        if operator in ("/", "%") and isinstance(b, Constant) and b.type.element in "iu" and not b.value:
+    def _operation(self, operator: str, result: Type, a: ir.Expression, b: ir.Expression, at: int) -> ir.Expression:
+        if operator in ("/", "%") and isinstance(b, ir.Constant) and b.type.element in "iu" and not b.value:
             raise self.error("division of an integer by 0", at)
-        if isinstance(a, Constant) and isinstance(b, Constant) and a.type.element in "iub" and operator in OPERATORS:
-            found: Number = OPERATORS[operator](int(a.value), int(b.value))
+        if (
+            isinstance(a, ir.Constant)
+            and isinstance(b, ir.Constant)
+            and a.type.element in "iub"
+            and operator in OPERATORS
+        ):
+            found: ir.Number = OPERATORS[operator](int(a.value), int(b.value))
             if result.element != "b":
                 found = whole(result.element, found)
-            return Constant(result, at, bool(found) if result is BOOL else found)
-        return Operation(result, at, operator, (a, b))
+            return ir.Constant(result, at, bool(found) if result is BOOL else found)
+        return ir.Operation(result, at, operator, (a, b))
 
-    def choice(self, condition: Expression, a: Expression, b: Expression, at: int) -> Expression:
+    def choice(self, condition: ir.Expression, a: ir.Expression, b: ir.Expression, at: int) -> ir.Expression:
         """Return `condition ? a : b`."""
         condition = self.converted(condition, BOOL, at, "the condition")
         if a.type is not b.type:
             wanted = b.type if converts(a.type, b.type) else a.type
             a, b = self.converted(a, wanted, at), self.converted(b, wanted, at)
-        if isinstance(condition, Constant):
+        if isinstance(condition, ir.Constant):
             return a if condition.value else b
-        return Either(a.type, at, "?", condition, a, b)
+        return ir.Either(a.type, at, "?", condition, a, b)
 
-    def member(self, base: Expression, name: Token) -> Expression:
+    def member(self, base: ir.Expression, name: Token) -> ir.Expression:
         """Return a member of a struct or block, or a swizzle."""
         kind = base.type
         if kind.fields:
             begin = 0
             for field, of in kind.fields:
                 if field == name.text:
-                    if isinstance(base, Memory):
+                    if isinstance(base, ir.Memory):
                         offset = base.offset + kind.offset(field, base.block.kind == "uniform")
                         return replace(base, type=of, at=name.at, offset=offset)
-                    return Pick(of, name.at, base, tuple(range(begin, begin + of.parts)))
+                    return ir.Pick(of, name.at, base, tuple(range(begin, begin + of.parts)))
                 begin += of.parts
             raise self.error(
                 f"{kind.name} has no member {name.text}", name.at, None, ", ".join(n for n, _ in kind.fields)
@@ -241,55 +230,55 @@ class Checker:
         if not (kind.is_scalar or kind.is_vector) or not letters or len(name.text) > 4:
             raise self.error(f"{kind.name} has no component {name.text}", name.at)
         numbers = tuple(letters.index(letter) for letter in name.text)
-        return Pick(NUMBERS[kind.element, len(numbers)], name.at, base, numbers)
+        return ir.Pick(NUMBERS[kind.element, len(numbers)], name.at, base, numbers)
 
-    def element(self, base: Expression, index: Expression, at: int) -> Expression:
+    def element(self, base: ir.Expression, index: ir.Expression, at: int) -> ir.Expression:
         """Return an element of an array, vector or matrix."""
         kind = base.type
         of = kind.of or (NUMBERS[kind.element, 1] if kind.is_vector else None)
         if of is None or index.type not in (INT, UINT):
             raise self.error("no such index", at, f"{kind.name}[{index.type.name}]")
-        if isinstance(index, Constant) and not 0 <= index.value < (kind.size or 1 << 31):
+        if isinstance(index, ir.Constant) and not 0 <= index.value < (kind.size or 1 << 31):
             raise self.error("an index outside of the array", at, index.value, f"0 to {kind.size - 1}")
-        if kind.is_array and not isinstance(base, Memory | Name):
+        if kind.is_array and not isinstance(base, ir.Memory | ir.Name):
             raise self.error("an array inside of another value is outside of the subset", at)
-        if isinstance(base, Memory):
+        if isinstance(base, ir.Memory):
             stride = of.stride(base.block.kind == "uniform") if kind.of else NUMBERS[kind.element, 1].parts * 4
-            if isinstance(index, Constant):
+            if isinstance(index, ir.Constant):
                 return replace(base, type=of, at=at, offset=base.offset + int(index.value) * stride)
             of_vector = None if kind.is_array else kind
             return replace(base, type=of, at=at, terms=(*base.terms, (index, stride)), component_of=of_vector)
-        if isinstance(index, Constant) and not kind.is_array:
+        if isinstance(index, ir.Constant) and not kind.is_array:
             begin = int(index.value) * of.parts
-            return Pick(of, at, base, tuple(range(begin, begin + of.parts)))
-        return Element(of, at, base, index)
+            return ir.Pick(of, at, base, tuple(range(begin, begin + of.parts)))
+        return ir.Element(of, at, base, index)
 
-    def length(self, base: Expression, at: int) -> Constant:
+    def length(self, base: ir.Expression, at: int) -> ir.Constant:
         """Return the number of an array's elements, or of a vector's components."""
         if (not base.type.is_array and not base.type.is_vector) or not base.type.size:
             raise self.error("the length of this is not known", at, base.type.name)
-        return Constant(INT, at, base.type.size)
+        return ir.Constant(INT, at, base.type.size)
 
-    def construct(self, kind: Type, arguments: list[Expression], at: int) -> Expression:
+    def construct(self, kind: Type, arguments: list[ir.Expression], at: int) -> ir.Expression:
         """Return the value of a constructor."""
         if kind.fields:
             if len(arguments) != len(kind.fields):
                 raise self.error(f"{kind.name} has {len(kind.fields)} members", at, len(arguments))
             given = [self.converted(a, of, at, name) for a, (name, of) in zip(arguments, kind.fields, strict=True)]
-            return Construct(kind, at, tuple(given))
+            return ir.Construct(kind, at, tuple(given))
         parts = [one.type.parts for one in arguments]
         known = kind.element and all(one.type.element for one in arguments)
         splat = parts == [1] and not kind.of
         if not known or not arguments or not (splat or sum(parts[:-1]) < kind.parts <= sum(parts)):
             raise self.error(f"no such constructor of {kind.name}", at, ", ".join(one.type.name for one in arguments))
         (first, *others) = arguments
-        if isinstance(first, Constant) and not others and kind.is_scalar:
+        if isinstance(first, ir.Constant) and not others and kind.is_scalar:
             value, element = first.value, kind.element
             made = whole(element, value) if element in "iu" else bool(value) if element == "b" else float(value)
-            return Constant(kind, at, made)
-        return first if not others and first.type is kind else Construct(kind, at, tuple(arguments))
+            return ir.Constant(kind, at, made)
+        return first if not others and first.type is kind else ir.Construct(kind, at, tuple(arguments))
 
-    def call(self, name: Token, arguments: list[Expression]) -> Expression:
+    def call(self, name: Token, arguments: list[ir.Expression]) -> ir.Expression:
         """Return the call of a function, a built-in function, or a constructor."""
         if (kind := self.types.get(name.text)) is not None:
             return self.construct(kind, arguments, name.at)
@@ -302,16 +291,16 @@ class Checker:
             if (found := built_in(name.text, given)) is not None:
                 result, kinds = found
                 taken = [self.converted(a, k, name.at) for a, k in zip(arguments, kinds, strict=True)]
-                return BuiltIn(result, name.at, name.text, tuple(taken))
+                return ir.BuiltIn(result, name.at, name.text, tuple(taken))
         elif name.text in ("texture", "texelFetch", "textureSize"):
             if (texel := self._texture(name.text, given)) is not None:
-                return BuiltIn(texel, name.at, name.text, tuple(arguments))
+                return ir.BuiltIn(texel, name.at, name.text, tuple(arguments))
         elif name.text in ("barrier", "clock2x32ARB") and not given:
-            return BuiltIn(VOID if name.text == "barrier" else NUMBERS["u", 2], name.at, name.text, ())
+            return ir.BuiltIn(VOID if name.text == "barrier" else NUMBERS["u", 2], name.at, name.text, ())
         elif name.text in ("atomicAdd", "atomicMin"):
             if len(given) == 2 and given[0] is given[1] and given[0] in (INT, UINT):
                 self.target(arguments[0])
-                return BuiltIn(given[0], name.at, name.text, tuple(arguments))
+                return ir.BuiltIn(given[0], name.at, name.text, tuple(arguments))
         else:
             raise self.error(f"{name.text} is not declared, or outside of the subset", name.at)
         raise self.error(f"{name.text} has no such parameters", name.at, ", ".join(kind.name for kind in given))
@@ -324,8 +313,8 @@ class Checker:
             return None
         return NUMBERS["i", size] if name == "textureSize" else NUMBERS["f", 4]
 
-    def _call(self, name: Token, arguments: list[Expression], given: list[Type]) -> Expression:
-        def fits(function: Function) -> bool:
+    def _call(self, name: Token, arguments: list[ir.Expression], given: list[Type]) -> ir.Expression:
+        def fits(function: ir.Function) -> bool:
             same = zip(given, function.parameters, strict=True)
             return all(kind is p.type if p.kind != "in" else converts(kind, p.type) for kind, p in same)
 
@@ -341,43 +330,45 @@ class Checker:
             ]
             if self.function:
                 self.function.calls.append((function, name.at))
-            return Call(function.result, name.at, function, tuple(taken))
+            return ir.Call(function.result, name.at, function, tuple(taken))
         raise self.error(f"{name.text} has no such parameters", name.at, ", ".join(kind.name for kind in given))
 
-    def target(self, value: Expression) -> None:
+    def target(self, value: ir.Expression) -> None:
         """Note that a variable is assigned, or say that it cannot be."""
         if self.only_reads:
             raise self.error("an assignment", value.at)
         root = value
-        while isinstance(root, Pick | Element):
-            if isinstance(root, Pick) and len(set(root.numbers)) < len(root.numbers):
+        while isinstance(root, ir.Pick | ir.Element):
+            if isinstance(root, ir.Pick) and len(set(root.numbers)) < len(root.numbers):
                 raise self.error("a component is assigned twice", value.at)
-            if isinstance(root, Element) and not root.base.type.is_array:
+            if isinstance(root, ir.Element) and not root.base.type.is_array:
                 raise self.component(value, root.base.type)
             root = root.base
-        if isinstance(root, Memory) and root.component_of is not None:
+        if isinstance(root, ir.Memory) and root.component_of is not None:
             raise self.component(value, root.component_of)
-        variable = root.variable if isinstance(root, Name) else root.block if isinstance(root, Memory) else None
+        variable = root.variable if isinstance(root, ir.Name) else root.block if isinstance(root, ir.Memory) else None
         if variable is None or variable.kind in ("const", "uniform", "sampler", "system") or variable.is_read_only:
             raise self.error("this cannot be assigned", value.at, variable.name if variable else "an expression")
         variable.is_assigned = True
 
-    def component(self, value: Expression, of: Type) -> InputError:
+    def component(self, value: ir.Expression, of: Type) -> InputError:
         """Return the error of an assignment for which some drivers do not link a program."""
         return self.error("a component is assigned by an index that is not constant", value.at, of.name)
 
-    def assign(self, target: Expression, operator: str, value: Expression, at: int, gives_old: bool = False) -> Assign:
+    def assign(
+        self, target: ir.Expression, operator: str, value: ir.Expression, at: int, gives_old: bool = False
+    ) -> ir.Assign:
         """Return `target = value` or `target op= value`."""
         self.target(target)
         if target.type.is_array:
             raise self.error("an array as a whole cannot be assigned", at)
         if operator != "=":
             value = self.binary(operator[:-1], target, value, at)
-        return Assign(target.type, at, target, self.converted(value, target.type, at), gives_old)
+        return ir.Assign(target.type, at, target, self.converted(value, target.type, at), gives_old)
 
-    def array(self, kind: Type, size: Expression, at: int) -> Type:
+    def array(self, kind: Type, size: ir.Expression, at: int) -> Type:
         """Return the type of an array whose size is a constant."""
-        if not isinstance(size, Constant) or size.type not in (INT, UINT) or size.value < 1:
+        if not isinstance(size, ir.Constant) or size.type not in (INT, UINT) or size.value < 1:
             raise self.error("the size of an array is not a positive constant", at)
         return self.limited(array_of(kind, int(size.value)), at)
 

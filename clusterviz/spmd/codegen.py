@@ -7,22 +7,13 @@ the lane is skipped where no lane takes it, and variables keep their values in t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
+from clusterviz.spmd import ir
 from clusterviz.spmd.analysis import Facts, used_by
 from clusterviz.spmd.calls import Calls, Frame, Lap
-from clusterviz.spmd.emitter import constant
-from clusterviz.spmd.ir import (
-    Block,
-    Declare,
-    Evaluate,
-    If,
-    Leave,
-    Loop,
-    Program,
-    Statement,
-    Variable,
-)
+from clusterviz.spmd.emitter import Part, constant
 from clusterviz.spmd.variables import Parts
 
 CHEAP = 80  # operations that are done without asking if a lane needs them
@@ -43,7 +34,7 @@ class Generator(Calls):
     """
 
     def __init__(
-        self, program: Program, lanes: int, intrinsics: dict[str, Callable[[Generator, list[Parts]], Parts]]
+        self, program: ir.Program, lanes: int, intrinsics: dict[str, Callable[[Generator, list[Parts]], Parts]]
     ) -> None:
         super().__init__(program, lanes, Facts(intrinsics), intrinsics)
         self._used = used_by(program)
@@ -76,54 +67,61 @@ class Generator(Calls):
         self._frames.pop()
         self._inline(main, [], main.at)
 
-    def _statement(self, node: Statement) -> None:
+    def _statement(self, node: ir.Statement) -> None:
         if not self.emit.is_open:
             return
         match node:
-            case Declare():
+            case ir.Declare():
                 self._declare(node)
-            case Evaluate():
+            case ir.Evaluate():
                 self.value(node.expression)
-            case Block():
+            case ir.Block():
                 for one in node.statements:
                     self._statement(one)
-            case If():
+            case ir.If():
                 self._if(node)
-            case Loop():
+            case ir.Loop():
                 self._loop(node)
-            case Leave():
+            case ir.Leave():
                 self._leave(node)
 
-    def _if(self, node: If) -> None:
-        emit, (condition,) = self.emit, self.value(node.condition)
+    def _if(self, node: ir.If) -> None:
+        (condition,) = self.value(node.condition)
         if condition.constant is not None:
             chosen = node.then if condition.constant else node.otherwise
             if chosen is not None:
                 self._statement(chosen)
-                if emit.is_open and self._facts.leaves(chosen):
+                if self.emit.is_open and self._facts.leaves(chosen):
                     self._remask()
-            return
-        if not condition.varying:
-            then, otherwise, end = emit.label(), emit.label(), emit.label()
-            before = self.mask, self._mask_id
-            emit.branch(condition, then, otherwise)
-            emit.begin(then)
-            self._statement(node.then)
-            changed, open_then = self._mask_id != before[1], emit.is_open
-            self.mask, self._mask_id = before
-            if open_then:
-                emit.jump(end)
-            emit.begin(otherwise)
-            if node.otherwise is not None:
-                self._statement(node.otherwise)
-            changed |= self._mask_id != before[1]
-            self.mask, self._mask_id = before
-            if emit.is_open or open_then:
-                emit.begin(end)
-                if changed:
-                    self._remask()
-            return
+        elif condition.varying:
+            self._if_some(node, condition)
+        else:
+            self._if_all(node, condition)
+
+    def _if_all(self, node: ir.If, condition: Part) -> None:
+        """Generate a branch that all lanes take, or none."""
+        emit, then, otherwise, end = self.emit, *(self.emit.label() for _ in range(3))
         before = self.mask, self._mask_id
+        emit.branch(condition, then, otherwise)
+        emit.begin(then)
+        self._statement(node.then)
+        changed, open_then = self._mask_id != before[1], emit.is_open
+        self.mask, self._mask_id = before
+        if open_then:
+            emit.jump(end)
+        emit.begin(otherwise)
+        if node.otherwise is not None:
+            self._statement(node.otherwise)
+        changed |= self._mask_id != before[1]
+        self.mask, self._mask_id = before
+        if emit.is_open or open_then:
+            emit.begin(end)
+            if changed:
+                self._remask()
+
+    def _if_some(self, node: ir.If, condition: Part) -> None:
+        """Generate both sides of a branch, each for the lanes that take it."""
+        emit, before = self.emit, (self.mask, self._mask_id)
         masks = [(node.then, condition)]
         if node.otherwise is not None:
             masks.append((node.otherwise, emit.inverse(condition)))
@@ -159,7 +157,7 @@ class Generator(Calls):
             emit.branch(emit.any(mask), on, off)
             emit.begin(on)
 
-    def _leave(self, node: Leave) -> None:
+    def _leave(self, node: ir.Leave) -> None:
         frame, emit = self._frames[-1], self.emit
         if node.kind == "return":
             parts = self.value(node.value) if node.value is not None else []
@@ -188,65 +186,53 @@ class Generator(Calls):
                 rest = emit.both(self._load_mask(lap.live), emit.inverse(self._full()))
                 self._store_mask(rest, lap.live)
 
-    def _loop(self, node: Loop) -> None:
-        emit, frame = self.emit, self._frames[-1]
+    def _loop(self, node: ir.Loop) -> None:
+        emit = self.emit
         if (numbers := self._facts.unrolled(node)) is not None:
             return self._unroll(node, numbers)
         if node.begin is not None:
             self._statement(node.begin)
-        key = ("loop", frame.path, node.at)
+        key = ("loop", self._frames[-1].path, node.at)
         head, body, go_on, end = (emit.label() for _ in range(4))
         before, varying = (self.mask, self._mask_id), key in self._varying
-        lap = Lap(go_on, end, self._mask_id, "", "", key)
-        if "continue" in self._facts.leaves(node.body):
-            lap.passed = emit.room(emit.kind("b", True))
-        if varying:
-            lap.live = emit.room(emit.kind("b", True))
-            self._store_mask(self._full(), lap.live)
+        passed, live = self._lap_masks(node, varying)
+        lap = Lap(go_on, end, self._mask_id, live, passed, key)
         emit.begin(head)
-        frame.loops.append(lap)
-        frame.ends.append(lap.go_on)
-        if varying:
-            self._narrow(self._load_mask(lap.live))
-        condition = self.value(node.condition)[0] if node.condition is not None else constant("b", True)
-        if varying:
-            mask = emit.both(self.mask, emit.spread(condition))
-            self._store_mask(mask, lap.live)
-            emit.branch(emit.any(mask), body, end)
-            self._narrow(mask)
-            lap.mask = self._mask_id
-        else:
-            if condition.varying:
-                self._varying.add(key)
-            emit.branch(emit.lane(condition, 0), body, end)
-        emit.begin(body)
-        if lap.passed:
-            self._store_mask(constant("b", False), lap.passed)
-        self._statement(node.body)
-        emit.begin(go_on)
-        if varying:
-            self._narrow(self._load_mask(lap.live))
-        else:
-            self.mask, self._mask_id = before
-        if node.step is not None:
-            self.value(node.step)
-        emit.jump(head)
-        emit.begin(end)
-        frame.loops.pop()
-        frame.ends.pop()
-        self.mask, self._mask_id = before
-        if "return" in self._facts.leaves(node.body) and varying:
-            self._remask()
+        with self._in_lap(lap):
+            if varying:
+                self._narrow(self._load_mask(live))
+            condition = self.value(node.condition)[0] if node.condition is not None else constant("b", True)
+            if varying:
+                mask = emit.both(self.mask, emit.spread(condition))
+                self._store_mask(mask, live)
+                emit.branch(emit.any(mask), body, end)
+                self._narrow(mask)
+                lap.mask = self._mask_id
+            else:
+                if condition.varying:
+                    self._varying.add(key)
+                emit.branch(emit.lane(condition, 0), body, end)
+            emit.begin(body)
+            if passed:
+                self._store_mask(constant("b", False), passed)
+            self._statement(node.body)
+            emit.begin(go_on)
+            if varying:
+                self._narrow(self._load_mask(live))
+            else:
+                self.mask, self._mask_id = before
+            if node.step is not None:
+                self.value(node.step)
+            emit.jump(head)
+            emit.begin(end)
+        self._end_loop(node, varying, before)
         return None
 
-    def _unroll(self, node: Loop, counted: tuple[Variable, range]) -> None:
-        emit, frame, (variable, numbers) = self.emit, self._frames[-1], counted
-        key, end, before = ("loop", frame.path, node.at), emit.label(), (self.mask, self._mask_id)
+    def _unroll(self, node: ir.Loop, counted: tuple[ir.Variable, range]) -> None:
+        emit, (variable, numbers) = self.emit, counted
+        key, end, before = ("loop", self._frames[-1].path, node.at), emit.label(), (self.mask, self._mask_id)
         leaves = key in self._varying
-        live = emit.room(emit.kind("b", True)) if leaves else ""
-        passed = emit.room(emit.kind("b", True)) if "continue" in self._facts.leaves(node.body) else ""
-        if leaves:
-            self._store_mask(self._full(), live)
+        passed, live = self._lap_masks(node, leaves)
         for number in numbers:
             self._bindings[id(variable)] = [constant("i", number)]
             lap = Lap(emit.label(), end, self._mask_id, live, passed, key)
@@ -255,13 +241,32 @@ class Generator(Calls):
             if leaves and number != numbers[0]:
                 self._narrow(self._load_mask(live))
                 lap.mask = self._mask_id
-            frame.loops.append(lap)
-            frame.ends.append(lap.go_on)
-            self._statement(node.body)
-            frame.loops.pop()
-            frame.ends.pop()
+            with self._in_lap(lap):
+                self._statement(node.body)
             emit.begin(lap.go_on)
             self.mask, self._mask_id = before
         emit.begin(end)
-        if "return" in self._facts.leaves(node.body) and leaves:
+        self._end_loop(node, leaves, before)
+
+    def _lap_masks(self, node: ir.Loop, varying: bool) -> tuple[str, str]:
+        """Return the addresses of the masks `passed` and `live` of a loop, "" for those that it does not need."""
+        emit = self.emit
+        passed = emit.room(emit.kind("b", True)) if "continue" in self._facts.leaves(node.body) else ""
+        live = emit.room(emit.kind("b", True)) if varying else ""
+        if varying:
+            self._store_mask(self._full(), live)
+        return passed, live
+
+    @contextmanager
+    def _in_lap(self, lap: Lap) -> Iterator[None]:
+        frame = self._frames[-1]
+        frame.loops.append(lap)
+        frame.ends.append(lap.go_on)
+        yield
+        frame.loops.pop()
+        frame.ends.pop()
+
+    def _end_loop(self, node: ir.Loop, varying: bool, before: tuple[Part | None, int]) -> None:
+        self.mask, self._mask_id = before
+        if "return" in self._facts.leaves(node.body) and varying:
             self._remask()

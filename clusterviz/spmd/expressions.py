@@ -6,26 +6,11 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import nullcontext
 
+from clusterviz.spmd import ir
 from clusterviz.spmd.analysis import ATOMIC, COSTLY, SEPARATE, Facts
 from clusterviz.spmd.built_in import BUILT_INS, dot, least, most
 from clusterviz.spmd.checker import OPERATORS
 from clusterviz.spmd.emitter import Part, constant
-from clusterviz.spmd.ir import (
-    SYSTEM_BLOCK,
-    Assign,
-    BuiltIn,
-    Call,
-    Constant,
-    Construct,
-    Either,
-    Element,
-    Expression,
-    Memory,
-    Name,
-    Operation,
-    Pick,
-    Program,
-)
 from clusterviz.spmd.memory import Blocks
 from clusterviz.spmd.types import SAMPLERS, elements_of
 from clusterviz.spmd.variables import Cell, Parts
@@ -34,12 +19,12 @@ from clusterviz.spmd.variables import Cell, Parts
 class Expressions(Blocks):
     """Values of expressions, and assignments."""
 
-    def __init__(self, program: Program, lanes: int, facts: Facts) -> None:
+    def __init__(self, program: ir.Program, lanes: int, facts: Facts) -> None:
         super().__init__(program, lanes)
         self._facts = facts
 
     @abstractmethod
-    def _call(self, call: Call) -> Parts:
+    def _call(self, call: ir.Call) -> Parts:
         """Return the value of a call."""
 
     @property
@@ -47,41 +32,41 @@ class Expressions(Blocks):
     def _path(self) -> int:
         """Number of the call that is being generated."""
 
-    def value(self, node: Expression) -> Parts:
+    def value(self, node: ir.Expression) -> Parts:
         """Return the scalars of a value."""
         match node:
-            case Constant():
+            case ir.Constant():
                 return [constant(node.type.element, node.value)]
-            case Name() | Pick():
+            case ir.Name() | ir.Pick():
                 return self._picked(node, range(node.type.parts))
-            case Memory():
+            case ir.Memory():
                 return self._fetch(node, range(node.type.parts))
-            case Operation():
+            case ir.Operation():
                 return self._operation(node)
-            case BuiltIn():
+            case ir.BuiltIn():
                 return self._built_in(node)
-            case Construct():
+            case ir.Construct():
                 return self._construct(node)
-            case Call():
+            case ir.Call():
                 return self._call(node)
-            case Assign():
+            case ir.Assign():
                 return self._assign(node)
-            case Either():
+            case ir.Either():
                 return self._either(node)
-            case Element():
+            case ir.Element():
                 return self._element(node)
         raise TypeError(type(node))
 
-    def _picked(self, node: Expression, numbers: Sequence[int]) -> Parts:
+    def _picked(self, node: ir.Expression, numbers: Sequence[int]) -> Parts:
         """Return some of the scalars of a value, without loading the others."""
-        if isinstance(node, Pick):
+        if isinstance(node, ir.Pick):
             return self._picked(node.base, [node.numbers[n] for n in numbers])
-        if isinstance(node, Name):
+        if isinstance(node, ir.Name):
             if node.variable.kind == "system":
                 return [self._system(node.variable.name, n) for n in numbers]
             binding = self._bindings[id(node.variable)]
             return [self._load(one) if isinstance(one, Cell) else one for one in (binding[n] for n in numbers)]
-        if isinstance(node, Memory):
+        if isinstance(node, ir.Memory):
             return self._fetch(node, numbers)
         parts = self.value(node)
         return [parts[n] for n in numbers]
@@ -89,15 +74,15 @@ class Expressions(Blocks):
     def _system(self, name: str, number: int) -> Part:
         """Return a number of the invocation."""
         emit, offset = self.emit, {"gl_WorkGroupID": 0, "gl_NumWorkGroups": 3, "gl_LocalInvocationIndex": 6}[name]
-        block = emit.new(f"load ptr, ptr {emit.new(f'getelementptr ptr, ptr %blocks, i64 {SYSTEM_BLOCK}')}")
+        block = emit.new(f"load ptr, ptr {emit.new(f'getelementptr ptr, ptr %blocks, i64 {ir.SYSTEM_BLOCK}')}")
         place = emit.new(f"getelementptr i32, ptr {block}, i64 {offset + number}")
         found = emit.part(f"load i32, ptr {place}", "u", False)
         return self._binary("+", found, self.lane_numbers("u")) if offset == 6 else found
 
-    def _element(self, node: Element) -> Parts:
+    def _element(self, node: ir.Element) -> Parts:
         (index,) = self.value(node.index)
         if node.base.type.is_array:
-            assert isinstance(node.base, Name)
+            assert isinstance(node.base, ir.Name)
             index = self._inside(index, node.base.type.size)
             cells, emit = self._bindings[id(node.base.variable)], self.emit
             found = []
@@ -119,10 +104,10 @@ class Expressions(Blocks):
             found = [self.emit.select(here, parts[n * width + k], found[k]) for k in range(width)]
         return found
 
-    def _operation(self, node: Operation) -> Parts:
+    def _operation(self, node: ir.Operation) -> Parts:
         if node.operator in "+-" and node.type.element == "f":
             for product, other in (node.operands, node.operands[::-1]):
-                if isinstance(product, Operation) and product.operator == "*":
+                if isinstance(product, ir.Operation) and product.operator == "*":
                     return self._fused(node, product, other)
         given = [self.value(one) for one in node.operands]
         operator = node.operator
@@ -144,7 +129,7 @@ class Expressions(Blocks):
             return [self._compare(operator, x, y) for x, y in pairs]
         return [self._binary(operator, x, y) for x, y in pairs]
 
-    def _fused(self, node: Operation, product: Operation, other: Expression) -> Parts:
+    def _fused(self, node: ir.Operation, product: ir.Operation, other: ir.Expression) -> Parts:
         """Return a product plus or less something as one operation, wherever the expression is used."""
         (x, y), z = (self.value(one) for one in product.operands), self.value(other)
         if node.operator == "-":
@@ -169,10 +154,10 @@ class Expressions(Blocks):
 
     def _compare(self, sign: str, a: Part, b: Part) -> Part:
         if a.constant is not None and b.constant is not None:
-            return constant("b", OPERATORS[sign](a.constant, b.constant))  # type: ignore[arg-type]
+            return constant("b", OPERATORS[sign](a.constant, b.constant))
         return self.emit.compare(sign, a, b)
 
-    def _either(self, node: Either) -> Parts:
+    def _either(self, node: ir.Either) -> Parts:
         (condition,) = self.value(node.condition)
         a, b = node.a, node.b
         if node.operator == "?":
@@ -183,7 +168,7 @@ class Expressions(Blocks):
         stops = node.operator == "||"
         if condition.constant is not None:
             return [condition] if bool(condition.constant) == stops else self.value(a)
-        fixed = Constant(node.type, node.at, stops)
+        fixed = ir.Constant(node.type, node.at, stops)
         if self._facts.price(a) < COSTLY or not stops:
             taken = self.emit.inverse(condition) if stops else condition
             if self._facts.price(a) < SEPARATE:
@@ -194,7 +179,7 @@ class Expressions(Blocks):
                 return [self.emit.binary("|" if stops else "&", condition, found)]
         return self._chosen(condition, fixed, a) if stops else self._chosen(condition, a, fixed)
 
-    def _chosen(self, condition: Part, a: Expression, b: Expression) -> Parts:
+    def _chosen(self, condition: Part, a: ir.Expression, b: ir.Expression) -> Parts:
         emit = self.emit
         if self._facts.price(a) + self._facts.price(b) < COSTLY:
             return [emit.select(condition, x, y) for x, y in zip(self.value(a), self.value(b), strict=True)]
@@ -222,16 +207,16 @@ class Expressions(Blocks):
             emit.begin(end)
         return [self._load(cell) for cell in cells]
 
-    def _construct(self, node: Construct) -> Parts:
+    def _construct(self, node: ir.Construct) -> Parts:
         elements, first = elements_of(node.type), node.arguments[0]
-        if isinstance(first, BuiltIn) and first.name == "round" and first.type.element == "f" and elements[0] == "i":
+        if isinstance(first, ir.BuiltIn) and first.name == "round" and first.type.element == "f" and elements[0] == "i":
             return [self.emit.nearest(part) for part in self.value(first.arguments[0])]
         given = [part for one in node.arguments for part in self.value(one)]
         if len(given) == 1:
             given *= len(elements)
         return [self.emit.convert(part, element) for part, element in zip(given, elements, strict=False)]
 
-    def _built_in(self, node: BuiltIn) -> Parts:
+    def _built_in(self, node: ir.BuiltIn) -> Parts:
         if node.name in ("texelFetch", "textureSize"):
             return self._texel(node)
         given = [self.value(one) for one in node.arguments]
@@ -243,10 +228,10 @@ class Expressions(Blocks):
             return self._atomic(node.name == "atomicAdd", node.arguments[0], given[1][0])
         return BUILT_INS[node.name](self.emit, given)
 
-    def _texel(self, node: BuiltIn) -> Parts:
+    def _texel(self, node: ir.BuiltIn) -> Parts:
         """Return a texel, of those in the texture the nearest one, or the texture's size."""
         emit, (sampler, *arguments) = self.emit, node.arguments
-        assert isinstance(sampler, Name)
+        assert isinstance(sampler, ir.Name)
         base, sides = self._addresses[id(sampler.variable)], range(2 if sampler.type is SAMPLERS[2] else 3)
         places = [emit.new(f"getelementptr i32, ptr {base}, i32 {n}") for n in sides]
         size = [emit.part(f"load i32, ptr {place}, align 4", "i", False) for place in places]
@@ -260,12 +245,12 @@ class Expressions(Blocks):
         words = self._binary("+", self._binary("*", texel, constant("i", 4)), constant("i", 4))
         return self._load_numbers("ffff", base, words)
 
-    def _atomic(self, adds: bool, target: Expression, more: Part) -> Parts:
+    def _atomic(self, adds: bool, target: ir.Expression, more: Part) -> Parts:
         emit, prefix = self.emit, "" if adds else {"i": "s", "u": "u"}[more.element]
         neutral = 0 if adds else (1 << 32) - 1 if more.element == "u" else (1 << 31) - 1
         chosen = emit.spread(emit.select(self._full(), more, constant(more.element, neutral)))
         total = emit.reduced("add" if adds else f"{prefix}min", chosen)
-        if isinstance(target, Name):
+        if isinstance(target, ir.Name):
             # A work group is one thread.
             (cell,) = self._bindings[id(target.variable)]
             assert isinstance(cell, Cell)
@@ -273,7 +258,7 @@ class Expressions(Blocks):
             new = emit.binary("+", old, total) if adds else least(emit, old, total)
             emit.line(f"store {emit.of(new)}, ptr {cell.address}")
         else:
-            assert isinstance(target, Memory)
+            assert isinstance(target, ir.Memory)
             place, words = self._place(target)
             address = emit.new(f"getelementptr i32, ptr {place}, {emit.of(words)}")
             word = "add" if adds else f"{prefix}min".removeprefix("s")
@@ -287,32 +272,32 @@ class Expressions(Blocks):
             found = emit.part(text, more.element, True)
         return [found]
 
-    def _assign(self, node: Assign) -> Parts:
+    def _assign(self, node: ir.Assign) -> Parts:
         before = self.value(node.target) if node.gives_old else []
         parts = self.value(node.value)
         self._assign_to(node.target, parts)
         return before or parts
 
-    def _assign_to(self, target: Expression, parts: Parts) -> None:
+    def _assign_to(self, target: ir.Expression, parts: Parts) -> None:
         numbers = range(target.type.parts) if not target.type.is_array else range(0)
-        while isinstance(target, Pick):
+        while isinstance(target, ir.Pick):
             numbers = [target.numbers[n] for n in numbers]  # type: ignore[assignment]
             target = target.base
-        if isinstance(target, Memory):
+        if isinstance(target, ir.Memory):
             self._put(target, numbers, parts)
-        elif isinstance(target, Element):
+        elif isinstance(target, ir.Element):
             self._assign_element(target, numbers, parts)
         else:
-            assert isinstance(target, Name)
+            assert isinstance(target, ir.Name)
             cells = self._bindings[id(target.variable)]
             for n, part in zip(numbers, parts, strict=True):
                 cell = cells[n]
                 assert isinstance(cell, Cell)
                 self._store(cell, part)
 
-    def _assign_element(self, target: Element, numbers: Sequence[int], parts: Parts) -> None:
+    def _assign_element(self, target: ir.Element, numbers: Sequence[int], parts: Parts) -> None:
         (index,), emit = self.value(target.index), self.emit
-        assert isinstance(target.base, Name), "the checker has seen to that"
+        assert isinstance(target.base, ir.Name), "the checker has seen to that"
         index = self._inside(index, target.base.type.size)
         cells = self._bindings[id(target.base.variable)]
         for number, part in zip(numbers, parts, strict=True):

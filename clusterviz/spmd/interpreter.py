@@ -14,41 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.spmd import ir
 from clusterviz.spmd.built_in import BUILT_INS
 from clusterviz.spmd.checker import OPERATORS
 from clusterviz.spmd.emitter import Part
-from clusterviz.spmd.ir import (
-    Assign,
-    Block,
-    BuiltIn,
-    Call,
-    Constant,
-    Construct,
-    Declare,
-    Either,
-    Element,
-    Evaluate,
-    Expression,
-    Function,
-    If,
-    Leave,
-    Loop,
-    Memory,
-    Name,
-    Operation,
-    Pick,
-    Program,
-    Statement,
-    Variable,
-)
 from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.types import Type, layout
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Value = list[Array]
-Evaluation = Generator[Statement, None, Value]
-Execution = Generator[Statement, None, Mask]
+Evaluation = Generator[ir.Statement, None, Value]
+Execution = Generator[ir.Statement, None, Mask]
 
 DTYPES = {"f": np.float32, "d": np.float64, "i": np.int32, "u": np.uint32, "b": np.bool_}
 STORED = DTYPES | {"b": np.uint32}
@@ -93,7 +70,7 @@ class Dispatch:
 class Repetition:
     """Loop that is running: the lanes that entered it, those still in it, and the number of the iteration."""
 
-    loop: Loop
+    loop: ir.Loop
     entered: Mask
     inside: Mask
     iteration: int = 0
@@ -110,13 +87,13 @@ class Frame:
     statement : that is being executed
     """
 
-    function: Function
+    function: ir.Function
     entered: Mask
     returned: Mask
-    variables: dict[Variable, Value] = field(default_factory=dict)
+    variables: dict[ir.Variable, Value] = field(default_factory=dict)
     result: Value | None = None
     loops: list[Repetition] = field(default_factory=list)
-    statement: Statement | None = None
+    statement: ir.Statement | None = None
 
 
 class Interpreter:
@@ -136,7 +113,7 @@ class Interpreter:
         accessed
     """
 
-    def __init__(self, program: Program, dispatch: Dispatch, groups: NDArray[np.int64] | None = None) -> None:
+    def __init__(self, program: ir.Program, dispatch: Dispatch, groups: NDArray[np.int64] | None = None) -> None:
         self.program, self.dispatch = program, dispatch
         if groups is None:
             x, y, z = dispatch.groups
@@ -149,13 +126,13 @@ class Interpreter:
         self.mask: Mask = np.ones(self.lanes, bool)
         self.faults: dict[int, tuple[int, int]] = {}
         self._group = np.repeat(np.arange(len(groups)), each)
-        self._globals: dict[Variable, Value] = {}
+        self._globals: dict[ir.Variable, Value] = {}
         self._system = self._system_values(each)
         self._blocks = {"uniform": dispatch.uniforms, "buffer": dispatch.buffers}
         self._views: dict[tuple[str, int, str], Array] = {}
         self._steps = self._run()
 
-    def advance(self) -> Statement | None:
+    def advance(self) -> ir.Statement | None:
         """Execute up to the next statement, and return it; None at the end."""
         with np.errstate(all="ignore"):
             return next(self._steps, None)
@@ -166,11 +143,11 @@ class Interpreter:
             for _ in self._steps:
                 pass
 
-    def value(self, expression: Expression, mask: Mask | None = None) -> Value:
+    def value(self, expression: ir.Expression, mask: Mask | None = None) -> Value:
         """Return what an expression without calls gives in the present frame: an array (lanes,) of each scalar."""
         faults, found = dict(self.faults), list[Value]()
 
-        def evaluate() -> Generator[Statement, None, None]:
+        def evaluate() -> Generator[ir.Statement, None, None]:
             found.append((yield from self._value(expression, self.mask if mask is None else mask)))
 
         with np.errstate(all="ignore"):
@@ -191,7 +168,7 @@ class Interpreter:
 
     # Statements: each gives the lanes that go on behind it
 
-    def _run(self) -> Generator[Statement, None, None]:
+    def _run(self) -> Generator[ir.Statement, None, None]:
         everything = np.ones(self.lanes, bool)
         for declare in self.program.globals:
             variable = declare.variable
@@ -202,8 +179,8 @@ class Interpreter:
         yield from self._call(self.program.functions["main"][0], [], everything)
         self.mask = np.zeros(self.lanes, bool)
 
-    def _execute(self, statement: Statement, mask: Mask) -> Execution:
-        if isinstance(statement, Block):
+    def _execute(self, statement: ir.Statement, mask: Mask) -> Execution:
+        if isinstance(statement, ir.Block):
             for one in statement.statements:
                 if not mask.any():
                     break
@@ -211,15 +188,15 @@ class Interpreter:
             return mask
         frame = self.frames[-1]
         frame.statement = statement
-        if isinstance(statement, Loop):
+        if isinstance(statement, ir.Loop):
             return (yield from self._repeat(statement, mask, frame))
         self.mask = mask
         yield statement
-        if isinstance(statement, Declare):
+        if isinstance(statement, ir.Declare):
             yield from self._declare(statement, mask)
-        elif isinstance(statement, Evaluate):
+        elif isinstance(statement, ir.Evaluate):
             yield from self._value(statement.expression, mask)
-        elif isinstance(statement, If):
+        elif isinstance(statement, ir.If):
             (condition,) = yield from self._value(statement.condition, mask)
             then, otherwise = mask & condition, mask & ~condition
             if then.any():
@@ -228,12 +205,12 @@ class Interpreter:
                 otherwise = yield from self._execute(statement.otherwise, otherwise)
             return then | otherwise
         else:
-            assert isinstance(statement, Leave)
+            assert isinstance(statement, ir.Leave)
             yield from self._leave(statement, mask, frame)
             return np.zeros(self.lanes, bool)
         return mask
 
-    def _declare(self, statement: Declare, mask: Mask) -> Execution:
+    def _declare(self, statement: ir.Declare, mask: Mask) -> Execution:
         variable = statement.variable
         if statement.value is None:
             value: Value = [np.zeros(1, DTYPES[element]) for element, _ in layout(variable.type)]
@@ -242,7 +219,7 @@ class Interpreter:
         (self.frames[-1].variables if self.frames else self._globals)[variable] = value
         return mask
 
-    def _repeat(self, statement: Loop, mask: Mask, frame: Frame) -> Execution:
+    def _repeat(self, statement: ir.Loop, mask: Mask, frame: Frame) -> Execution:
         if statement.begin:
             yield from self._execute(statement.begin, mask)
         loop = Repetition(statement, mask, mask)
@@ -269,7 +246,7 @@ class Interpreter:
         frame.loops.pop()
         return mask & ~frame.returned
 
-    def _leave(self, statement: Leave, mask: Mask, frame: Frame) -> Generator[Statement, None, None]:
+    def _leave(self, statement: ir.Leave, mask: Mask, frame: Frame) -> Generator[ir.Statement, None, None]:
         if statement.kind == "return":
             if statement.value:
                 value = yield from self._value(statement.value, mask)
@@ -284,7 +261,7 @@ class Interpreter:
         else:
             frame.loops[-1].inside = frame.loops[-1].inside & ~mask
 
-    def _call(self, function: Function, arguments: list[Value], mask: Mask) -> Generator[Statement, None, Frame]:
+    def _call(self, function: ir.Function, arguments: list[Value], mask: Mask) -> Generator[ir.Statement, None, Frame]:
         frame = Frame(function, mask, np.zeros(self.lanes, bool))
         frame.variables = dict(zip(function.parameters, arguments, strict=True))
         self.frames.append(frame)
@@ -294,36 +271,36 @@ class Interpreter:
 
     # Expressions
 
-    def _value(self, node: Expression, mask: Mask) -> Evaluation:
-        if isinstance(node, Name):
+    def _value(self, node: ir.Expression, mask: Mask) -> Evaluation:
+        if isinstance(node, ir.Name):
             return self._variable(node.variable)
-        if isinstance(node, Constant):
+        if isinstance(node, ir.Constant):
             return [np.full(1, node.value, DTYPES[node.type.element])]
-        if isinstance(node, Pick):
+        if isinstance(node, ir.Pick):
             base = yield from self._value(node.base, mask)
             return [base[number] for number in node.numbers]
-        if isinstance(node, Operation):
+        if isinstance(node, ir.Operation):
             return _operated(node.operator, (yield from self._values(node.operands, mask)))
-        if isinstance(node, Memory):
+        if isinstance(node, ir.Memory):
             return (yield from self._loaded(node, mask))
-        if isinstance(node, BuiltIn):
+        if isinstance(node, ir.BuiltIn):
             return (yield from self._built_in(node, mask))
-        if isinstance(node, Construct):
+        if isinstance(node, ir.Construct):
             parts = [part for one in (yield from self._values(node.arguments, mask)) for part in one]
             if node.type.fields:
                 return parts
             kind = DTYPES[node.type.element]
             return [part.astype(kind, copy=False) for part in (parts * node.type.parts)[: node.type.parts]]
-        if isinstance(node, Call):
+        if isinstance(node, ir.Call):
             return (yield from self._called(node, mask))
-        if isinstance(node, Assign):
+        if isinstance(node, ir.Assign):
             old = (yield from self._value(node.target, mask)) if node.gives_old else None
             value = yield from self._value(node.value, mask)
             yield from self._store(node.target, value, mask)
             return old or value
-        if isinstance(node, Either):
+        if isinstance(node, ir.Either):
             return (yield from self._either(node, mask))
-        assert isinstance(node, Element), "there is no other expression"
+        assert isinstance(node, ir.Element), "there is no other expression"
         base, index, size = yield from self._elements(node, mask)
         # Arrays have up to a thousand elements, of which the lanes read a few.
         first, *others = np.unique(index).tolist()
@@ -332,13 +309,13 @@ class Interpreter:
             found = [np.where(index == number, a, b) for a, b in zip(base[number::size], found, strict=True)]
         return found
 
-    def _values(self, nodes: tuple[Expression, ...], mask: Mask) -> Generator[Statement, None, list[Value]]:
+    def _values(self, nodes: tuple[ir.Expression, ...], mask: Mask) -> Generator[ir.Statement, None, list[Value]]:
         found = list[Value]()
         for node in nodes:
             found += [(yield from self._value(node, mask))]
         return found
 
-    def _elements(self, node: Element, mask: Mask) -> Generator[Statement, None, tuple[Value, Array, int]]:
+    def _elements(self, node: ir.Element, mask: Mask) -> Generator[ir.Statement, None, tuple[Value, Array, int]]:
         """The scalars of an array, ordered by scalar of an element, then by element; the index, and the elements."""
         base = yield from self._value(node.base, mask)
         (index,) = yield from self._value(node.index, mask)
@@ -346,7 +323,7 @@ class Interpreter:
         ordered = [part for n in range(each) for part in base[n::each]]
         return ordered, self._inside(node.at, index, len(base) // each, mask), len(base) // each
 
-    def _variable(self, variable: Variable) -> Value:
+    def _variable(self, variable: ir.Variable) -> Value:
         if variable.kind == "shared":
             return [part[self._group] for part in self._globals[variable]]
         if variable.kind == "system":
@@ -355,7 +332,7 @@ class Interpreter:
             return found
         return self._globals[variable]
 
-    def _either(self, node: Either, mask: Mask) -> Evaluation:
+    def _either(self, node: ir.Either, mask: Mask) -> Evaluation:
         (condition,) = yield from self._value(node.condition, mask)
         first, second = mask & condition, mask & ~condition
         if node.operator == "&&":
@@ -369,7 +346,7 @@ class Interpreter:
             return a or b or []
         return [np.where(condition, x, y) for x, y in zip(a, b, strict=True)]
 
-    def _called(self, node: Call, mask: Mask) -> Evaluation:
+    def _called(self, node: ir.Call, mask: Mask) -> Evaluation:
         arguments, parameters = [], node.function.parameters
         for argument, parameter in zip(node.arguments, parameters, strict=True):
             given = parameter.kind != "out"
@@ -380,13 +357,13 @@ class Interpreter:
                 yield from self._store(argument, frame.variables[parameter], mask)
         return frame.result or []
 
-    def _store(self, target: Expression, value: Value, mask: Mask) -> Generator[Statement, None, None]:
-        if isinstance(target, Memory):
+    def _store(self, target: ir.Expression, value: Value, mask: Mask) -> Generator[ir.Statement, None, None]:
+        if isinstance(target, ir.Memory):
             address = yield from self._address(target, mask)
             for part, (element, offset) in zip(value, layout(target.type), strict=True):
                 view, index = self._place(target, address, element, offset, mask)
                 view[np.broadcast_to(index, self.lanes)[mask]] = np.broadcast_to(part, self.lanes)[mask]
-        elif isinstance(target, Name):
+        elif isinstance(target, ir.Name):
             variable = target.variable
             if variable.kind == "shared":
                 for stored, part in zip(self._globals[variable], value, strict=True):
@@ -395,13 +372,13 @@ class Interpreter:
             local = variable in self.frames[-1].variables if self.frames else False
             variables = self.frames[-1].variables if local else self._globals
             variables[variable] = _merged(mask, value, variables[variable])
-        elif isinstance(target, Pick):
+        elif isinstance(target, ir.Pick):
             parts = list((yield from self._value(target.base, mask)))
             for number, part in zip(target.numbers, value, strict=True):
                 parts[number] = part
             yield from self._store(target.base, parts, mask)
         else:
-            assert isinstance(target, Element), "the checker has seen to that"
+            assert isinstance(target, ir.Element), "the checker has seen to that"
             parts, index, size = yield from self._elements(target, mask)
             for n in np.unique(index).tolist():
                 for begin, part in zip(range(0, len(parts), size), value, strict=True):
@@ -410,21 +387,21 @@ class Interpreter:
 
     # Memory
 
-    def _address(self, node: Memory, mask: Mask) -> Generator[Statement, None, Array]:
+    def _address(self, node: ir.Memory, mask: Mask) -> Generator[ir.Statement, None, Array]:
         address: Array = np.full(1, node.offset, np.int64)
         for term, stride in node.terms:
             (index,) = yield from self._value(term, mask)
             address = address + index.astype(np.int64) * stride
         return address
 
-    def _loaded(self, node: Memory, mask: Mask) -> Evaluation:
+    def _loaded(self, node: ir.Memory, mask: Mask) -> Evaluation:
         address, found = (yield from self._address(node, mask)), []
         for element, offset in layout(node.type, node.block.kind == "uniform"):
             view, index = self._place(node, address, element, offset, mask)
             found.append(view[index] != 0 if element == "b" else view[index])
         return found
 
-    def _place(self, node: Memory, address: Array, element: str, offset: int, mask: Mask) -> tuple[Array, Array]:
+    def _place(self, node: ir.Memory, address: Array, element: str, offset: int, mask: Mask) -> tuple[Array, Array]:
         """A block as an array of an element, and the index in it."""
         key = node.block.kind, node.block.binding, element
         if (view := self._views.get(key)) is None:
@@ -445,12 +422,12 @@ class Interpreter:
 
     # Built-in functions and variables
 
-    def _built_in(self, node: BuiltIn, mask: Mask) -> Evaluation:
+    def _built_in(self, node: ir.BuiltIn, mask: Mask) -> Evaluation:
         if node.name in ATOMIC:
             return (yield from self._atomic(node, mask))
         if node.name in ("texture", "texelFetch", "textureSize"):
             sampler, at = node.arguments[0], (yield from self._value(node.arguments[1], mask))
-            assert isinstance(sampler, Name), "samplers are variables"
+            assert isinstance(sampler, ir.Name), "samplers are variables"
             return _fetched(self.dispatch.textures[sampler.variable.binding], node.name, at)
         if node.name == "barrier":
             return []
@@ -463,15 +440,15 @@ class Interpreter:
         found = BUILT_INS[node.name](ARITHMETIC, [[_Lanes(part) for part in one] for one in given])  # type: ignore[misc]
         return [_array(part) for part in found]
 
-    def _atomic(self, node: BuiltIn, mask: Mask) -> Evaluation:
+    def _atomic(self, node: ir.BuiltIn, mask: Mask) -> Evaluation:
         (value,) = yield from self._value(node.arguments[1], mask)
         target, function = node.arguments[0], ATOMIC[node.name]
-        if isinstance(target, Memory):
+        if isinstance(target, ir.Memory):
             address = yield from self._address(target, mask)
             storage, index = self._place(target, address, target.type.element, 0, mask)
             index = np.broadcast_to(index, self.lanes)
         else:
-            assert isinstance(target, Name), "the checker has seen to that"
+            assert isinstance(target, ir.Name), "the checker has seen to that"
             (storage,), index = self._globals[target.variable], self._group
         old, value = np.zeros(self.lanes, storage.dtype), np.broadcast_to(value, self.lanes)
         for lane in np.flatnonzero(mask):

@@ -92,6 +92,10 @@ class Memory(Expression):
     component_of: Type | None = None
 
 
+Names = dict[str, Variable | Memory]
+"""What names mean in a scope: variables, and members of blocks."""
+
+
 @dataclass(eq=False, slots=True)
 class Operation(Expression):
     """Operator of one or two operands of one element type; a scalar operand counts for every component.
@@ -234,5 +238,5 @@ class Program:
     functions: dict[str, list[Function]]
     places: Places
     local_size: tuple[int, int, int] = (1, 1, 1)
-    names: dict[str, Variable | Memory] = field(default_factory=dict)
+    names: Names = field(default_factory=dict)
     types: dict[str, Type] = field(default_factory=dict)

@@ -7,23 +7,8 @@ compile a shader for the first time, and its tree had to be read again to be che
 from __future__ import annotations
 
 from clusterviz.errors import InputError
+from clusterviz.spmd import ir
 from clusterviz.spmd.checker import Checker
-from clusterviz.spmd.ir import (
-    Assign,
-    Block,
-    Constant,
-    Declare,
-    Evaluate,
-    Expression,
-    Function,
-    If,
-    Leave,
-    Loop,
-    Memory,
-    Program,
-    Statement,
-    Variable,
-)
 from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.tokens import Token, tokens_of
 from clusterviz.spmd.types import BOOL, DOUBLE, FLOAT, INT, SAMPLERS, UINT, VOID, Type, array_of, whole
@@ -34,7 +19,7 @@ ASSIGNMENTS = {"=", *(sign + "=" for sign in ["+", "-", "*", "/", "%", "&", "|",
 DIRECTIONS = ("in", "out", "inout", "const", "precise")
 
 
-def parse(source: ShaderSource) -> Program:
+def parse(source: ShaderSource) -> ir.Program:
     """Return the typed program of an assembled shader.
 
     Raises
@@ -49,7 +34,7 @@ def parse(source: ShaderSource) -> Program:
         raise parser.error_here("nested too deeply") from None
 
 
-def parse_expression(text: str, name: str, program: Program, variables: dict[str, Variable | Memory]) -> Expression:
+def parse_expression(text: str, name: str, program: ir.Program, variables: ir.Names) -> ir.Expression:
     """Return the typed expression of a text, which may use a program's types, and built-in functions.
 
     Parameters
@@ -70,17 +55,17 @@ class _Parser:
         self._tokens, places = tokens_of(source)
         self._error, self._checker, self._next = places.error, Checker(places), 0
         checker = self._checker
-        self._program = Program([], [], checker.functions, places, names=checker.scopes[0], types=checker.types)
+        self._program = ir.Program([], [], checker.functions, places, names=checker.scopes[0], types=checker.types)
         self._loops = 0
 
-    def expression(self, program: Program, variables: dict[str, Variable | Memory]) -> Expression:
+    def expression(self, program: ir.Program, variables: ir.Names) -> ir.Expression:
         self._checker.types, self._checker.scopes, self._checker.only_reads = program.types, [variables], True
         found = self._expression()
         if self._token.kind != "end":
             raise self.error_here("expected the end of the expression")
         return found
 
-    def program(self) -> Program:
+    def program(self) -> ir.Program:
         while self._token.kind != "end":
             self._global()
         checked = set[int]()
@@ -89,7 +74,7 @@ class _Parser:
                 self._check_calls(function, [], checked)
         return self._program
 
-    def _check_calls(self, function: Function, path: list[Function], checked: set[int]) -> None:
+    def _check_calls(self, function: ir.Function, path: list[ir.Function], checked: set[int]) -> None:
         for called, at in function.calls if id(function) not in checked else ():
             if called.body is None:
                 raise self._error(f"{called.name} is called, but has no body", at)
@@ -164,19 +149,19 @@ class _Parser:
         name, binding = self._name(), settings.get("binding", 0)
         if (kind := self._checker.types.get(name.text)) in SAMPLERS.values() and kind is not None:
             name = self._name()
-            block = Variable(name.text, kind, "sampler", name.at, binding)
+            block = ir.Variable(name.text, kind, "sampler", name.at, binding)
             self._checker.declare(name.text, name.at, block)
         elif words[-1:] in (["uniform"], ["buffer"]) and ("std140" if words[-1] == "uniform" else "std430") in settings:
             kind = Type(name.text, fields=self._members())
-            block = Variable(name.text, kind, words[-1], name.at, binding, is_read_only="readonly" in words)
-            whole = Memory(kind, name.at, block, 0, ())
+            block = ir.Variable(name.text, kind, words[-1], name.at, binding, is_read_only="readonly" in words)
+            whole = ir.Memory(kind, name.at, block, 0, ())
             if self._token.kind == "name":
                 instance = self._take()
                 self._checker.declare(instance.text, instance.at, whole)
             else:
                 for field, _ in kind.fields:
                     member = self._checker.member(whole, Token("name", field, name.at))
-                    assert isinstance(member, Memory)
+                    assert isinstance(member, ir.Memory)
                     self._checker.declare(field, name.at, member)
         else:
             raise self._error("a layout outside of the subset", name.at, " ".join([*settings, *words]))
@@ -196,7 +181,7 @@ class _Parser:
 
     def _constant_size(self) -> int:
         at, value = self._token.at, self._expression()
-        if not isinstance(value, Constant):
+        if not isinstance(value, ir.Constant):
             raise self._error("this is not a constant", at)
         return int(value.value)
 
@@ -238,7 +223,7 @@ class _Parser:
         return self._checker.array(kind, size, at)
 
     def _function(self, result: Type, name: Token) -> None:
-        checker, parameters = self._checker, list[Variable]()
+        checker, parameters = self._checker, list[ir.Variable]()
         self._expect("(")
         more = not self._accept(")")
         if more and self._accept("void"):
@@ -252,7 +237,7 @@ class _Parser:
             if self._token.text == "[":
                 raise self.error_here("an array as a parameter is outside of the subset")
             direction = next((word for word in words if word in ("in", "out", "inout")), "in")
-            parameters.append(Variable(parameter.text, kind, direction, parameter.at))
+            parameters.append(ir.Variable(parameter.text, kind, direction, parameter.at))
             if more := not self._accept(")"):
                 self._expect(",")
         function = checker.function_of(name.text, result, parameters, name.at)
@@ -270,52 +255,52 @@ class _Parser:
         checker.close()
         checker.function = None
 
-    def _declared(self, kind: Type, name: Token, where: str, is_precise: bool = False) -> list[Declare]:
+    def _declared(self, kind: Type, name: Token, where: str, is_precise: bool = False) -> list[ir.Declare]:
         """Variables of one declaration; the first name is read already."""
-        checker, found = self._checker, list[Declare]()
+        checker, found = self._checker, list[ir.Declare]()
         while True:
             of, value = self._array(kind), None
             if of is VOID or of in SAMPLERS.values() or (of.is_array and not of.size):
                 raise self._error(f"a variable of type {of.name}", name.at)
-            variable = Variable(name.text, of, where, name.at, is_precise=is_precise)
+            variable = ir.Variable(name.text, of, where, name.at, is_precise=is_precise)
             if self._accept("="):
                 value = checker.converted(self._expression(), of, name.at)
             elif where == "const":
                 raise self._error("a constant without a value", name.at, name.text)
-            if where == "const" and isinstance(value, Constant):
+            if where == "const" and isinstance(value, ir.Constant):
                 variable.constant = value.value
             checker.declare(name.text, name.at, variable)
-            found.append(Declare(name.at, variable, value))
+            found.append(ir.Declare(name.at, variable, value))
             if not self._accept(","):
                 return found
             name = self._name()
 
     # Statements
 
-    def _block(self, is_scope: bool = True) -> Block:
+    def _block(self, is_scope: bool = True) -> ir.Block:
         """Statements in braces; those of functions and of loops have the scope of their parameters."""
-        at, statements = self._expect("{").at, list[Statement]()
+        at, statements = self._expect("{").at, list[ir.Statement]()
         if is_scope:
             self._checker.open()
         while not self._accept("}"):
             statements.append(self._statement())
         if is_scope:
             self._checker.close()
-        return Block(at, statements)
+        return ir.Block(at, statements)
 
-    def _statement(self) -> Statement:
+    def _statement(self) -> ir.Statement:
         token = self._token
         match token.text:
             case "{":
                 return self._block()
             case ";":
                 self._take()
-                return Block(token.at, [])
+                return ir.Block(token.at, [])
             case "if":
                 self._take()
                 condition = self._condition()
                 then = self._scoped()
-                return If(token.at, condition, then, self._scoped() if self._accept("else") else None)
+                return ir.If(token.at, condition, then, self._scoped() if self._accept("else") else None)
             case "for" | "while":
                 return self._loop(self._take())
             case "break" | "continue" | "return":
@@ -324,33 +309,33 @@ class _Parser:
         self._expect(";")
         return statement
 
-    def _scoped(self) -> Statement:
+    def _scoped(self) -> ir.Statement:
         self._checker.open()
         statement = self._statement()
         self._checker.close()
         return statement
 
-    def _simple(self) -> Statement:
+    def _simple(self) -> ir.Statement:
         """Declaration or expression, without the semicolon."""
         token = self._token
         is_type = token.text in self._checker.types and self._tokens[self._next + 1].text != "("
         if token.text not in ("const", "precise") and not is_type:
-            return Evaluate(token.at, self._expression(True))
+            return ir.Evaluate(token.at, self._expression(True))
         words = set[str]()
         while self._token.text in ("const", "precise"):
             words.add(self._take().text)
         where = "const" if "const" in words else "local"
         found = self._declared(self._type(), self._name(), where, "precise" in words)
         found[0].at = token.at
-        return found[0] if len(found) == 1 else Block(token.at, list(found))
+        return found[0] if len(found) == 1 else ir.Block(token.at, list(found))
 
-    def _condition(self) -> Expression:
+    def _condition(self) -> ir.Expression:
         at = self._expect("(").at
         condition = self._checker.converted(self._expression(True), BOOL, at, "the condition")
         self._expect(")")
         return condition
 
-    def _loop(self, word: Token) -> Loop:
+    def _loop(self, word: Token) -> ir.Loop:
         self._checker.open()
         begin = condition = step = None
         if word.text == "while":
@@ -368,9 +353,9 @@ class _Parser:
         body = self._block(is_scope=False) if self._token.text == "{" else self._scoped()
         self._loops -= 1
         self._checker.close()
-        return Loop(word.at, begin, condition, step, body)
+        return ir.Loop(word.at, begin, condition, step, body)
 
-    def _leave(self, word: Token) -> Leave:
+    def _leave(self, word: Token) -> ir.Leave:
         value = None
         if word.text != "return" and not self._loops:
             raise self._error(f"{word.text} outside of a loop", word.at)
@@ -385,11 +370,11 @@ class _Parser:
             )
         if value is not None:
             value = self._checker.converted(value, result, word.at)
-        return Leave(word.at, word.text, value)
+        return ir.Leave(word.at, word.text, value)
 
     # Expressions
 
-    def _expression(self, may_assign: bool = False) -> Expression:
+    def _expression(self, may_assign: bool = False) -> ir.Expression:
         left = self._binary(1)
         token = self._token
         if token.text == "?":
@@ -404,14 +389,14 @@ class _Parser:
             return self._checker.assign(left, token.text, self._expression(True), token.at)
         return left
 
-    def _binary(self, level: int) -> Expression:
+    def _binary(self, level: int) -> ir.Expression:
         left = self._unary()
         while (found := PRECEDENCE.get(self._tokens[self._next].text, 0)) >= level:
             sign = self._take()
             left = self._checker.binary(sign.text, left, self._binary(found + 1), sign.at)
         return left
 
-    def _unary(self) -> Expression:
+    def _unary(self) -> ir.Expression:
         token = self._token
         if token.kind == "sign":
             if token.text in ("-", "+", "!", "~"):
@@ -422,11 +407,11 @@ class _Parser:
                 return self._counted(self._unary(), token, False)
         return self._postfix()
 
-    def _counted(self, target: Expression, sign: Token, gives_old: bool) -> Assign:
-        one = Constant(INT, sign.at, 1) if target.type.element in ("i", "u") else Constant(FLOAT, sign.at, 1.0)
+    def _counted(self, target: ir.Expression, sign: Token, gives_old: bool) -> ir.Assign:
+        one = ir.Constant(INT, sign.at, 1) if target.type.element in ("i", "u") else ir.Constant(FLOAT, sign.at, 1.0)
         return self._checker.assign(target, sign.text[0] + "=", one, sign.at, gives_old)
 
-    def _postfix(self) -> Expression:
+    def _postfix(self) -> ir.Expression:
         value = self._primary()
         while True:
             token = self._token
@@ -447,7 +432,7 @@ class _Parser:
             else:
                 return value
 
-    def _primary(self) -> Expression:
+    def _primary(self) -> ir.Expression:
         token = self._take()
         if token.kind == "number":
             try:
@@ -459,13 +444,13 @@ class _Parser:
             self._expect(")")
             return value
         if token.text in ("true", "false"):
-            return Constant(BOOL, token.at, token.text == "true")
+            return ir.Constant(BOOL, token.at, token.text == "true")
         if token.kind != "name":
             raise self._error("expected an expression", token.at, token.text)
         if self._token.text != "(":
             return self._checker.value_of(token)
         self._take()
-        arguments: list[Expression] = []
+        arguments: list[ir.Expression] = []
         more = not self._accept(")")
         while more:
             arguments.append(self._expression())
@@ -474,20 +459,22 @@ class _Parser:
         return self._checker.call(token, arguments)
 
 
-def _returns(node: Statement | None) -> bool:
+def _returns(node: ir.Statement | None) -> bool:
     """Return whether what follows a statement is never reached, as it returns or goes on for ever."""
-    if isinstance(node, Block):
+    if isinstance(node, ir.Block):
         return any(_returns(one) for one in node.statements)
-    if isinstance(node, If):
+    if isinstance(node, ir.If):
         return _returns(node.then) and _returns(node.otherwise)
-    return (isinstance(node, Loop) and node.condition is None) or (isinstance(node, Leave) and node.kind == "return")
+    return (isinstance(node, ir.Loop) and node.condition is None) or (
+        isinstance(node, ir.Leave) and node.kind == "return"
+    )
 
 
-def _number(token: Token) -> Constant:
+def _number(token: Token) -> ir.Constant:
     text = token.text.lower()
     if text.startswith("0x") or text.rstrip("u").isdigit():
         digits, kind = text.rstrip("u"), UINT if text.endswith("u") else INT
         if (value := int(digits, 8 if len(digits) > 1 and digits.isdigit() and digits[0] == "0" else 0)) >> 32:
             raise ValueError
-        return Constant(kind, token.at, whole(kind.element, value))
-    return Constant(DOUBLE if text.endswith("lf") else FLOAT, token.at, float(text.rstrip("lf")))
+        return ir.Constant(kind, token.at, whole(kind.element, value))
+    return ir.Constant(DOUBLE if text.endswith("lf") else FLOAT, token.at, float(text.rstrip("lf")))

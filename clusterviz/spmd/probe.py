@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
 from clusterviz.spmd.interpreter import DTYPES, Array, Interpreter, Mask, Value
-from clusterviz.spmd.ir import Block, Declare, Expression, Function, If, Loop, Memory, Statement, Variable
+from clusterviz.spmd.ir import Block, Declare, Expression, Function, If, Loop, Names, Statement
 from clusterviz.spmd.parser import parse, parse_expression
 from clusterviz.spmd.source import ShaderSource
 from clusterviz.spmd.tokens import closing, tokens_of
@@ -48,7 +48,7 @@ class Place:
 
     statement: Statement
     function: Function
-    names: dict[str, Variable | Memory]
+    names: Names
     is_body: bool
     anchor: Statement
 
@@ -142,7 +142,7 @@ class Shader:
                 raise InputError("the watches have other types in another part of the file", where="--watch")
         return Probe(tuple(points), condition, watches, visit)
 
-    def _in_data(self, text: str, names: Mapping[str, Variable | Memory]) -> str:
+    def _in_data(self, text: str, names: Names) -> str:
         """Return an expression in which the field's scalars are values of the data."""
         if self.clim is None or ("s" in names and names["s"].type is not FLOAT):
             return text
@@ -151,10 +151,10 @@ class Shader:
 
     def _places_in(self, function: Function) -> Iterator[Place]:
         at = function.body.at if function.body else 0
-        known: dict[str, Variable | Memory] = {name: each for name, each in self.program.names.items() if each.at < at}
+        known: Names = {name: each for name, each in self.program.names.items() if each.at < at}
         known |= {each.name: each for each in function.parameters}
 
-        def visit(node: Statement, names: dict[str, Variable | Memory], is_body: bool = False) -> Iterator[Place]:
+        def visit(node: Statement, names: Names, is_body: bool = False) -> Iterator[Place]:
             if isinstance(node, Block):
                 # Variables that are declared together are not a scope of their own.
                 together = all(isinstance(each, Declare) for each in node.statements)

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 from pydantic_core import to_json
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -21,7 +21,8 @@ from clusterviz.comm.agree import describe
 from clusterviz.errors import InputError
 from clusterviz.viewer.encoding import Picture
 from clusterviz.viewer.flow_control import FlowControl
-from clusterviz.viewer.messages import Ack, Message, Ping, pack, parse
+from clusterviz.viewer.messages import Ack, Ping, pack, parse
+from clusterviz.viewer.session import Session
 
 MAX_MALFORMED = 10
 """Malformed messages after which a client is closed."""
@@ -36,19 +37,6 @@ WRITE_SECONDS, CLOSE_SECONDS = 20.0, 2.0
 VIEW_PREFIX = '{"type":"view"'
 GOING_AWAY, UNSUPPORTED, ABNORMAL, POLICY = 1001, 1003, 1006, 1008
 """Codes with which websockets are closed, RFC 6455, section 7.4.1."""
-
-
-class Session(Protocol):
-    """What a connection needs of the session; called on the server's thread, so no call may block."""
-
-    def join(self, client: Connection) -> int:
-        """Add a client and return its number."""
-
-    def leave(self, number: int) -> None:
-        """Remove a client."""
-
-    def receive(self, number: int, message: Message) -> None:
-        """Handle a message of a client."""
 
 
 class RateLimit:
@@ -70,7 +58,6 @@ class ClosedError(Exception):
 
     Parameters
     ----------
-    code : of the websocket
     reason : short text for the client
     """
 

@@ -13,13 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from clusterviz.content.complete import complete_scene
+from clusterviz.content.description import bounds
+from clusterviz.content.facts import Facts
+from clusterviz.content.table import KINDS, drawn_entries, infos_of, own_entries
+from clusterviz.content.volume.kind import MOST_BINS, VOLUME
 from clusterviz.content.volume.presets import PRESETS, apply_preset
 from clusterviz.errors import InputError, public_address
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.colormaps import colour_points, map_names
-from clusterviz.scene.complete import Info, VolumeInfo, box_corners, complete_scene, divided_infos
 from clusterviz.scene.transfer import opacity_points
 from clusterviz.scene.values import Scene
 
@@ -29,20 +32,18 @@ COMMON_MAPS = (
     *("rainbow", "coolwarm", "bwr", "RdBu", "RdYlBu", "Spectral", "Blues", "Greens", "Reds", "YlOrRd", "pink"),
     *("batlow", "roma", "vik", "berlin", "thermal", "haline", "ice", "balance", "blackbody", "glasbey", "tab10"),
 )
-MOST_BINS = 256
-"""Bins of a histogram and points of a transfer function, at most."""
 
 
 @dataclass(frozen=True)
 class Content:
-    """What is known of the data of a scene; see `viewer.session.Content`.
+    """What is known of the data of a scene.
 
     Attributes
     ----------
-    infos : on each volume, each entry of geometry and each grid, as opened
+    infos : facts on each entry of the scene, as opened
     """
 
-    infos: tuple[Info, ...]
+    infos: tuple[Facts, ...]
 
     def complete(self, scene: Scene) -> Scene:
         """Return a scene with all keys."""
@@ -68,7 +69,7 @@ class Content:
         InputError
             There is no such volume or preset.
         """
-        volumes = divided_infos(self.infos)[0]
+        volumes = infos_of(VOLUME, self.infos)
         if volume >= len(volumes):
             raise InputError("no such volume", where="preset", found=volume, allowed=f"fewer than {len(volumes)}")
         if name not in PRESETS:
@@ -78,45 +79,15 @@ class Content:
 
     def state(self, completed: Scene) -> dict[str, Any]:
         """Return what a client is told of the data and of the transfer functions."""
-        volumes, geometry, grids = divided_infos(self.infos)
-        boxes = [info.corners for info in volumes]
-        found = [np.asarray(info.box) for info in geometry] + [np.asarray(info.box) for info in grids]
-        boxes += map(box_corners, found)
-        corners = np.concatenate([box for box in boxes if len(box)] or [np.zeros((1, 3))])
-        named = zip(completed.geometry_keys, completed.geometry, geometry, strict=True)
-        return {
-            "volumes": [
-                {**_volume(info), **_entry(f"volumes.{n}", section)}
-                for n, (info, section) in enumerate(zip(volumes, completed.volumes, strict=True))
-                if not section.of_flow
-            ],
-            "geometry": [
-                {**_entry(key.replace("[", ".").rstrip("]"), section), "bounds": _bounds(np.asarray(info.box))}
-                for key, section, info in named
-                if not section.of_flow
-            ],
-            "flows": [_entry(f"flows.{n}", flow) for n, flow in enumerate(completed.flows)],
-            "grids": [
-                {**_entry(f"grids.{n}", section), "bounds": _bounds(np.asarray(info.box))}
-                for n, (info, section) in enumerate(zip(grids, completed.grids, strict=True))
-            ],
-            "bounds": _bounds(np.array([corners.min(axis=0), corners.max(axis=0)])),
-        }
-
-
-def _volume(info: VolumeInfo) -> dict[str, Any]:
-    counts = info.histogram if info.histogram is not None else np.zeros(0, np.int64)
-    return {
-        "shape_zyx": list(info.shape_zyx),
-        "spacing": list(info.spacing),
-        "is_integer": info.is_integer,
-        "minimum": info.minimum,
-        "maximum": info.maximum,
-        "percentiles": {"1": info.percentile_1, "99": info.percentile_99},
-        "histogram": {"low": info.minimum, "high": info.maximum, "counts": counts[:MOST_BINS].tolist()},
-        "corners": info.corners.tolist(),
-        "orientation": info.orientation,
-    }
+        boxes = [entry.kind.corners(entry.section, entry.info) for entry in drawn_entries(completed, self.infos)]
+        corners = np.concatenate([*boxes, np.empty((0, 3))])
+        found: dict[str, Any] = {kind.name: [] for kind in KINDS}
+        for entry in own_entries(completed, self.infos):
+            key = entry.key.replace("[", ".").rstrip("]")
+            panel = entry.kind.panel(entry.section, entry.info)
+            found[entry.kind.name].append({**panel, **_entry(key, entry.section)})
+        around = np.array([corners.min(axis=0), corners.max(axis=0)]) if len(corners) else corners
+        return {**found, "bounds": bounds(around)}
 
 
 def _entry(key: str, section: Any) -> dict[str, Any]:
@@ -134,10 +105,6 @@ def _entry(key: str, section: Any) -> dict[str, Any]:
         "colour_points": colours,
         "opacity_points": opacities,
     }
-
-
-def _bounds(box: NDArray[np.float64]) -> list[list[float]]:
-    return box.tolist() if len(box) else [[0.0] * 3, [0.0] * 3]
 
 
 def known_colour_maps() -> list[dict[str, Any]]:

@@ -31,7 +31,6 @@ class Encoding:
 
     Attributes
     ----------
-    format : jpeg or png
     quality : of libjpeg, 1 to 100
     reduction : sides are divided by this number
     """
@@ -61,7 +60,6 @@ class Picture:
     rgba : float32 (h, w, 4), premultiplied
     background : (r, g, b) in [0, 1], or None for transparent
     number : rises from picture to picture
-    revision : of the scene that it shows
     inputs : newest input that it shows, by the number of the client that sent it
     still : whether it has the scene's full quality
     camera : position, focal_point, view_up, view_angle and parallel_scale

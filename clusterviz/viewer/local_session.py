@@ -36,7 +36,6 @@ class LocalSession:
 
     Parameters
     ----------
-    scene : as given by the user
     sources : the data instead of the files that the scene names
 
     Raises
@@ -87,7 +86,6 @@ class LocalConnection:
 
     Parameters
     ----------
-    session : that it joins
     encoder : runs the encoding of pictures
     put_text, put_binary : called with messages for the client
     """

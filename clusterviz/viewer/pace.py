@@ -24,7 +24,6 @@ class Level:
     Attributes
     ----------
     scale : of the picture's sides
-    step : factor on the step
     early_termination : opacity left, at which rays may end, at least
     """
 
@@ -70,10 +69,6 @@ SMALLEST_SIDE = 16
 class Pace:
     """Choice of the level from frame to frame.
 
-    Parameters
-    ----------
-    budget_seconds : of a frame
-
     Attributes
     ----------
     level : index in `LEVELS` of the next frame
@@ -104,8 +99,6 @@ class Pace:
 
         Parameters
         ----------
-        pixels : of the full picture
-        seconds : of the frame
         fixed_seconds : of these, those that do not depend on the picture's size
         """
         self._costs.append(max(1e-6, seconds - fixed_seconds) / (LEVELS[self.level].cost * pixels))

@@ -37,9 +37,7 @@ class RemoteSession:
 
     Parameters
     ----------
-    scene : as given by the user
     sources : arrays and data sources instead of the files that the scene names; they are copied into files
-    ranks : of the job
 
     Raises
     ------
@@ -111,8 +109,6 @@ class RemoteConnection:
 
     Parameters
     ----------
-    host : name and port
-    token : secret of the session
     put_text, put_binary : called with messages for the client
     reason : called for the text of the last message, when the job ends without one
     """

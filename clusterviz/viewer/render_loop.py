@@ -74,7 +74,6 @@ class Abandoning:
 
     Parameters
     ----------
-    channel : to the other ranks
     has_input : on rank 0, whether there is newer input
     """
 
@@ -131,10 +130,7 @@ class RenderLoop:
 
     Parameters
     ----------
-    scene : as given
-    channel : to the other ranks
     source : the data instead of the files that the scene names
-    options : how to run
     opened_as : how the scene was opened, for command lines
 
     Raises

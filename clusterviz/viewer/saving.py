@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -23,6 +23,7 @@ from clusterviz.scene.values import Scene
 from clusterviz.scene.yaml_text import write_yaml
 from clusterviz.viewer.describe import Content
 from clusterviz.viewer.messages import KeyPose
+from clusterviz.viewer.scene_client import changed_keys
 
 MOST_TRIES = 4
 """Attempts to find overrides, each of which adds those that the ones before have made necessary."""
@@ -62,7 +63,6 @@ def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
     Parameters
     ----------
     scene : completed
-    content : of the file
 
     Raises
     ------
@@ -77,7 +77,7 @@ def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
     for _ in range(MOST_TRIES):
         options = [*file.overrides, *(f"{key}={json.dumps(value)}" for key, value in found.items())]
         opened = content.complete(open_scene(file.name, options, file.preset))
-        missing = _differences(_drawn_part(opened), wanted)
+        missing = changed_keys(_drawn_part(opened), wanted)
         if not missing:
             words = ["clusterviz", "render", file.name, *(["--preset", file.preset] if file.preset else [])]
             words += [word for option in options for word in ("-D", option)]
@@ -88,19 +88,3 @@ def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
 
 def _drawn_part(scene: Scene) -> dict[str, Any]:
     return scene.model_dump(mode="json", exclude={"cluster", "automatic"})
-
-
-def _differences(before: Any, after: Any, key: str = "") -> dict[str, Any]:
-    """Return the values of `after` by the full paths of the keys in which two trees differ."""
-    if isinstance(before, Mapping) and isinstance(after, Mapping):
-        found: dict[str, Any] = {}
-        for name in after:
-            found |= _differences(before.get(name), after[name], f"{key}.{name}" if key else name)
-        return found
-    has_sections = isinstance(before, list) and isinstance(after, list) and len(before) == len(after) > 0
-    if has_sections and all(isinstance(one, Mapping) for one in (*before, *after)):
-        found = {}
-        for number, pair in enumerate(zip(before, after, strict=True)):
-            found |= _differences(*pair, f"{key}.{number}")
-        return found
-    return {} if before == after else {key: after}

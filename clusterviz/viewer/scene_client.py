@@ -53,9 +53,7 @@ class _Answers:
     told : the session's newest
     given : keys that were set, of the newest scene
     camera : of the newest picture, or set since
-    files, failures : answers by the number of the `save`
     refused : reason why the session did not take an edit
-    ended : reason why it has ended
     """
 
     scene: Scene | None = None
@@ -70,10 +68,6 @@ class _Answers:
 
 class SceneClient:
     """Client of a session that reads and changes the scene from Python.
-
-    Parameters
-    ----------
-    session : that it joins
 
     Raises
     ------

@@ -36,8 +36,9 @@ from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from clusterviz.errors import InputError
-from clusterviz.viewer.connection import CLOSE_SECONDS, Connection, Session
+from clusterviz.viewer.connection import CLOSE_SECONDS, Connection
 from clusterviz.viewer.messages import MAX_TEXT_BYTES
+from clusterviz.viewer.session import Session
 
 STATIC = Path(__file__).parent / "static"
 MEDIA_TYPES = {
@@ -95,14 +96,8 @@ class Server:
 
     Parameters
     ----------
-    session : what clients steer
-    listening : socket of `open_socket`
     token : secret that requests must know
     origins : further origins of pages, such as https://hub.example, for proxies that change `Host`
-
-    Attributes
-    ----------
-    host, port : that the socket is bound to
     """
 
     def __init__(self, session: Session, listening: socket.socket, token: str, *, origins: Sequence[str] = ()) -> None:
@@ -196,12 +191,6 @@ class Waiting:
 
 class Guard:
     """ASGI middleware that serves only those who know the token, under an own name and to pages of an own origin.
-
-    Parameters
-    ----------
-    app : application behind it
-    token, origins : as of `Server`
-    host, port : that the socket is bound to
 
     Attributes
     ----------

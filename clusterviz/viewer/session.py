@@ -23,6 +23,7 @@ from clusterviz.scene.background import background_rgb
 from clusterviz.scene.files import change_paths, check_scene, public_data
 from clusterviz.scene.overrides import apply_changes
 from clusterviz.scene.values import Camera, Scene
+from clusterviz.viewer.describe import Content
 from clusterviz.viewer.encoding import Picture
 from clusterviz.viewer.limits import LISTS, Limits
 from clusterviz.viewer.messages import (
@@ -81,35 +82,13 @@ class Client(Protocol):
         ...
 
 
-class Content(Protocol):
-    """What is known of the data; see `viewer.describe`."""
-
-    def complete(self, scene: Scene) -> Scene:
-        """Return a scene with all keys."""
-        ...
-
-    def hello(self) -> Data:
-        """Return what a client is told once."""
-        ...
-
-    def state(self, completed: Scene) -> Data:
-        """Return what a client is told of the data and of the transfer functions."""
-        ...
-
-    def preset(self, volume: int, name: str) -> Mapping[str, Any]:
-        """Return the changes of a preset, by full keys."""
-        ...
-
-
 @dataclass(frozen=True)
 class Request:
     """Picture to draw.
 
     Attributes
     ----------
-    number : rises with what is shown
     scene : as the user gave it, with a camera, without what is hidden
-    completed : the scene with all keys
     hidden : entries that are left out, such as volumes.1
     revision : of the scene without its camera
     inputs : number of the last input of each client that the picture shows
@@ -127,14 +106,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Job:
-    """Other work for the drawing thread: a pick or a file.
-
-    Attributes
-    ----------
-    client : that asked
-    message : its message
-    request : what is shown
-    """
+    """Other work for the drawing thread: a pick or a file."""
 
     client: int
     message: Pick | Save
@@ -175,8 +147,6 @@ class Session:
     Parameters
     ----------
     scene : completed
-    content : what is known of the data
-    ranks : that draw
     budget_ms : time of a picture while the view moves
     shared : whether all clients steer
     ends_alone : whether the session ends `ALONE_SECONDS` after the last client has left
@@ -337,10 +307,7 @@ class Session:
 
         Parameters
         ----------
-        request : that was drawn
         picture : float32 (h, w, 4), premultiplied
-        seconds : from the request to the picture
-        statistics : of the frame
         warnings : texts about the scene
         """
         camera = _camera_of(request.completed.camera)

@@ -31,11 +31,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.transfer import transfer_function
+from clusterviz.content.volume.opening import OpenedVolume
 from clusterviz.data.bricks import Box
 from clusterviz.data.source import Grid, Source
 from clusterviz.data.summary import VolumeSummary, block_counts, block_sides
 from clusterviz.errors import InputError, SceneError
-from clusterviz.frame.opening import OpenedVolume, open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.image.picture import Image
 from clusterviz.jobs.cluster import Cluster
@@ -45,7 +47,6 @@ from clusterviz.plan.view import View, make_view
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.scene import background_rgb
 from clusterviz.scene.camera import camera_vectors
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import OPAQUE, TransferFunction
 from clusterviz.scene.values import Scene
 
@@ -169,7 +170,7 @@ def trace_paths(
     run = Run(channel, Options())
     with run.local("open"):
         _check_scene(scene)
-    scene, opened, _ = open_volumes(run, scene, source)
+    scene, opened, _ = open_content(run, scene, source)
     assert isinstance(opened, OpenedVolume), "the scene holds one volume"
     with run.local("plan"):
         medium = make_medium(opened.grid.shape_zyx, transfer_function(scene.volumes[0]), opened.summary)

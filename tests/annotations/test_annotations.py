@@ -16,16 +16,18 @@ from clusterviz.annotations.canvas import Canvas
 from clusterviz.annotations.numbers import tick_labels, ticks
 from clusterviz.annotations.picture import _kept_fixed, contrast
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.complete import complete_scene
+from clusterviz.content.facts import box_corners
 from clusterviz.content.geometry.section import LinesSection
+from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.data.geometry import Geometry, Lines
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import IDENTITY, Grid
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.frame import Options, render_frame
 from clusterviz.image.finish import finish
-from clusterviz.scene import Camera, Scene, Volume, background_rgb, complete_scene
+from clusterviz.scene import Camera, Scene, Volume, background_rgb
 from clusterviz.scene.camera import project_points
-from clusterviz.scene.complete import VolumeInfo, box_corners
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import ImageSettings
 

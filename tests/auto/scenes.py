@@ -13,7 +13,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.frame import Options, Run
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import Opened, open_volumes
+from clusterviz.frame.opening import Opened, open_content
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.overrides import with_settings
 
@@ -34,6 +34,6 @@ def scene_of(settings: dict[str, Any]) -> Scene:
 def opened_on(channel: Channel, settings: dict[str, Any]) -> tuple[Run, Scene, Opened, Drawing]:
     """The complete scene and the volume on one rank, and what draws it."""
     run = Run(channel, CPU)
-    scene, opened, bricks = open_volumes(run, scene_of(settings), SOURCE)
+    scene, opened, bricks = open_content(run, scene_of(settings), SOURCE)
     assert opened is not None
     return run, scene, opened, Drawing(BrickReader(opened, bricks))

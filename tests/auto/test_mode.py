@@ -155,6 +155,7 @@ def test_later_choices_rest_on_counts_alone(flight: list[list[Rendered]]) -> Non
     assert after == pytest.approx(before, rel=1e-6)
 
 
+@pytest.mark.long
 def test_settings_that_hold_a_bound_are_found_before_the_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("clusterviz.auto.mode.default_network", lambda nodes: INSTANT)
     # One rank sends nothing, and rounds nothing; several may, within the bound.

@@ -76,6 +76,7 @@ def test_images_of_all_ranks_are_the_picture(ranks: int) -> None:
     assert compare(over(layers).astype(np.float32), expected, 1e-5).count == 0
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_table_of_a_card_tells_times_or_why_there_are_none(tmp_path: Path) -> None:
     command = [sys.executable, gpu.__file__, tmp_path, "--small", "--frames", "1", "--only", "ball, filter"]

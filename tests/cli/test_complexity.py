@@ -14,9 +14,9 @@ from cli.pages import check_page
 
 from clusterviz.comm import run_loopback
 from clusterviz.data import open_scene
-from clusterviz.report.complexity.measure import FrameComplexity, measure
-from clusterviz.report.complexity.page import histogram_figure
-from clusterviz.report.output import svg_of
+from clusterviz.pages.complexity.measure import FrameComplexity, measure
+from clusterviz.pages.complexity.page import histogram_figure
+from clusterviz.pages.output import svg_of
 
 SQUARES = [(1.0 + n, 7.1 - 0.5 * n) for n in range(12)]
 """Depth and half the side of each of several squares, one behind the other."""
@@ -40,7 +40,7 @@ def scene(tmp_path: Path) -> str:
     return str(tmp_path / "scene.yaml")
 
 
-@pytest.mark.cover("3-cpu-1.0")
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("ranks", "device", "opacity"), [(3, "cpu", 1.0), pytest.param(2, None, 0.5, marks=pytest.mark.gl)]
 )

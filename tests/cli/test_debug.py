@@ -64,6 +64,7 @@ def test_the_field_is_shown_and_compared_in_units_of_the_data(cli: Callable[...,
     assert 0 < found[0] < found[1]
 
 
+@pytest.mark.cover("layers_fragments.glsl-next_fragment();-position,k")
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("file", "text", "watches"),

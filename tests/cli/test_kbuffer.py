@@ -13,7 +13,7 @@ from cli.pages import check_page
 from data.cells import lattice
 
 from clusterviz.data.unstructured import UnstructuredGrid
-from clusterviz.report.kbuffer import measure
+from clusterviz.pages.kbuffer import measure
 
 
 def write_vtk(path: Path, points: np.ndarray, grid: UnstructuredGrid) -> None:

@@ -52,6 +52,7 @@ def test_page_and_numbers(cli: Callable[..., Any], tmp_path: Path) -> None:
         assert np.array_equal(maps["samples"], maps["samples_rank_0"] + maps["samples_rank_1"])
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_opengl_counts_pixels_only(cli: Callable[..., Any], tmp_path: Path) -> None:
     numbers = profile(cli, tmp_path / "gl", "--by", "gl")

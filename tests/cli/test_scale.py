@@ -16,7 +16,7 @@ from clusterviz.cli import scale
 from clusterviz.cli.scale import threads_per_rank
 from clusterviz.comm.placement import THREAD_VARIABLES
 from clusterviz.errors import ClustervizError
-from clusterviz.report.scale.measure import Measured, RankResources
+from clusterviz.pages.scale.measure import Measured, RankResources
 from clusterviz.report.statistics import STAGES, RankFrame
 from clusterviz.scene import Scene
 

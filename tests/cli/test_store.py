@@ -16,7 +16,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.store.shards import BrickCodec, ShardedArray
 from clusterviz.data.store.writer import write_store
 from clusterviz.frame import Options, render_frame
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Run
 from clusterviz.scene import scene_of_data
 from clusterviz.scene.overrides import with_settings
@@ -62,7 +62,7 @@ def test_store_is_opened_without_its_samples_and_drawn_as_its_source(
     np.testing.assert_array_equal(drawn.image, expected.image)
     assert drawn.image[..., 3].max() > 0.1
     monkeypatch.setattr(ShardedArray, "brick", None)
-    completed, _, bricks = open_volumes(Run(LoopbackChannel(), Options()), scene, given)
+    completed, _, bricks = open_content(Run(LoopbackChannel(), Options()), scene, given)
     assert (completed, bricks) == (expected.scene, {})
     coarse = with_settings(scene, {"detail": {"level": 1}, "largest_brick": None})
-    assert open_volumes(Run(LoopbackChannel(), Options()), coarse, given)[2] == {}
+    assert open_content(Run(LoopbackChannel(), Options()), coarse, given)[2] == {}

@@ -14,7 +14,7 @@ from cli.pages import check_page
 from clusterviz.cli import tradeoff
 from clusterviz.cli.tradeoff import MpirunJob
 from clusterviz.errors import ClustervizError
-from clusterviz.report.tradeoff.measure import Cost, Measured, cost_from_json
+from clusterviz.pages.tradeoff.measure import Cost, Measured, cost_from_json
 from clusterviz.scene import Scene
 
 FIELD = "field:gaussian:12"
@@ -81,8 +81,9 @@ def jobs(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
 
 
 def complete(scene: Scene) -> Scene:
+    from clusterviz.content.complete import complete_scene
     from clusterviz.data import open_source
-    from clusterviz.scene import VolumeInfo, complete_scene
+    from clusterviz.scene import VolumeInfo
 
     grid = open_source(scene.volumes[0].path, None).grid
     return complete_scene(scene, VolumeInfo(grid.shape_zyx, grid.spacing, grid.corners, 0.0, 1.0, 0.0, 1.0))

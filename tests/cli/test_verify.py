@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from data.grid_writers import vtu
 from clusterviz.cli import jobs, verify
 from clusterviz.cli.jobs import job_command
 from clusterviz.cli.verify import Configuration, compare_with_reference
+from clusterviz.content import transfer
 from clusterviz.data import open_scene, open_source
 from clusterviz.data.store.shards import BrickCodec
 from clusterviz.data.store.writer import write_store
@@ -205,6 +207,24 @@ def test_depth_is_compared_with_the_colours(monkeypatch: pytest.MonkeyPatch) -> 
 def test_scene_for_groups_of_ranks_is_compared_with_the_reference_on_one_rank() -> None:
     scene = scene_of_data("field:gaussian:9", ["image.size=[8,6]", "cluster.mode=hybrid", "cluster.groups=2"])
     assert compare_with_reference(scene).max <= 1e-5
+
+
+@pytest.mark.parametrize("part", ["colour_points", "opacity_points", "TransferFunction"])
+def test_a_wrong_transfer_function_is_found(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reference has its own, so that a mistake in what the renderer uses is none in both."""
+    right = getattr(transfer, part)
+
+    def wrong(*given: Any, **named: Any) -> Any:
+        found = right(*given, **named)
+        if part == "TransferFunction":
+            return replace(found, unit_distance=1.05 * found.unit_distance)
+        return found[0], 0.95 * found[1]
+
+    monkeypatch.setattr(transfer, part, wrong)
+    scene = scene_of_data(
+        "field:gaussian:9", ["image.size=[8,6]", "volumes.0.cmap=viridis", "volumes.0.opacity=linear"]
+    )
+    assert compare_with_reference(scene).max > 1e-3
 
 
 def test_levels_are_compared_with_the_field_that_they_stand_for(tmp_path: Path) -> None:

@@ -61,8 +61,8 @@ class Workshop:
         self.now += 4 * count * dtype.itemsize * self._seconds[self.used[-1]][1]
         return open_message(message, count, dtype, rows)
 
-    def codec(self, *link: float) -> AutoCodec:
-        return AutoCodec(*(link or (GIGABIT,)), clock=lambda: self.now)
+    def codec(self, link: float = GIGABIT) -> AutoCodec:
+        return AutoCodec(link, clock=lambda: self.now)
 
 
 # About what they take on a processor of 2023, where LZ4 finds little.
@@ -91,22 +91,21 @@ def settled(codec: AutoCodec, pixels: Pixels, messages: int = 4) -> str:
 @pytest.mark.parametrize(
     ("link", "kind", "chosen"),
     [
-        ((GIGABIT,), smooth, "lz4"),
-        ((GIGABIT,), sparse, "active"),
-        ((GIGABIT,), noise, "raw"),
-        ((FAST,), sparse, "active"),
-        ((FAST,), smooth, "raw"),
-        ((1e-12,), sparse, "raw"),
-        ((1e-12, 1e-10), sparse, "active"),
+        (GIGABIT, smooth, "lz4"),
+        (GIGABIT, sparse, "active"),
+        (GIGABIT, noise, "raw"),
+        (FAST, sparse, "active"),
+        (FAST, smooth, "raw"),
+        (1e-12, sparse, "raw"),
     ],
-    ids=["smooth", "sparse", "noise", "fast, sparse", "fast, smooth", "instant", "blending less counts"],
+    ids=["smooth", "sparse", "noise", "fast, sparse", "fast, smooth", "instant"],
 )
 def test_what_shrinks_is_packed_where_the_link_is_slow(
-    workshop: Workshop, link: tuple[float, ...], kind: Kind, chosen: str
+    workshop: Workshop, link: float, kind: Kind, chosen: str
 ) -> None:
-    slow = link == (GIGABIT,)
+    slow = link == GIGABIT
     for dtype in (np.uint8, np.float16, np.float32) if slow else (np.uint8,):
-        assert chosen in settled(workshop.codec(*link), kind(dtype), 4 if slow else 50)
+        assert chosen in settled(workshop.codec(link), kind(dtype), 4 if slow else 50)
     assert slow or set(workshop.used) <= {"active", "raw"}, "a fast link never sees LZ4"
 
 

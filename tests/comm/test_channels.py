@@ -268,7 +268,7 @@ CHECKS = (
 
 @pytest.mark.cover
 @pytest.mark.parametrize("check", [*CHECKS, check_threads])
-@pytest.mark.parametrize("ranks", [1, 2, 3, 5, 8])
+@pytest.mark.parametrize("ranks", [1, 2, 5])
 def test_threads(ranks: int, check: Check) -> None:
     run_loopback(ranks, check)
 
@@ -279,12 +279,11 @@ def test_threads_share_memory_within_pretended_nodes(ranks_per_node: int) -> Non
 
 
 @pytest.mark.parametrize("check", [*CHECKS, check_threads])
-@pytest.mark.parametrize("ranks", [1, 3])
-def test_a_throttled_link(ranks: int, check: Check) -> None:
-    run_loopback(ranks, lambda channel: check(ThrottledChannel(channel, 1e9)))
+def test_a_throttled_link(check: Check) -> None:
+    run_loopback(3, lambda channel: check(ThrottledChannel(channel, 1e9)))
 
 
-@pytest.mark.mpi(ranks=[1, 2, 3, 5], timeout=100)
+@pytest.mark.mpi(ranks=[1, 2, 5], timeout=100)
 def test_mpi(mpi_ranks: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """One start of MPI serves all checks, because starting takes longer than they do."""
     channel = MpiChannel(chunk_bytes=1000)

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from composite.cases import compose, random_case
 
 from clusterviz.composite.footprints import Footprint, Footprints
-from clusterviz.composite.model.choice import HANDICAPS, Request, choose
+from clusterviz.composite.model.choice import HANDICAPS, Request, choose, fastest
 from clusterviz.composite.model.network import Network, open_network, shipped_networks
+from clusterviz.composite.schedules import binary_tree
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, SEVERAL_IMAGES
 from clusterviz.composite.simulation.simulate import cube_footprints
 from clusterviz.errors import InputError
@@ -98,7 +100,6 @@ def test_nodes_of_several_ranks_merge_inside_first() -> None:
     network = open_network("ethernet-10g")
     choice = choose(AUTO, footprints([HD] * 16, np.float32), together(16, 4), network)
     assert choice.transport == "hierarchical"
-    assert choose(AUTO, footprints([HD] * 16), together(16, 4), network, memory_shared=False).transport == "messages"
 
 
 @pytest.mark.parametrize("nodes", [together(4), apart(4), together(4, 2)])
@@ -150,7 +151,7 @@ def test_several_images_a_rank_go_by_what_takes_them() -> None:
     found = footprints([HD] * 6, ranks=[0, 1, 2, 0, 1, 2])
     for name in ("auto", *ALGORITHMS):
         ran = name if name in SEVERAL_IMAGES else "direct-send"
-        assert choose(Request(name, "messages", "raw"), found, apart(3), network, interleaved=True).algorithm == ran
+        assert choose(Request(name, "messages", "raw"), found, apart(3), network).algorithm == ran
     # A node between the images of another is several images, too; nodes may be lists.
     lists, swap = [[0, 1], [2, 3]], Request("binary-swap", "hierarchical", "raw")
     found, in_line = footprints([HD] * 4, ranks=[0, 2, 1, 3]), footprints([HD] * 4)
@@ -161,16 +162,27 @@ def test_several_images_a_rank_go_by_what_takes_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wanted", "nodes", "window", "text"),
+    ("wanted", "nodes", "text"),
     [
-        (Request("auto", "shared", "raw"), together(4, 2), True, "cluster.transport.*messages, hierarchical, auto"),
-        (Request("auto", "shared", "raw"), apart(4), True, "cluster.transport.*found shared; allowed messages, auto"),
-        (Request("auto", "shared", "raw"), together(4), False, "cluster.transport.*allowed messages, auto"),
-        (Request("auto", "hierarchical", "raw"), together(4, 2), False, "cluster.transport.*allowed messages, auto"),
-        (Request("auto", "pigeons", "raw"), together(4), True, f"unknown transport.*{', '.join(TRANSPORTS)}"),
-        (Request("swap", "messages", "raw"), together(4), True, "unknown compositing algorithm.*direct-send"),
+        (Request("auto", "shared", "raw"), together(4, 2), "cluster.transport.*messages, hierarchical, auto"),
+        (Request("auto", "shared", "raw"), apart(4), "cluster.transport.*found shared; allowed messages, auto"),
+        (Request("auto", "pigeons", "raw"), together(4), f"unknown transport.*{', '.join(TRANSPORTS)}"),
+        (Request("swap", "messages", "raw"), together(4), "unknown compositing algorithm.*direct-send"),
     ],
 )
-def test_what_cannot_be_is_refused(wanted: Request, nodes: Nodes, window: bool, text: str) -> None:
+def test_what_cannot_be_is_refused(wanted: Request, nodes: Nodes, text: str) -> None:
     with pytest.raises(InputError, match=text):
-        choose(wanted, footprints([HD] * 4), nodes, open_network("laptop"), memory_shared=window)
+        choose(wanted, footprints([HD] * 4), nodes, open_network("laptop"))
+
+
+def test_an_algorithm_without_a_closed_form_runs_if_named_and_is_tried_by_auto(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(ALGORITHMS, "own", lambda *of: binary_tree.schedule(*of))
+    network, tiny, large = open_network("laptop"), footprints([Rect(0, 0, 2, 2)] * 8), footprints([HD] * 8)
+    assert choose(Request("own", "messages", "raw"), large, apart(8), network).algorithm == "own"
+    fastest.cache_clear()
+    # It moves what a tree does, without the tree's handicap.
+    assert choose(MESSAGES, tiny, apart(8), network).algorithm == "own"
+    assert choose(MESSAGES, large, apart(8), network).algorithm != "own"
+    case = random_case(5)
+    case.check(compose(case, "own")[0], 4)
+    fastest.cache_clear()

@@ -58,16 +58,20 @@ def drawn(case: Case, algorithm: str, root: int = 0) -> np.ndarray | None:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_every_algorithm_with_any_number_of_ranks(algorithm: str, kind: str) -> None:
-    """In the last cases there are more ranks than pixels, or sides that no number divides."""
-    cases = [random_case(ranks, kind) for ranks in (*range(1, 9), *((13, 16) if kind not in OPERATORS else (9,)))]
-    cases += [dense_case(11, kind, size) for size in ((1, 1), (1, 9), (9, 1), (2, 1), (37, 3))]
+    """In the last cases there are more ranks than pixels, or sides that no number divides.
+
+    What ranks merge does not depend on the kind of pixels, so all counts of ranks have one kind only.
+    """
+    plain = kind == "float32"
+    cases = [random_case(ranks, kind) for ranks in ((*range(1, 9), 13, 16) if plain else (3, 6))]
+    cases += [dense_case(11, kind, size) for size in (((1, 1), (1, 9), (9, 1), (2, 1)) if plain else ((37, 3),))]
     for case in cases:
         case.check(drawn(case, algorithm), case.ranks - 1)
 
 
 @pytest.mark.cover
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.data(), st.integers(1, 11), st.tuples(st.integers(1, 13), st.integers(1, 11)))
 def test_any_footprints_orders_and_roots(
     algorithm: str, data: st.DataObject, ranks: int, size: tuple[int, int]
@@ -84,8 +88,9 @@ def test_any_footprints_orders_and_roots(
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("transport", TRANSPORTS)
 def test_several_images_a_rank_lie_between_those_of_others(transport: str, kind: str) -> None:
-    case = random_case(5, kind, counts=[3, 1, 0, 4, 2])
-    for algorithm in (*ALGORITHMS, "auto"):
+    case, names = random_case(5, kind, counts=[3, 1, 0, 4, 2]), [*ALGORITHMS, "auto"]
+    # Every algorithm with some kinds, those of several images a rank with each.
+    for algorithm in {*names[KINDS.index(kind) % 3 :: 3], *SEVERAL_IMAGES}:
         made, counters = compose(case, algorithm, transport, NODES[transport])
         case.check(made, 12)
         ran = counters[0].algorithm
@@ -95,7 +100,7 @@ def test_several_images_a_rank_lie_between_those_of_others(transport: str, kind:
 
 @pytest.mark.cover
 @pytest.mark.parametrize("transport", TRANSPORTS)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(data=st.data(), ranks=st.integers(1, 8), seed=st.integers(0, 1000), kind=st.sampled_from((*KINDS, "float16")))
 def test_every_transport(transport: str, data: st.DataObject, ranks: int, seed: int, kind: str) -> None:
     case = random_case(ranks, kind, seed=seed)
@@ -132,18 +137,17 @@ def test_mpi_equals_loopback(mpi_ranks: int) -> None:
     channel.close()
 
 
-@pytest.mark.cover
-@pytest.mark.parametrize("codec", [*CODECS, "auto"])
 @pytest.mark.parametrize("algorithm", ["direct-send", "binary-swap", "slic"])
-def test_no_codec_changes_a_bit(algorithm: str, codec: str) -> None:
+def test_no_codec_changes_a_bit(algorithm: str) -> None:
     case = random_case(5)
     raw, _ = compose(case, algorithm, codec="raw")
-    assert np.array_equal(raw, compose(case, algorithm, codec=codec)[0])
+    for codec in (*CODECS, "auto") if algorithm == "direct-send" else ("active", "rectangle+delta+shuffle+lz4"):
+        assert np.array_equal(raw, compose(case, algorithm, codec=codec)[0]), codec
 
 
 @pytest.mark.cover
 @pytest.mark.parametrize("kind", ["uint8", "float16"])
-@pytest.mark.parametrize("ranks", [2, 3, 5, 8, 13, 16])
+@pytest.mark.parametrize("ranks", [2, 5, 13])
 def test_fewer_bits_are_rounded_once_a_round(ranks: int, kind: str) -> None:
     case = dense_case(ranks, kind)
     for transport, rounds in (("messages", 1), ("shared", 1), ("hierarchical", 2 if kind == "float16" else 2 + ranks)):
@@ -182,8 +186,7 @@ def test_values_are_rounded_to_nearest(pixel: str) -> None:
     assert rounded(blank(), pixel).rgba.shape == (0, 0, 4)
 
 
-@pytest.mark.parametrize("kind", ["float32", "uint8"])
-@pytest.mark.parametrize("seen", [None, 3])
+@pytest.mark.parametrize(("seen", "kind"), [(None, "float32"), (3, "uint8")])
 def test_all_blank_and_all_but_one_send_nothing(seen: int | None, kind: str) -> None:
     image = random_image(np.random.default_rng(3), Rect(2, 1, 6, 4), kind)
     # An empty rectangle of any kind is empty.
@@ -322,7 +325,7 @@ def test_an_image_drawn_into_shared_memory_is_not_copied() -> None:
     run_loopback(3, run)
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", ["serial", "tree", "direct-send", "radix-k", "slic"])
 def test_images_of_any_order_of_memory_are_taken_and_not_changed(algorithm: str) -> None:
     rng = np.random.default_rng(7)
     a, b, c, d = (random_image(rng, WHOLE).rgba for _ in range(4))

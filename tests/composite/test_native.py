@@ -89,6 +89,7 @@ def test_an_array_of_another_type_or_order_is_refused() -> None:
             kernels.find_runs(mask, 0, wrong)
 
 
+@pytest.mark.long
 def test_a_damaged_file_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     native.kernel(*NAME).prepare()
     (file,) = folder.iterdir()
@@ -127,6 +128,7 @@ def test_code_that_others_may_have_written_is_made_again(folder: Path, monkeypat
     assert objects.read_code(file) is None
 
 
+@pytest.mark.long
 def test_processes_may_compile_a_kernel_at_once(folder: Path) -> None:
     """Each saves the whole file; none reads a part of one."""
     text = (
@@ -169,6 +171,7 @@ def test_code_beside_the_package_serves_users_who_cannot_write_there(
     assert (names, [each.name for each in (tmp_path / "home").iterdir()]) == (["put"], [file.name])
 
 
+@pytest.mark.long
 def test_where_nothing_can_be_kept_it_works_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     native.kernel.cache_clear()

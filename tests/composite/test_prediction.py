@@ -11,7 +11,6 @@ from clusterviz.composite.model.communication import COMMUNICATION_COSTS, ImageS
 from clusterviz.composite.model.network import Network, open_network
 from clusterviz.composite.model.prediction import place_ranks, predict
 from clusterviz.composite.schedules.algorithms import ALGORITHMS
-from clusterviz.composite.schedules.schedule import count_dense
 from clusterviz.composite.simulation.closed_forms import direct_send_sparse
 from clusterviz.composite.simulation.simulate import cube_footprints
 from clusterviz.composite.simulation.sparse import count_sparse
@@ -34,7 +33,7 @@ def test_dense_images_are_counted_exactly_at_powers_of_two_and_else_nearly(algor
     for ranks in (2, 4, 8, 16, 64, 128, 3, 5, 6, 7, 11, 31, 100):
         moves, load = (
             COMMUNICATION_COSTS[algorithm](dense(ranks)),
-            count_dense(ALGORITHMS[algorithm](ranks, PIXELS, ())),
+            ALGORITHMS[algorithm](ranks, PIXELS, ()).counts(),
         )
         exact, most = ranks & (ranks - 1) == 0, max(load.pixels_sent.max(), load.pixels_received.max())
         assert abs(moves.rounds - load.rounds) <= (not exact)
@@ -83,7 +82,7 @@ def test_bricks_of_a_cube_move_what_the_growing_of_their_unions_says(algorithm: 
 def test_between_single_ranks_the_time_is_that_of_the_plain_model() -> None:
     network = Network("", "", 3.0, 5.0, 7e-6, 11e-6)
     ranks = 8
-    load = count_dense(ALGORITHMS["binary-swap"](ranks, PIXELS, ()))
+    load = ALGORITHMS["binary-swap"](ranks, PIXELS, ()).counts()
     nodes = tuple((rank,) for rank in range(ranks))
     found = predict("binary-swap", "messages", dense(ranks), place_ranks(range(ranks), nodes), network)
     share = (1 - 1 / ranks) * PIXELS * 4 * 7e-6

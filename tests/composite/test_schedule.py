@@ -25,16 +25,7 @@ from clusterviz.composite.schedules.direct_send import row_borders, top_to_botto
 from clusterviz.composite.schedules.pipeline import automatic_batches
 from clusterviz.composite.schedules.radix_k import automatic_factors
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import (
-    Counts,
-    MultiImageAlgorithm,
-    Schedule,
-    Stage,
-    Transfer,
-    borders,
-    check,
-    piece,
-)
+from clusterviz.composite.schedules.schedule import MultiImageAlgorithm, Schedule, Stage, Transfer, borders, check
 from clusterviz.composite.schedules.swap_2_3 import split
 from clusterviz.composite.simulation.closed_forms import direct_send_sparse
 from clusterviz.composite.simulation.simulate import cube_footprints
@@ -58,10 +49,21 @@ def _remainder_messages(n: int, k: int = 2) -> int:
     return 0 if n < 2 else (n - n % k) * (k - 1) + k * (n % k) + k * _remainder_messages(n // k, k)
 
 
-def _theory(algorithm: str, n: int, p: int) -> Counts:
+def _counts(schedule: Schedule) -> dict[str, float]:
+    load = schedule.counts()
+    return {
+        "rounds": load.rounds,
+        "messages": load.messages,
+        "pixels": load.pixels,
+        "most_sent": int(load.pixels_sent.max(initial=0)),
+        "most_received": int(load.pixels_received.max(initial=0)),
+    }
+
+
+def _theory(algorithm: str, n: int, p: int) -> dict[str, float]:
     """Rounds, messages, pixels and extremes for dense images, where every piece has pixels; ANY: no closed form."""
     if n == 1:
-        return Counts(0, 0, 0, 0, 0)
+        return dict.fromkeys(("rounds", "messages", "pixels", "most_sent", "most_received"), 0)
     d = n.bit_length() - 1
     up, all_pixels, power = (n - 1).bit_length(), (n - 1) * p, n == 2**d
     largest, smallest = -(-p // n), p // n
@@ -88,32 +90,33 @@ def _theory(algorithm: str, n: int, p: int) -> Counts:
         "binary-swap-remainder": (d, _remainder_messages(n), swap_sent, ANY),
     }
     rounds, messages, sent, received = rows[algorithm]
-    return Counts(rounds, messages, all_pixels, sent, received)  # type: ignore[arg-type]
+    found = {"rounds": rounds, "messages": messages, "pixels": all_pixels}
+    return found | {"most_sent": sent, "most_received": received}
 
 
-@pytest.mark.cover
+@pytest.mark.cover("parallel-pipeline")
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_counts_equal_theory(algorithm: str) -> None:
     for ranks in RANKS:
-        for pixels in (64 * 63, 4099, 1_000_003, 16_777_259, 1 << 20, ranks * 1000):
-            counts, theory = ALGORITHMS[algorithm](ranks, pixels, ()).counts(), _theory(algorithm, ranks, pixels)
-            for name, wanted in vars(theory).items():
-                assert wanted in (ANY, getattr(counts, name)), f"{ranks} ranks, {pixels} pixels: {name}"
-            assert counts.most_sent <= pixels
+        for pixels in (64 * 63, 1_000_003, 1 << 20, ranks * 1000):
+            counts, theory = _counts(ALGORITHMS[algorithm](ranks, pixels, ())), _theory(algorithm, ranks, pixels)
+            for name, wanted in theory.items():
+                assert wanted in (ANY, counts[name]), f"{ranks} ranks, {pixels} pixels: {name}"
+            assert counts["most_sent"] <= pixels
         for pixels in (p for p in (1, 2, 7, 31, 53) if p < ranks):
-            counts, theory = ALGORITHMS[algorithm](ranks, pixels, ()).counts(), _theory(algorithm, ranks, pixels)
-            assert counts.pixels == theory.pixels
-            assert theory.messages == ANY or counts.messages <= theory.messages
-            assert counts.rounds <= theory.rounds
+            counts, theory = _counts(ALGORITHMS[algorithm](ranks, pixels, ())), _theory(algorithm, ranks, pixels)
+            assert counts["pixels"] == theory["pixels"]
+            assert theory["messages"] == ANY or counts["messages"] <= theory["messages"]
+            assert counts["rounds"] <= theory["rounds"]
             if algorithm in ("direct-send", "slic", "parallel-pipeline"):
-                assert counts.messages == pixels * (ranks - 1)
+                assert counts["messages"] == pixels * (ranks - 1)
 
 
 @pytest.mark.cover
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-@pytest.mark.parametrize("pixels", [0, 1, 31, 64, 1_000_003])
+@pytest.mark.parametrize("pixels", [0, 1, 31, 1_000_003])
 def test_every_pixel_is_merged_once_in_order_with_no_waste(algorithm: str, pixels: int) -> None:
-    for ranks in RANKS:
+    for ranks in RANKS if pixels > 1 else (1, 2, 3, 7, 8, 64):
         schedule = ALGORITHMS[algorithm](ranks, pixels, ())
         check(schedule)
         assert schedule.counts().pixels == (ranks - 1) * pixels
@@ -124,7 +127,7 @@ def test_2_3_swap_sends_as_many_messages_as_its_table_says(ranks: int) -> None:
     schedule = ALGORITHMS["2-3-swap"](ranks, 1 << 24, ())
     counts = schedule.counts()
     assert counts.messages == SWAP_2_3[ranks] <= 2 * ranks * (ranks.bit_length() - 1)
-    assert counts.most_received <= 1.11 * (1 << 24)
+    assert counts.pixels_received.max() <= 1.11 * (1 << 24)
     for stage in schedule.stages:
         assert np.bincount(stage.table[:, 0]).max() <= 3
         assert np.bincount(stage.table[:, 1]).max() <= 4
@@ -136,7 +139,7 @@ def test_2_3_swap_splits_and_deals_as_in_the_paper() -> None:
         stages = ALGORITHMS["2-3-swap"](ranks, 1000, ()).stages
         # Who receives a piece in the last stage owns it.
         owners = {(t.begin, t.end): t.target for t in stages[-1]}
-        pieces = [piece(index, ranks, 1000) for index in range(ranks)]
+        pieces = list(pairwise(borders(ranks, 1000).tolist()))
         assert all(owners.get(pieces[index], order[index]) == order[index] for index in range(ranks))
         assert {t.target for t in stages[-1]} <= set(order)
 
@@ -168,7 +171,7 @@ def test_radix_k_covers_direct_send_and_binary_swap() -> None:
         single, direct = radix_k.schedule(ranks, 999, factors=[ranks]), ALGORITHMS["direct-send"](ranks, 999, ())
         assert [set(stage) for stage in single.stages] == [set(stage) for stage in direct.stages]
         twos = radix_k.schedule(ranks, 999, factors=[2] * (ranks.bit_length() - 1))
-        assert twos.counts() == ALGORITHMS["binary-swap"](ranks, 999, ()).counts()
+        assert _counts(twos) == _counts(ALGORITHMS["binary-swap"](ranks, 999, ()))
 
 
 def test_automatic_factors_are_between_4_and_8_but_for_the_last() -> None:
@@ -199,7 +202,7 @@ def test_direct_send_to_few_owners_and_a_pipeline_of_any_number_of_batches() -> 
         check(schedule)
         counts = schedule.counts()
         assert (counts.rounds, counts.messages, counts.pixels) == (1, owners * 6, 6 * 1001)
-        assert counts.most_received <= 6 * -(-1001 // owners)
+        assert counts.pixels_received.max() <= 6 * -(-1001 // owners)
         assert len({t.target for t in schedule.stages[0]}) == owners
     for batches in (1, 2, 5, 400):
         schedule = pipeline.schedule(5, 1000, batches=batches)
@@ -209,10 +212,9 @@ def test_direct_send_to_few_owners_and_a_pipeline_of_any_number_of_batches() -> 
 
 def test_pieces_are_exact_above_the_precision_of_floats() -> None:
     pixels = 2**40 + 1
-    found = [piece(index, 1000, pixels) for index in range(1000)]
-    assert (found[0][0], found[-1][1]) == (0, pixels)
-    assert all(a[1] == b[0] for a, b in pairwise(found))
-    assert {end - begin for begin, end in found} == {pixels // 1000, pixels // 1000 + 1}
+    found = borders(1000, pixels)
+    assert (found[0], found[-1]) == (0, pixels)
+    assert set(np.diff(found).tolist()) == {pixels // 1000, pixels // 1000 + 1}
     check(ALGORITHMS["binary-swap"](12, pixels, ()))
 
 
@@ -255,7 +257,7 @@ def covers(rects: list[Rect], size: tuple[int, int] = (WIDTH, HEIGHT)) -> np.nda
     return np.array(inside)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(1, 9), st.integers(1, 5), SEEDS)
 def test_direct_send_by_bands_makes_the_same_picture(ranks: int, bands: int, seed: int) -> None:
     case = random_case(ranks, seed=seed, size=(WIDTH, HEIGHT))
@@ -280,7 +282,7 @@ def test_dense_footprints_are_cut_as_without_footprints(pixels: int) -> None:
             assert [list(stage) for stage in made.stages] == [list(stage) for stage in plain.stages]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.integers(1, 20), st.integers(1, 20), SEEDS)
 def test_weighted_pieces_cover_the_canvas_and_cost_the_same_but_for_a_row(ranks: int, pieces: int, seed: int) -> None:
     rects = random_rects(seed, ranks)
@@ -378,7 +380,9 @@ def test_manuals_and_modules_say_how_many_images_a_rank_may_have() -> None:
     assert {"serial", "direct-send", "slic"} == SEVERAL_IMAGES
     for schedule in ALGORITHMS.values():
         module = sys.modules[schedule.__module__]
-        text = "any number of partial images a rank" if module.SEVERAL_IMAGES else "one partial image a rank"
+        text = (
+            "any number of partial images a rank" if hasattr(module, "SEVERAL_IMAGES") else "one partial image a rank"
+        )
         assert text in " ".join((module.__doc__ or "").split())
 
 

@@ -13,7 +13,6 @@ from PIL import Image
 from clusterviz.composite import ALGORITHMS, Schedule
 from clusterviz.composite.model.network import Network, open_network
 from clusterviz.composite.schedules import pipeline
-from clusterviz.composite.schedules.schedule import count_dense
 from clusterviz.composite.simulation.drawing import MOST_RANKS as MOST_DRAWN
 from clusterviz.composite.simulation.drawing import write_drawing
 from clusterviz.composite.simulation.simulate import Options, simulate
@@ -47,7 +46,7 @@ def test_65536_ranks(algorithm: str) -> None:
 
 
 def test_each_constant_of_the_time_model_counts_what_it_should() -> None:
-    load = count_dense(ALGORITHMS["tree"](5, 100, ()))
+    load = ALGORITHMS["tree"](5, 100, ()).counts()
     for index, wanted in enumerate((3.0, 3.0, 300 * 4.0, 300.0)):
         constants = [float(index == number) for number in range(4)]
         assert Network("", "", *constants).seconds(load, 4) == wanted

@@ -57,8 +57,8 @@ def check_tiles(channel: Channel, side: int, codec: str) -> None:
 @pytest.mark.parametrize(
     ("ranks", "side", "codec"),
     [
-        *((ranks, side, "raw") for ranks in (1, 2, 3, 5, 7) for side in (8, 64, 500)),
-        *((3, 32, codec) for codec in (*CODECS, "auto")),
+        *((ranks, side, "raw") for ranks, side in ((1, 64), (2, 500), (3, 8), (5, 64), (7, 8), (7, 500))),
+        *((3, 32, codec) for codec in (*list(CODECS)[1::3], "auto")),
     ],
 )
 def test_tiles_make_the_picture(ranks: int, side: int, codec: str) -> None:

@@ -21,33 +21,11 @@ GRID = mixed()
 TYPES = {"tetra": 10, "pyramid": 14, "wedge": 13, "hexahedron": 12}
 NUMBERS = np.array([TYPES[kind] for kind, corners in GRID.cells.items() for _ in corners], np.uint8)
 CORNERS = [row for corners in GRID.cells.values() for row in corners]
-ENDS = np.cumsum([len(row) for row in CORNERS])
 KIND = GRID.cell_arrays["kind"].astype("i4")
 HEAT = GRID.point_arrays["f"].astype("f4")
 Arrays = Mapping[str, Mapping[str, Any]]
 """Further arrays of bytes by section, PointData or CellData, and name."""
 NO_ARRAYS: Arrays = {}
-
-
-def _piece(rows: list[int], pack: Callable[[str, np.ndarray, int], str], more: Arrays) -> str:
-    corners = [CORNERS[row] for row in rows]
-    arrays: dict[str, dict[str, np.ndarray]] = {
-        "Points": {"": GRID.points.astype("f4")},
-        "Cells": {
-            "connectivity": np.concatenate([np.zeros(0, int), *corners]).astype("<i8"),
-            "offsets": np.cumsum([len(row) for row in corners]).astype("<i4"),
-            "types": NUMBERS[rows],
-        },
-        "PointData": {"f": HEAT},
-        "CellData": {"kind": KIND[rows]},
-    }
-    for section, each in more.items():
-        arrays[section] |= {name: np.array(array, "u1") for name, array in each.items()}
-    tags = ""
-    for section, members in arrays.items():
-        each = "".join(pack(name, array, 3 if section == "Points" else 1) for name, array in members.items())
-        tags += f"<{section}>{each}</{section}>"
-    return f'<Piece NumberOfPoints="{len(HEAT)}" NumberOfCells="{len(rows)}">{tags}</Piece>'
 
 
 def streams(path: Path, form: str = "vtu", more: Arrays = NO_ARRAYS) -> Path:
@@ -72,23 +50,21 @@ def streams(path: Path, form: str = "vtu", more: Arrays = NO_ARRAYS) -> Path:
 
 
 def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), more: Arrays = NO_ARRAYS) -> Path:
-    appended = b""
-
-    def pack(name: str, array: np.ndarray, components: int) -> str:
-        nonlocal appended
-        tag = f'<DataArray type="{writers.VTI_NAMES[array.dtype.str[1:]]}" Name="{name}" '
-        tag += f'NumberOfComponents="{components}" '
-        if form == "ascii":
-            return tag + f'format="ascii">{" ".join(map(repr, array.ravel().tolist()))}</DataArray>'
-        begin, appended = len(appended), appended + writers.vti_packed(array.tobytes(), "<u4", form, False)
-        return tag + f'format="appended" offset="{begin}"/>'
-
-    piece = _piece(list(rows), pack, more)
-    packing = f'compressor="{form}"' if form.startswith("vtk") else ""
-    text = f'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" {packing}><UnstructuredGrid>{piece}'
-    more = b'<AppendedData encoding="raw">_' + appended + b"</AppendedData>" if appended else b""
-    path.write_bytes(text.encode() + b"</UnstructuredGrid>" + more + b"</VTKFile>")
-    return path
+    corners = [CORNERS[row] for row in rows]
+    arrays: dict[str, dict[str, np.ndarray]] = {
+        "Points": {"": GRID.points.astype("f4")},
+        "Cells": {
+            "connectivity": np.concatenate([np.zeros(0, int), *corners]).astype("<i8"),
+            "offsets": np.cumsum([len(row) for row in corners]).astype("<i4"),
+            "types": NUMBERS[list(rows)],
+        },
+        "PointData": {"f": HEAT},
+        "CellData": {"kind": KIND[list(rows)]},
+    }
+    for section, each in more.items():
+        arrays[section] |= {name: np.array(array, "u1") for name, array in each.items()}
+    counts = f'NumberOfPoints="{len(HEAT)}" NumberOfCells="{len(rows)}"'
+    return writers.vtk_xml(path, "UnstructuredGrid", counts, arrays, form, form if form.startswith("vtk") else "")
 
 
 def pvtu(path: Path) -> Path:
@@ -126,32 +102,21 @@ def vtk(
     path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS, more: Arrays = NO_ARRAYS
 ) -> Path:
     rows = CORNERS if rows is None else rows
-    ends = np.cumsum([len(row) for row in rows])
-    parts: list[Any] = [f"POINTS {len(HEAT)} float", GRID.points.astype("f4")]
-    if version == 5:
-        parts += [f"CELLS {len(ends) + 1} {ends[-1]}", "OFFSETS vtktypeint64", np.append(0, ends)]
-        parts += ["CONNECTIVITY vtktypeint64", np.concatenate(rows)]
-    else:
-        whole = np.concatenate([[len(row), *row] for row in CORNERS]).astype("i4")
-        parts += [f"CELLS {len(CORNERS)} {len(whole)}", whole]
-    parts += [f"CELL_TYPES {len(types)}", types.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
-    ghosts = {
-        section: [
-            part for name, bits in each.items() for part in (f"FIELD a 1\n{name} 1 {len(bits)} unsigned_char", bits)
-        ]
-        for section, each in more.items()
-    }
-    ghosts = {
-        section: [p if isinstance(p, str) else np.array(p, "u1") for p in each] for section, each in ghosts.items()
-    }
-    parts += ["SCALARS kind int 1", "LOOKUP_TABLE default", KIND, *ghosts.get("CellData", ())]
-    parts += [
-        f"POINT_DATA {len(HEAT)}",
-        "SCALARS f float 1",
-        "LOOKUP_TABLE default",
-        HEAT,
-        *ghosts.get("PointData", ()),
+    parts: list[Any] = [
+        f"POINTS {len(HEAT)} float",
+        GRID.points.astype("f4"),
+        *writers.vtk_cells("CELLS", rows, version),
     ]
+    parts += [f"CELL_TYPES {len(types)}", types.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
+
+    def ghosts(section: str) -> list[Any]:
+        found = list[Any]()
+        for name, bits in more.get(section, {}).items():
+            found += [f"FIELD a 1\n{name} 1 {len(bits)} unsigned_char", np.array(bits, "u1")]
+        return found
+
+    parts += ["SCALARS kind int 1", "LOOKUP_TABLE default", KIND, *ghosts("CellData"), f"POINT_DATA {len(HEAT)}"]
+    parts += ["SCALARS f float 1", "LOOKUP_TABLE default", HEAT, *ghosts("PointData")]
     head = "# vtk DataFile Version 5.1\na title\n{form}\nDATASET UNSTRUCTURED_GRID\n"
     return writers.vtk_parts(path, form, *parts, head=head)
 

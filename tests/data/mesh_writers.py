@@ -151,39 +151,14 @@ def vtp(path: Path, form: str = "ascii", compressor: str = "") -> Path:
         name: {"offsets": np.array(ends, "<i4"), "connectivity": np.array(along, "<i8")}
         for name, (ends, along) in cells.items()
     }
-    tags, appended = "", b""
-    for section, members in arrays.items():
-        tags += f"<{section}>"
-        for name, array in members.items():
-            components = 3 if section == "Points" else 1
-            kind = writers.VTI_NAMES[array.dtype.str[1:]]
-            tags += f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" '
-            if form == "ascii":
-                tags += f'format="ascii">{" ".join(map(repr, array.ravel().tolist()))}</DataArray>'
-            else:
-                tags += f'format="appended" offset="{len(appended)}"/>'
-                appended += writers.vti_packed(array.tobytes(), "<u4", compressor, False)
-        tags += f"</{section}>"
-    packing = f'compressor="{compressor}"' if compressor else ""
     counts = 'NumberOfPoints="9" NumberOfVerts="2" NumberOfLines="2" NumberOfPolys="2" NumberOfStrips="1"'
-    text = f'<VTKFile type="PolyData" byte_order="LittleEndian" {packing}><PolyData>'
-    text += f"<Piece {counts}>{tags}</Piece></PolyData>"
-    more = b'<AppendedData encoding="raw">_' + appended + b"</AppendedData>" if appended else b""
-    path.write_bytes(text.encode() + more + b"</VTKFile>")
-    return path
+    return writers.vtk_xml(path, "PolyData", counts, arrays, form, compressor)
 
 
 def vtk(path: Path, form: str = "BINARY", version: int = 5) -> Path:
-    lines = [("LINES", [[4, 5, 6], [7, 8]]), ("POLYGONS", TRIANGLES.tolist())]
     parts: list[Any] = ["POINTS 9 float", np.concatenate([VERTICES, PATH])]
-    for key, cells in lines:
-        if version == 5:
-            ends = np.cumsum([0, *map(len, cells)])
-            parts += [f"{key} {len(ends)} {ends[-1]}", "OFFSETS vtktypeint64", ends, "CONNECTIVITY vtktypeint64"]
-            parts.append(np.concatenate(cells))
-        else:
-            mixed = np.concatenate([[len(cell), *cell] for cell in cells]).astype("i4")
-            parts += [f"{key} {len(cells)} {len(mixed)}", mixed]
+    for key, cells in (("LINES", [[4, 5, 6], [7, 8]]), ("POLYGONS", TRIANGLES.tolist())):
+        parts += writers.vtk_cells(key, cells, version)
     parts += ["CELL_DATA 6", "SCALARS label int 1", "LOOKUP_TABLE default", np.arange(6, dtype="i4")]
     head = "# vtk DataFile Version 5.1\na title\n{form}\nDATASET POLYDATA\n"
     return writers.vtk_parts(path, form, *parts, head=head)

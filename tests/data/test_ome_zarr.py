@@ -121,6 +121,18 @@ def test_channels_with_colours_become_volumes(tmp_path: Path) -> None:
     one = open_scene(path, ["channel=actin", "time=0"]).volumes
     assert [(each.channel, each.time, each.cmap) for each in one] == [("actin", 0, None)]
     check_source(open_source(path, subset=Subset(None, 1, "actin")), array[1, 2])
+    check_source(open_source(path, subset=Subset("0", 0, 1)), array[0, 1])
+    refused(lambda: open_source(path), "several time steps")
+    refused(lambda: open_source(path, subset=Subset("7", 0, 1)), "7: no such array")
+    for version, options in (
+        ("0.4", {"chunks": (2, 3, 2, 2, 4)}),
+        ("0.5", {"chunks": (1,) * 5, "shards": (1, 2, 2, 3, 4)}),
+    ):
+        placed = (scale(1, 1, 4, 2.5, 2), shift(0, 0, 1, 2, 3))
+        several = write_image(tmp_path / version, array, "tczyx", (), placed, version=version, **options)
+        source = open_source(several, subset=Subset(time=1, channel=2))
+        check_source(source, array[1, 2])
+        check_placed(source, np.array([[2, 0, 0, 3], [0, 2.5, 0, 2], [0, 0, 4, 1], [0, 0, 0, 1.0]]))
     del channels[2]["window"]
     path = write_image(tmp_path / "b.zarr", array, "tczyx", more={"omero": {"channels": channels}})
     assert [each.channel for each in open_scene(path).volumes] == [None]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bz2
 import gzip
-import os
 import re
 import warnings
 import zipfile
@@ -33,7 +32,6 @@ from clusterviz.data import (
     read_grid,
 )
 from clusterviz.data.axes import Subset
-from clusterviz.data.formats.raw import KEYS
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.unread import AMREX, GADGET, UNREAD
@@ -174,39 +172,6 @@ def test_the_modality_is_what_the_header_says(name: str, fields: dict[str, Any],
     assert open_source(writers.write(tmp_path / name, **fields)).grid.modality == modality
 
 
-@pytest.fixture(params=sorted(EXTENSIONS))
-def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A path with each extension; a raw file's sidecar exists."""
-    path = tmp_path / f"a{request.param}"
-    path.with_name(path.name + ".yaml").write_text("{shape: [2, 2, 2], dtype: uint8}")
-    return path
-
-
-def test_what_is_no_file_of_any_format(path: Path) -> None:
-    refused(lambda: open_source(path), "no such file", path.name)
-    path.mkdir()
-    refused(lambda: open_source(path), "a directory", path.name)
-    path.rmdir()
-    path.touch()
-    refused(lambda: open_source(path), "the file is empty", path.name)
-    path.write_bytes(b"hello")
-    refused(lambda: open_source(path), path.name)
-    path.unlink()
-    os.mkfifo(path)
-    writer = os.open(path, os.O_RDWR)  # else opening would wait for one
-    refused(lambda: open_source(path), "not a regular file", path.name)
-    os.close(writer)
-
-
-def test_unreadable(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object, **__: object) -> int:
-        raise PermissionError(13, "Permission denied")
-
-    path.write_bytes(b"anything")
-    monkeypatch.setattr(os, "open", refuse)
-    refused(lambda: open_source(path), "cannot be read: Permission denied", path.name)
-
-
 def test_names(tmp_path: Path) -> None:
     for name in ("a.xyz", "noextension", "a.gz"):
         (tmp_path / name).write_bytes(b"hello")
@@ -221,11 +186,6 @@ def test_names(tmp_path: Path) -> None:
         source = open_source(str(tmp_path / name))
         np.testing.assert_array_equal(source.read((0, 0, 0), (5, 6, 7)), SHORTS)
         assert source.name == str(tmp_path / name)
-
-
-def test_the_page_on_formats_has_every_extension_and_key_of_the_sidecar() -> None:
-    page = (ROOT / "docs/reference/data-formats.md").read_text()
-    assert [word for word in (*EXTENSIONS, *KEYS) if f"`{word}`" not in page] == []
 
 
 @pytest.mark.parametrize(
@@ -349,16 +309,6 @@ def test_datasets_of_hdf5(tmp_path: Path) -> None:
     refused(lambda: open_source(tmp_path / "b.h5"), "no 3-D dataset", "holds no dataset")
 
 
-@pytest.mark.parametrize("order", "<>")
-@pytest.mark.parametrize("dtype", ["i1", "u2", "i4", "f4", "f8"])
-def test_coordinates_of_netcdf_place_the_samples(tmp_path: Path, dtype: str, order: str) -> None:
-    array = values(order + dtype, (3, 4, 5))
-    source = open_source(writers.netcdf(tmp_path / "a.nc", array, COORDINATES))
-    check_source(source, array)
-    check_placed(source, affine(".5 0 0 0, 0 -2 0 4, 0 0 20 10"))
-    assert source.name == f"{tmp_path}/a.nc:/t"
-
-
 def test_time_members_and_dimensions_without_coordinates(tmp_path: Path) -> None:
     array = values("f4", (2, 6, 3, 4, 5))
     path = writers.netcdf(tmp_path / "a.nc4", array, {"when": np.arange(2.0), "member": 6, "z": 3, "y": 4, "x": 5})
@@ -448,13 +398,6 @@ def test_nrrd_skips(tmp_path: Path) -> None:
         ("d.nhdr", b"", {"encoding": "bz2", "line skip": "2", "data file": "d.raw"}),
     ):
         check_source(open_source(writers.nrrd(tmp_path / name, content, **fields)), SHORTS)
-
-
-@pytest.mark.parametrize("encoding", ["raw", "gzip", "bzip2"])
-def test_nrrd_detached(tmp_path: Path, encoding: str) -> None:
-    writers.pynrrd(tmp_path / "a.nhdr", SHORTS, encoding=encoding)
-    assert (tmp_path / "a.nhdr").stat().st_size < 300
-    check_source(open_source(tmp_path / "a.nhdr"), SHORTS)
 
 
 def test_nrrd_of_two_and_four_axes(tmp_path: Path) -> None:

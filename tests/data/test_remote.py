@@ -19,9 +19,9 @@ import pytest
 import zarr
 from data.checks import check_source, refused
 
-from clusterviz.annotations.contents import name_of
 from clusterviz.cli import run
 from clusterviz.cli.termination import RANK_VARIABLES
+from clusterviz.content.description import name_of
 from clusterviz.data import open_scene, open_source, remote
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.store.shards import BrickCodec

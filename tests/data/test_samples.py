@@ -183,6 +183,7 @@ def fetched(name: str) -> Path:
         pytest.skip(str(error))
 
 
+@pytest.mark.long
 @pytest.mark.fresh
 @pytest.mark.parametrize("name", list(SHAPES_ZYX))
 def test_real_packages(name: str) -> None:
@@ -194,6 +195,7 @@ def test_real_packages(name: str) -> None:
     assert os.access(path, os.R_OK)
 
 
+@pytest.mark.long
 @pytest.mark.fresh
 @pytest.mark.parametrize("name", list(TRIANGLES))
 def test_real_meshes(name: str) -> None:
@@ -203,6 +205,7 @@ def test_real_meshes(name: str) -> None:
     assert mesh.edge_counts() == {"cranium-bone": (1414, 8), "cranium-skin": (1075, 0)}.get(name, (0, 0))
 
 
+@pytest.mark.long
 @pytest.mark.fresh
 def test_real_lines_and_a_surface_in_its_volume() -> None:
     lines = read_geometry(fetched("fibres")).lines
@@ -215,6 +218,7 @@ def test_real_lines_and_a_surface_in_its_volume() -> None:
     assert np.median(samples[tuple(zyx.T)]) == pytest.approx(230, abs=20)  # Hounsfield units, at the bone's threshold
 
 
+@pytest.mark.long
 @pytest.mark.fresh
 @pytest.mark.parametrize(("name", "array", "cells"), [("disk-out", "Temp", 7472), ("room-fire", "t", 10462)])
 def test_real_grids(name: str, array: str, cells: int) -> None:

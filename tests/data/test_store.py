@@ -23,7 +23,6 @@ import zstandard
 from data.checks import DTYPES, check_placed, check_source, check_summary, refused, values
 from hypothesis import given, settings
 from hypothesis import strategies as some
-from zarr.codecs import ZstdCodec
 
 from clusterviz.comm import LoopbackChannel, agree, run_loopback
 from clusterviz.data import open_source, override_grid
@@ -40,7 +39,7 @@ from clusterviz.data.store.wavelet import decode_brick, encode_brick
 from clusterviz.data.store.writer import StoreWriter, write_store
 from clusterviz.data.summary import kept_summary, summarise
 from clusterviz.errors import DataError, InputError, OutputError, RankError
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.scene.values import Scene, Volume
 
@@ -537,7 +536,7 @@ def test_ranks_that_open_different_stores(tmp_path: Path) -> None:
 
     def open_on(channel: LoopbackChannel, *names: str) -> None:
         source = open_source(tmp_path / f"{names[channel.rank]}.ome.zarr")
-        open_volumes(Run(channel, Options()), scene, source)
+        open_content(Run(channel, Options()), scene, source)
 
     run_loopback(2, lambda channel: open_on(channel, "a", "a"))
     for names in (("a", "b"), ("a", "a", "c")):
@@ -577,50 +576,11 @@ SHIFT = {"type": "translation", "translation": [0.0, 0.0, 1.0, 2.0, 3.0]}
 
 
 @pytest.mark.parametrize(
-    ("options", "version"),
-    [
-        ({"chunks": (1, 1, 5, 6, 7), "zarr_format": 2}, "0.4"),
-        ({"chunks": (2, 3, 3, 5, 7), "zarr_format": 2, "dtype": ">u2"}, "0.4"),
-        ({"chunks": (1, 2, 50, 64, 64)}, "0.5"),
-        ({"chunks": (1, 1, 2, 3, 4), "shards": (1, 1, 4, 6, 8), "compressors": ZstdCodec()}, "0.5"),
-    ],
-)
-def test_stores_of_others_are_read(options: dict[str, Any], version: str, tmp_path: Path) -> None:
-    path = tmp_path / "other.ome.zarr"
-    group = zarr.create_group(str(path), zarr_format=options.get("zarr_format", 3))
-    given = {"shape": FIELD.shape, "dtype": FIELD.dtype, **options}
-    made = group.create_array("s0", **{key: value for key, value in given.items() if key != "zarr_format"})
-    made[:] = FIELD
-    axes = [
-        {"name": "t", "type": "time"},
-        {"name": "c", "type": "channel"},
-        *({"name": n, "type": "space"} for n in "zyx"),
-    ]
-    scales = {"axes": axes, "datasets": [{"path": "s0", "coordinateTransformations": [SCALE, SHIFT]}]}
-    described = {"multiscales": [scales], "omero": {"channels": [{"label": name} for name in ("DNA", "actin", "RNA")]}}
-    group.attrs.update({"ome": {"version": "0.5", **described}} if version == "0.5" else described)
-    refused(lambda: open_source(path), "several time steps")
-    source = open_source(path, subset=Subset(time=1, channel="RNA"))
-    check_source(source, FIELD[1, 2])
-    check_placed(source, np.array([[2, 0, 0, 3], [0, 2.5, 0, 2], [0, 0, 4, 1], [0, 0, 0, 1.0]]))
-    named = open_source(path, subset=Subset("s0", 0, 1))
-    check_source(named, FIELD[0, 1])
-    refused(lambda: open_source(path, subset=Subset("s7", 0, 1)), "s7")
-
-
-@pytest.mark.parametrize(
     ("shape", "text"), [((), "not a volume|no samples"), ((4, 0, 3), "no samples"), ((2,) * 6, "not a volume|axes")]
 )
 def test_arrays_that_are_no_volumes(shape: tuple[int, ...], text: str, tmp_path: Path) -> None:
     zarr.create_array(str(tmp_path / "a.zarr"), shape=shape, dtype="u1")
     refused(lambda: open_source(tmp_path / "a.zarr"), text)
-
-
-def test_missing_codec_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "a.zarr"
-    zarr.create_array(str(path), shape=(4, 4, 4), dtype="u1")
-    edit("zarr.json", lambda found: found.update(codecs=[{"name": "acme.fast"}]))(path)
-    refused(lambda: open_source(path), "acme.fast")
 
 
 @pytest.mark.parametrize("package", ["zstandard", "google_crc32c", "zarr"])

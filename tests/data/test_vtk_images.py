@@ -82,17 +82,9 @@ def image_with_ghosts(path: Path, samples: str, ghosts: str) -> tuple[Path, np.n
     if samples == ghosts:
         each = {samples: [("s", array), ("vtkGhostType", marks)]}
     if path.suffix == ".vti":
-        extent, tags = f"0 {x - 1} 0 {y - 1} 0 {z - 1}", ""
-        for place, arrays in each.items():
-            text = "".join(
-                f'<DataArray type="{writers.VTI_NAMES[a.dtype.str[1:]]}" Name="{name}" format="ascii">'
-                f"{' '.join(map(str, a.ravel().tolist()))}</DataArray>"
-                for name, a in arrays
-            )
-            tags += f"<{place}>{text}</{place}>"
-        path.write_text(
-            f'<VTKFile type="ImageData"><ImageData WholeExtent="{extent}"><Piece Extent="{extent}">{tags}</Piece>'
-            "</ImageData></VTKFile>"
+        extent = f'Extent="0 {x - 1} 0 {y - 1} 0 {z - 1}"'
+        writers.vtk_xml(
+            path, "ImageData", extent, {place: dict(e) for place, e in each.items()}, whole=f"Whole{extent}"
         )
     elif path.suffix == ".vtk":
         parts = [f"DIMENSIONS {x} {y} {z}", "ORIGIN 0 0 0", "SPACING 1 1 1"]

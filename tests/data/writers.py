@@ -7,7 +7,7 @@ import lzma
 import struct
 import zlib
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -291,6 +291,46 @@ def vti(
         content += f'<AppendedData encoding="{form}">\n   _'.encode() + appended + b"\n</AppendedData>"
     path.write_bytes(content + b"</VTKFile>")
     return path
+
+
+def vtk_xml(
+    path: Path,
+    kind: str,
+    piece: str,
+    sections: Mapping[str, Mapping[str, np.ndarray]],
+    form: str = "ascii",
+    compressor: str = "",
+    whole: str = "",
+) -> Path:
+    """A file of one piece with arrays by section and name, as text or appended; `piece` and `whole` are attributes."""
+    tags, appended = "", b""
+    for section, members in sections.items():
+        tags += f"<{section}>"
+        for name, array in members.items():
+            components = array.shape[1] if array.ndim == 2 else 1
+            tags += f'<DataArray type="{VTI_NAMES[_native(array)]}" Name="{name}" NumberOfComponents="{components}" '
+            if form == "ascii":
+                tags += f'format="ascii">{" ".join(map(repr, array.ravel().tolist()))}</DataArray>'
+            else:
+                tags += f'format="appended" offset="{len(appended)}"/>'
+                appended += vti_packed(array.tobytes(), "<u4", compressor, False)
+        tags += f"</{section}>"
+    packing = f'compressor="{compressor}"' if compressor else ""
+    text = f'<VTKFile type="{kind}" byte_order="LittleEndian" {packing}><{kind} {whole}>'
+    text += f"<Piece {piece}>{tags}</Piece></{kind}>"
+    more = b'<AppendedData encoding="raw">_' + appended + b"</AppendedData>" if appended else b""
+    path.write_bytes(text.encode() + more + b"</VTKFile>")
+    return path
+
+
+def vtk_cells(key: str, rows: Any, version: int) -> list[str | np.ndarray]:
+    """Lines and arrays of cells in a legacy file of a version."""
+    if version == 5:
+        ends = np.cumsum([0, *map(len, rows)])
+        head = [f"{key} {len(ends)} {ends[-1]}", "OFFSETS vtktypeint64", ends, "CONNECTIVITY vtktypeint64"]
+        return [*head, np.concatenate(rows)]
+    mixed = np.concatenate([[len(row), *row] for row in rows]).astype("i4")
+    return [f"{key} {len(rows)} {len(mixed)}", mixed]
 
 
 def npy(path: Path, array: np.ndarray) -> None:

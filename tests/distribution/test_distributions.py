@@ -15,28 +15,27 @@ pytestmark = pytest.mark.gl
 
 DISTRIBUTIONS: tuple[dict[str, Any], ...] = (
     {"distribution": "interleaved"},
-    {"distribution": "replicated"},
     {"distribution": "replicated", "copies": 3},
 )
 LARGER: dict[str, Any] = {"brick": 8, "largest_brick": 32, "field": "field:gaussian:60"}
 
 
-@pytest.mark.cover
+@pytest.mark.cover("{'distribution': 'interleaved'}")
 @pytest.mark.parametrize("keys", DISTRIBUTIONS, ids=str)
 def test_every_frame_is_what_one_rank_draws(keys: dict[str, Any]) -> None:
     """Cameras jump, and transfer functions show nothing, little and all."""
-    scenes = [*views(12), *looks()]
+    scenes = [*views(6), *looks()]
     check(on_ranks(5, [with_settings(scene, keys) for scene in scenes]), scenes)
 
 
-@pytest.mark.cover
+@pytest.mark.cover("{'distribution': 'replicated'}", "{'mode': 'sort-first'}")
 @pytest.mark.parametrize(
     "keys", [{}, {"distribution": "replicated"}, {"distribution": "interleaved"}, {"mode": "sort-first"}], ids=str
 )
 def test_bricks_of_several_sizes_change_no_frame(keys: dict[str, Any]) -> None:
-    scenes = [with_settings(scene, keys) for scene in views(6, **LARGER)]
+    scenes = [with_settings(scene, keys) for scene in views(3, **LARGER)]
     frames = on_ranks(5, scenes)
-    check(frames, views(6, **(LARGER | {"largest_brick": None})))
+    check(frames, views(3, **(LARGER | {"largest_brick": None})))
     bricks = [rank.bricks for rank in frames[0].statistics.per_rank]
     assert min(bricks) > 0
     assert keys or sum(bricks) < 2 / 3 * 8**3

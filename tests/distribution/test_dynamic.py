@@ -48,11 +48,11 @@ def check_moving(ranks: int, scenes: Sequence[Scene], **keys: Any) -> list[Rende
 LARGER: dict[str, Any] = {"brick": 8, "largest_brick": 16, "field": "field:gaussian:60"}
 
 
-@pytest.mark.cover("3-keys2")
-@pytest.mark.parametrize(("ranks", "keys"), [(3, {}), (5, {}), (3, LARGER)])
-def test_two_hundred_random_moves_change_no_frame(ranks: int, keys: dict[str, Any], moves: list[Move]) -> None:
-    frames = check_moving(ranks, views(30, **keys))
-    assert len(moves) >= 200 * ranks, "every rank plans all of them"
+@pytest.mark.cover("3-keys1")
+@pytest.mark.parametrize(("ranks", "keys"), [(5, {}), (3, LARGER)])
+def test_a_hundred_random_moves_change_no_frame(ranks: int, keys: dict[str, Any], moves: list[Move]) -> None:
+    frames = check_moving(ranks, views(20, **keys))
+    assert len(moves) >= 100 * ranks, "every rank plans all of them"
     assert so_far(frames, "bricks_received") > 50
     assert so_far(frames, "bricks_lost") == 0
     assert total(frames, "bricks_recalled") > 0
@@ -85,7 +85,7 @@ def two_volumes(_: Path) -> list[Scene]:
     return scenes
 
 
-@pytest.mark.cover
+@pytest.mark.cover("two")
 @pytest.mark.parametrize(
     ("make", "received"), [(lambda _: looks(), 50), (ranges_of_bytes, 10), (two_volumes, 10)], ids=["looks", "b", "two"]
 )
@@ -125,7 +125,7 @@ def test_bricks_in_many_pieces_and_slices_of_time_change_no_frame(
     assert total(frames, "bytes_raw") >= total(frames, "bytes_sent") > 500 * so_far(frames, "bricks_received")
 
 
-@pytest.mark.parametrize("ranks", [3, 4])
+@pytest.mark.parametrize("ranks", [4])
 def test_swaps_fall_back_where_bricks_of_others_lie_between(ranks: int, moves: list[Move]) -> None:
     with pytest.warns(UserWarning, match="direct-send is used instead of binary-swap") as told:
         frames = check_moving(ranks, views(8), compositing="binary-swap")
@@ -204,6 +204,7 @@ def test_what_cannot_work_is_refused_before_the_first_frame() -> None:
     check(on_ranks(int(named[1]), scenes), views(2))
 
 
+@pytest.mark.cover("OpenGL")
 @pytest.mark.parametrize("device", ["", "0"], ids=["processor", "OpenGL"])
 def test_a_memory_limit_is_kept_while_bricks_move(
     device: str, moves: list[Move], monkeypatch: pytest.MonkeyPatch

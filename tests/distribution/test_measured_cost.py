@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clusterviz.distribution.brick_cost import measure, predict, rank_costs, unmeasured
-from clusterviz.errors import InputError
+from clusterviz.distribution.brick_cost import measure, predict, unmeasured
 from clusterviz.partition import Owners, build_tree, owners_of
-from clusterviz.report.statistics import RankFrame
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
@@ -32,15 +29,6 @@ def test_what_was_learnt_of_bricks_remains_when_they_change_hands() -> None:
         owners = Owners(2, np.array([[owner]], np.int32))
         learnt = measure(learnt, model, owners, owners.loads(truth))
     np.testing.assert_allclose(learnt.factor / learnt.factor[0, 0, 1], truth, rtol=0.05)
-
-
-def test_damping_gives_weight_to_the_past() -> None:
-    model, owners = np.ones((1, 1, 2)), Owners(2, np.array([[[0, 1]]], np.int32))
-    ratio = [
-        float(np.divide(*measure(unmeasured((1, 1, 2)), model, owners, np.array([4.0, 1.0]), damping).factor.flat))
-        for damping in (0.0, 0.5)
-    ]
-    assert ratio == pytest.approx([4, 2])
 
 
 def test_a_frame_that_costs_nothing_teaches_nothing() -> None:
@@ -69,16 +57,3 @@ def test_bricks_out_of_view_keep_their_factor_and_a_cost() -> None:
     cost = predict(learnt, model, shown)
     assert ((cost > 0) == shown).all()
     assert (predict(learnt, np.zeros((1, 1, 4)), shown)[shown] == 1).all()
-
-
-def test_costs_are_samples_or_seconds() -> None:
-    frames = [RankFrame({"render": 0.5}, samples=7), RankFrame({}, samples=0)]
-    assert rank_costs(frames).tolist() == [7, 0]
-    assert rank_costs(frames, "seconds").tolist() == [0.5, 0]
-
-
-@pytest.mark.parametrize(("costs", "damping"), [([1.0], 0), ([1.0, -1], 0), ([1.0, np.nan], 0), ([1.0, 1], 1)])
-def test_impossible_costs_are_refused(costs: list[float], damping: float) -> None:
-    owners = Owners(2, np.zeros((1, 1, 1), np.int32))
-    with pytest.raises(InputError):
-        measure(unmeasured((1, 1, 1)), np.ones((1, 1, 1)), owners, np.array(costs), damping)

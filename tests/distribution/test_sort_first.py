@@ -57,9 +57,15 @@ def plain() -> list[Rendered]:
     return frames
 
 
-@pytest.mark.cover
-@pytest.mark.parametrize("tiling", TILINGS)
-@pytest.mark.parametrize(("ranks", "groups"), [(1, None), (7, None), (5, 2), (3, 1)])
+@pytest.mark.parametrize(
+    ("tiling", "ranks", "groups"),
+    [
+        *((tiling, 7, None) for tiling in TILINGS),
+        *((tiling, 5, 2) for tiling in ("scheduled", "temporal", "estimated")),
+        ("interleaved", 3, 1),
+        ("pattern", 1, None),
+    ],
+)
 def test_pictures_and_samples_do_not_depend_on_who_draws(
     plain: list[Rendered], tiling: str, ranks: int, groups: int | None
 ) -> None:
@@ -93,12 +99,12 @@ LOOKS: tuple[dict[str, Any], ...] = (
 )
 
 
-@pytest.mark.cover
+@pytest.mark.cover("{'blending': 'isosurface', 'isosurfaces': [0.2]}")
 @pytest.mark.parametrize("look", LOOKS, ids=str)
 def test_every_look_is_the_same_in_every_mode(look: dict[str, Any]) -> None:
-    alone = on_ranks(1, scenes_of(look, 2), WAVES)
+    alone = on_ranks(1, scenes_of(look, 1), WAVES)
     for settings in ({"mode": "sort-first", "tiling": "estimated"}, {"mode": "hybrid", "groups": 2}):
-        frames = on_ranks(3, scenes_of(look | settings, 2), WAVES)
+        frames = on_ranks(3, scenes_of(look | settings, 1), WAVES)
         if settings["mode"] == "sort-first":
             check_frames(frames, alone, ROUNDING)
         # Rays that end early do so in each part of the volume by itself.
@@ -152,8 +158,8 @@ def clouds() -> np.ndarray:
     return np.add.reduce([np.exp(-((z - a) ** 2 + (y - b) ** 2 + (x - c) ** 2) / (2 * w * w)) for a, b, c, w in places])
 
 
-@pytest.mark.cover
-@pytest.mark.parametrize(("ranks", "groups"), [(4, 2), (6, 2), (6, 3)])
+@pytest.mark.cover("6-3")
+@pytest.mark.parametrize(("ranks", "groups"), [(4, 2), (6, 3)])
 def test_bricks_and_cuts_follow_the_cost_while_the_camera_moves(ranks: int, groups: int) -> None:
     volume = Volume(path="clouds", clim=(0.0, 1.0), opacity=((0.02, 0.0), (1.0, 0.3)))
     settings = {"mode": "hybrid", "groups": groups, "tiling": "temporal", "size": (128, 128), "brick": 8}

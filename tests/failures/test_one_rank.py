@@ -28,10 +28,10 @@ def _by_opengl(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 STAGES = [
     ("scene", 1, "clusterviz.cli.render:open_scene"),
     ("output", 0, "clusterviz.cli.render:check_writable"),
-    ("open", 1, "clusterviz.frame.opening:open_first_parts"),
-    ("read", 1, "clusterviz.frame.opening:read_bricks"),
-    ("summarise", 1, "clusterviz.frame.opening:summarise"),
-    ("plan", 1, "clusterviz.frame.opening:make_plan"),
+    ("open", 1, "clusterviz.content.volume.opening:open_first_parts"),
+    ("read", 1, "clusterviz.content.volume.opening:read_bricks"),
+    ("summarise", 1, "clusterviz.content.volume.opening:summarise"),
+    ("plan", 1, "clusterviz.content.volume.opening:make_plan"),
     ("context", 1, "clusterviz.gl.context:open_context"),
     ("shaders", 1, "clusterviz.render.raycast:Raycaster.__init__"),
     ("upload", 1, "clusterviz.render.raycast:Raycaster.load"),
@@ -46,6 +46,16 @@ STAGES = [
 ]
 
 
+@pytest.mark.cover(
+    "output-0-clusterviz.cli.render:check_writable",
+    "open-1-clusterviz.frame.opening:open_first_parts",
+    "summarise-1-clusterviz.frame.opening:summarise",
+    "shaders-1-clusterviz.render.raycast:Raycaster.__init__",
+    "upload-1-clusterviz.render.raycast:Raycaster.load",
+    "composite-1-clusterviz.composite.compositor:share_images",
+    "composite-1-clusterviz.composite.compositor:collect",
+    "check-0-clusterviz.frame.compositing:compare",
+)
 @pytest.mark.parametrize(("stage", "rank", "place"), STAGES)
 def test_a_rank_that_raises_ends_the_job(stage: str, rank: int, place: str, tmp_path: Path) -> None:
     job = failing(rank, place, "raise", 3, "render", FIELD, "-o", str(tmp_path / "a.png"), "--check", *SMALL)
@@ -59,6 +69,7 @@ MOVING = (
 )
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize("place", ["wrap", "unwrap"])
 @pytest.mark.parametrize("how", ["raise", "kill"])
 def test_a_rank_that_fails_while_bricks_are_under_way_ends_the_job(place: str, how: str, tmp_path: Path) -> None:
@@ -105,6 +116,7 @@ def test_a_rank_that_fails_leaves_a_store_that_other_ranks_complete(tmp_path: Pa
 DRAW, COLLECT = "clusterviz.render.raycast:Raycaster.draw", "clusterviz.composite.compositor:collect"
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("number", "ranks", "how", "place"),
     [

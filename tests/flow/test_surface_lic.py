@@ -153,7 +153,7 @@ def test_lines_end_at_silhouettes() -> None:
     assert np.array_equal(both[front], front_only[front])
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3, 5, 7])
+@pytest.mark.parametrize("ranks", [1, 2, 5])
 def test_bands_of_ranks_are_equal_bit_for_bit(ranks: int) -> None:
     camera, convolution = CAMERAS["perspective"], Convolution(HANN, 0.5)
     every = pixels_of(camera, *picture("abc", camera))

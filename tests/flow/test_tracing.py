@@ -15,7 +15,8 @@ from clusterviz.content.flow.section import Seeds, Trace
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray, open_vectors
 from clusterviz.errors import DataError, InputError
-from clusterviz.flow.tracing import Traced, split_cells, trace
+from clusterviz.flow.domain import split_box
+from clusterviz.flow.tracing import Traced, trace
 
 SEED = (0.5, 0.0, 0.0)
 
@@ -227,7 +228,7 @@ def test_lines_do_not_depend_on_ranks(name: str, settings: Trace, kind: Any, ran
 def test_blocks_cover_all_cells_once() -> None:
     for ranks in (1, 3, 7, 40):
         covered = np.zeros((3, 4, 2), int)
-        for begin, end in split_cells((3, 4, 2), ranks):
+        for begin, end in split_box((3, 4, 2), ranks):
             covered[tuple(slice(b, e) for b, e in zip(begin, end, strict=True))] += 1
         assert (covered == 1).all()
 

@@ -80,7 +80,7 @@ def counts(frame: Rendered) -> EarlyDiscarding:
     return found
 
 
-@pytest.mark.cover("mesh-3-keys6-0")
+@pytest.mark.cover("mesh-3-keys6-0", "volume, mesh, lines, points-1-keys7-0")
 @pytest.mark.parametrize(
     ("content", "ranks", "keys", "device"),
     [

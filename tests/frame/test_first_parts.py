@@ -22,7 +22,7 @@ from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_scene, open_source
 from clusterviz.data.axes import Subset, UnnamedPartError, first_parts
 from clusterviz.frame import Options, Run
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.scene import Scene
 from clusterviz.scene.overrides import with_settings
 
@@ -85,7 +85,7 @@ def _completed(path: Path, overrides: list[str]) -> tuple[Scene, str]:
     """Return the completed scene of a file, and all warnings but that the last of a grid's time steps is taken."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        scene, _, _ = open_volumes(Run(LoopbackChannel(), Options()), open_scene(path, overrides))
+        scene, _, _ = open_content(Run(LoopbackChannel(), Options()), open_scene(path, overrides))
     said = [str(each.message) for each in caught]
     return scene, "; ".join(each for each in said if "the last time step is taken" not in each)
 

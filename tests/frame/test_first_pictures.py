@@ -13,19 +13,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from clusterviz.annotations.contents import contents_of
 from clusterviz.annotations.picture import _with_names
 from clusterviz.comm import LoopbackChannel
 from clusterviz.content.geometry.section import GEOMETRY_SECTIONS
+from clusterviz.content.summary import chosen_arrays, legends_of
 from clusterviz.data import open_scene, open_volume, read_geometry
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.vtk_cells import grid_of_cells
 from clusterviz.frame import Options, Run, render_frame
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.scene import Scene
 from clusterviz.scene.camera import camera_axes, camera_vectors
-from clusterviz.scene.text import chosen_arrays
 
 Y, X = np.mgrid[:10, :14].astype(np.float32)
 FIELD = np.hypot(X, Y) + 1
@@ -141,7 +140,7 @@ def written(name: str, folder: Path) -> str:
 
 
 def completed(scene: Scene, given: Any = None) -> tuple[Scene, Any]:
-    found, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, given)
+    found, opened, _ = open_content(Run(LoopbackChannel(), Options()), scene, given)
     assert opened is not None
     return found, opened.infos
 
@@ -151,7 +150,7 @@ def test_what_a_file_is_shown_as_and_the_title_of_its_colours(name: str, tmp_pat
     scene = open_scene(written(name, tmp_path))
     assert len(getattr(scene, FILES[name][1])) == 1
     found, infos = completed(scene)
-    assert [content.name for content in contents_of(_with_names(found, infos))] == [FILES[name][2]]
+    assert [content.name for content in legends_of(_with_names(found, infos))] == [FILES[name][2]]
 
 
 @pytest.mark.cover

@@ -12,12 +12,12 @@ from frame.views import on_ranks, pixels
 
 from clusterviz.cli.verify import compare_with_reference
 from clusterviz.comm import LoopbackChannel, run_loopback
+from clusterviz.content.flow.opening import open_flow
 from clusterviz.content.flow.section import FlowSection
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import VectorArray
 from clusterviz.errors import ClustervizError
 from clusterviz.flow.cells import Cells
-from clusterviz.flow.content import open_flow
 from clusterviz.flow.glyphs import vectors_at
 from clusterviz.frame import render_frame
 from clusterviz.image import compare
@@ -39,7 +39,7 @@ def scene_of(**keys: Any) -> Scene:
     return Scene(flows=[FlowSection(**keys)], camera=camera, image=image)
 
 
-@pytest.mark.cover
+@pytest.mark.cover("streaklines")
 @pytest.mark.gl
 @pytest.mark.parametrize("keys", SHOWN, ids=lambda keys: keys.get("show", "lic"))
 def test_the_picture_is_the_reference_on_any_number_of_ranks(keys: dict[str, Any]) -> None:

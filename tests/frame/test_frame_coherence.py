@@ -101,7 +101,7 @@ OPENGL_LOOKS = {look: keys for look, keys in LOOKS.items() if look != "pre-integ
 """Light is that of the surface: it takes long to compile."""
 
 
-@pytest.mark.cover
+@pytest.mark.cover("two volumes, one with surfaces-1-0")
 @pytest.mark.parametrize(
     ("look", "ranks", "device"),
     [

@@ -9,21 +9,21 @@ import pytest
 from frame.views import check_same, moving, on_ranks, pixels, so_far
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.geometry.bricks import part_of
 from clusterviz.content.geometry.section import GeometrySection, LinesSection, MeshSection, PointsSection, as_sections
+from clusterviz.content.visibility import visibility_warnings
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.errors import ClustervizError
 from clusterviz.frame import render_frame
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.image import compare
-from clusterviz.plan.geometry_bricks import part_of
 from clusterviz.plan.plan import changed_settings
 from clusterviz.reference import render_reference
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Camera, ImageSettings, Scene, Volume
-from clusterviz.scene.visibility import visibility_warnings
 
 RNG = np.random.default_rng(5)
 GRID = Grid((14, 15, 16))
@@ -53,7 +53,7 @@ def scene_of(*parts: tuple[Any, dict[str, Any]], volumes: int = 1, **keys: Any) 
 
 
 def infos_of(scene: Scene, given: list[Any]) -> tuple[Scene, Any]:
-    completed, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, given)
+    completed, opened, _ = open_content(Run(LoopbackChannel(), Options()), scene, given)
     assert opened is not None
     return completed, opened
 

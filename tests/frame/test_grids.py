@@ -15,26 +15,26 @@ from frame.views import check_same, moving, on_ranks, pixels, so_far
 
 import clusterviz
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.content.diff import check_same_volume
 from clusterviz.content.grid.section import GridSection, KBuffer
+from clusterviz.content.summary import scene_summary
+from clusterviz.content.visibility import visibility_warnings
 from clusterviz.data import open_scene, read_piece
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.data.vtk_cells import as_grid
 from clusterviz.errors import ClustervizError, SceneError
-from clusterviz.frame.opening import open_volumes
+from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Options, Run
-from clusterviz.scene.diff import check_same_volume
 from clusterviz.scene.files import dump_scene, load_scene
 from clusterviz.scene.overrides import with_settings
-from clusterviz.scene.text import scene_summary
 from clusterviz.scene.values import Camera, ImageSettings, Scene
-from clusterviz.scene.visibility import visibility_warnings
 
 BOX = lattice(2, 3, 4, spacing=0.5)
 
 
 def opened(grid: UnstructuredGrid, **keys: Any) -> tuple[Scene, Any]:
     scene = Scene(grids=(GridSection(path="g.vtu", **keys),))
-    scene, found, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, [grid])
+    scene, found, _ = open_content(Run(LoopbackChannel(), Options()), scene, [grid])
     assert found is not None
     return scene, found
 
@@ -217,7 +217,7 @@ def test_pieces_are_drawn_on_any_ranks_as_the_joined_file_is(tmp_path: Path, mon
     """Each piece is read by one rank, and points that pieces share are numbered as those of one file."""
     whole, pieces, read = vtu(tmp_path / "whole.vtu"), pvtu(tmp_path / "a.pvtu"), list[str]()
     recorded = lambda file: read.append(file.path.name) or read_piece(file)  # noqa: E731
-    monkeypatch.setattr("clusterviz.frame.opening.read_piece", recorded)
+    monkeypatch.setattr("clusterviz.content.grid.kind.read_piece", recorded)
     camera = Camera(position=(9.0, 7.0, 6.0), focal_point=(1.0, 0.8, 0.7), view_up=(0, 0, 1))
     for array in ("f", "kind"):
         section = GridSection(path=str(whole), array=array, opacity=0.6, opacity_unit_distance=1.0, clim=(0, 9))
@@ -238,7 +238,7 @@ def in_bricks(ranks: int, scene: Scene) -> np.ndarray:
     """Return the tetrahedra and points of each brick."""
 
     def plan(channel: Channel) -> np.ndarray:
-        completed, found, _ = open_volumes(Run(channel, Options()), scene)
+        completed, found, _ = open_content(Run(channel, Options()), scene)
         assert found is not None
         content = found.plan(completed).content
         assert content is not None
@@ -279,7 +279,7 @@ def test_a_piece_that_does_not_fit_is_named(
     else:
         piece.unlink()
     with pytest.raises(ClustervizError, match=message):
-        run_loopback(ranks, lambda channel: open_volumes(Run(channel, Options()), scene))
+        run_loopback(ranks, lambda channel: open_content(Run(channel, Options()), scene))
 
 
 def test_k_buffers_draw_the_same_on_any_ranks_and_tell_of_wrong_pixels() -> None:

@@ -66,6 +66,7 @@ def test_the_picture_is_that_of_the_field_on_any_ranks_and_bricks(shown: Any, le
         assert compare(pixels(found), expected, BOUND).count == 0
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_opengl_and_volumes_beside_show_the_same_field(shown: Any) -> None:
     beside = Volume(path="b", clim=(0, 1), opacity=[[0.2, 0.0], [1.0, 0.4]], opacity_unit_distance=2.0)
@@ -78,6 +79,7 @@ def test_opengl_and_volumes_beside_show_the_same_field(shown: Any) -> None:
         assert compare(pixels(found), expected, BOUND).count == 0
 
 
+@pytest.mark.cover("keys0")
 @pytest.mark.parametrize(
     "keys",
     [

@@ -85,7 +85,7 @@ def check_equal(found: list[Rendered], whole: list[Rendered]) -> None:
             np.testing.assert_array_equal(layers_of(one.image)[name], layer)
 
 
-@pytest.mark.cover
+@pytest.mark.cover("shaded, with layers")
 @pytest.mark.parametrize("look", LOOKS)
 def test_picture_is_that_without_a_limit(look: str) -> None:
     views = list(VIEWS.values())
@@ -99,6 +99,7 @@ def test_picture_is_that_without_a_limit(look: str) -> None:
     assert max(frame.statistics.per_rank[0].passes for frame in found) > 5
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_picture_is_that_without_a_limit_by_opengl() -> None:
     scenes = [scene_of(**look, **VIEWS["outside"]) for look in (LOOKS["composite"], LOOKS["early termination"], LAYERS)]
@@ -111,6 +112,7 @@ def test_picture_is_that_without_a_limit_by_opengl() -> None:
         assert found[0].statistics.per_rank[0].passes > 5
 
 
+@pytest.mark.long
 def test_several_volumes_and_bricks_of_several_sizes() -> None:
     away = Grid(SHAPE, origin=(20.0, 9.0, -8.0))
     several = [ArraySource(voxels()), ArraySource(voxels().astype(np.float32), away)]

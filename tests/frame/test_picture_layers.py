@@ -90,7 +90,9 @@ def check_equal(found: dict[str, Any], expected: dict[str, Any], few: int, bound
     assert np.count_nonzero(wrong) <= few
 
 
-@pytest.mark.cover("two volumes-0")
+@pytest.mark.cover(
+    "two volumes-0", "surfaces-0", "adaptive step-0", "surfaces within-0", "two volumes-cpu", "pre-integrated, lit-0"
+)
 @pytest.mark.gl
 @pytest.mark.parametrize(
     ("name", "device"),

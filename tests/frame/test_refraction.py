@@ -51,7 +51,7 @@ def alone() -> Any:
     return found
 
 
-@pytest.mark.cover
+@pytest.mark.cover("3-{'memory_limit': 30000}", "1-{'memory_limit': 20000}")
 @pytest.mark.filterwarnings("ignore:volumes.*passes")
 @pytest.mark.parametrize(("ranks", "keys"), WAYS, ids=str)
 def test_any_ranks_and_memory_give_the_same_fluxes(alone: np.ndarray, ranks: int, keys: dict[str, Any]) -> None:

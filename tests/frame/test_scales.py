@@ -110,6 +110,7 @@ MUCH = 150 << 20
 """Bytes; shaders that are compiled and the tables of a small scene take a third of it."""
 
 
+@pytest.mark.long
 def test_memory_does_not_follow_the_box_around_content() -> None:
     """A ground plane under a volume, drawn as one that just fills the picture."""
     expected, _ = beside_volume(**floor(300))

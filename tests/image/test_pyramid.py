@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from clusterviz import jobs
 from clusterviz.errors import InputError
-from clusterviz.image.pyramid.basic.gauss import gauss
 from clusterviz.image.pyramid.blur import blur, levels_of
 from clusterviz.image.pyramid.contract import Filter, Pass
 from clusterviz.image.pyramid.executor import Fetches, apply_filter, build_levels
-from clusterviz.image.pyramid.filters import ANALYSIS, BASIC, SYNTHESIS
+from clusterviz.image.pyramid.filters import ANALYSIS, BASIC, SYNTHESIS, gauss
 from clusterviz.image.pyramid.interpolation import interpolate
 from clusterviz.image.pyramid.zoom import FARTHEST, NOISE, STRENGTH, zoom
 from clusterviz.reference import pyramid as reference

@@ -13,12 +13,12 @@ import pytest
 from clusterviz.errors import OutputError
 from clusterviz.image import replace
 from clusterviz.image.replace import check_replaceable, remove_leftovers, remove_temporaries, replacing
-from clusterviz.report.output import replacing_folder
+from clusterviz.pages.output import replacing_folder
 
 KILLED = """
 import os, signal, sys
 from clusterviz.image.replace import replacing
-from clusterviz.report.output import replacing_folder
+from clusterviz.pages.output import replacing_folder
 with replacing(sys.argv[1] + "/a.png"), replacing_folder(sys.argv[1] + "/b", "index.html") as folder:
     (folder / "page").touch()
     os.kill(os.getpid(), signal.SIGKILL)

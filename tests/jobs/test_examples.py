@@ -17,8 +17,7 @@ ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "jobs"
 
 
-@pytest.mark.parametrize("ranks", [1, 3])
-@pytest.mark.parametrize("schedule", ["local", "random"])
+@pytest.mark.parametrize(("ranks", "schedule"), [(1, "random"), (3, "local")])
 def test_product_of_matrices(schedule: str, ranks: int) -> None:
     """Of sides that blocks do not divide; close to NumPy's product."""
     multiply = runpy.run_path(str(EXAMPLES / "multiply_matrices.py"))["multiply"]

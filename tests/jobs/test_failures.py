@@ -26,7 +26,6 @@ SECONDS = 30
         ("kernel", [2], ["wrong.glsl:2:22: expected an expression; found )\n"]),
         ("raise", [1], ["clusterviz: rank 1: ValueError: odd\n"]),
         ("exit", [3], ["job run, block 17: SystemExit: 3\n"]),
-        ("base", [1], ["job run, block 17: BaseException: odd\n"]),
         ("leave", [1], ["clusterviz: rank 1: SystemExit\n"]),
         ("endless", [1], ["job run, block 17: not done within its 1 s, at "]),
         ("kill", range(1, 256), []),  # mpirun tells of it

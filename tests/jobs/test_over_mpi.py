@@ -7,12 +7,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import path_tracing
 import pytest
 from cone_beam import reconstruct
 from jobs.phantom import phantom_grid, phantom_scan, reconstructed
 from jobs.test_filters import check_ranks
-from jobs.test_path_tracing import bits
 from jobs.test_reconstruction import EXAMPLE
 
 from clusterviz import jobs
@@ -50,13 +48,6 @@ def check_example(channel: Channel, folder: Path, monkeypatch: pytest.MonkeyPatc
         np.testing.assert_array_equal(volume[...], np.load(folder / "a.npy"))
 
 
-def check_path_tracing(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
-    wanted = bits()
-    monkeypatch.setattr(path_tracing, "PIXELS_OF_JOB", 40)
-    for voxels in ("replica", "blocks"):
-        assert bits(channel, voxels=voxels) == (wanted if channel.rank == 0 else b"")
-
-
 @pytest.mark.mpi(ranks=[3], timeout=100)
 def test_ranks_of_mpi_find_what_one_process_finds(
     mpi_ranks: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -65,5 +56,4 @@ def test_ranks_of_mpi_find_what_one_process_finds(
     assert channel.size == mpi_ranks
     check_ranks(channel)
     check_reconstruction(channel)
-    check_path_tracing(channel, monkeypatch)
     check_example(channel, Path(channel.broadcast(str(tmp_path))), monkeypatch)

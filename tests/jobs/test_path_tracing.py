@@ -13,10 +13,10 @@ from path_tracing import PathTracing, TracedPicture, majorants, trace_paths
 import clusterviz
 from clusterviz import jobs
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import InputError, SceneError
 from clusterviz.scene import Scene, Volume
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.overrides import with_settings
 
 COLOURS = [[0.0, 0.1, 0.2, 0.9], [0.5, 0.9, 0.1, 0.3], [1.0, 1.0, 1.0, 0.2]]

@@ -10,14 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clusterviz.data.source import Grid
-from clusterviz.errors import InputError
 from clusterviz.image.partial import Rect
 from clusterviz.partition.screen import (
     COARSE,
     CostMap,
     ScreenPartition,
     adapt,
-    blank_map,
     build_cuts,
     carried,
     coarse_partition,
@@ -29,6 +27,7 @@ from clusterviz.partition.screen import (
     tile_queue,
 )
 from clusterviz.partition.screen.cost_map import CELL
+from clusterviz.partition.screen.tiles import tile_counts
 from clusterviz.plan.view import View, make_view
 from clusterviz.scene.values import Camera
 
@@ -38,6 +37,10 @@ EXTENT = (25.0, 18.0, 30.0)
 def view_of(size: tuple[int, int], position: tuple[float, float, float] = (70, 50, 60), **lens: float) -> View:
     camera = Camera(position=position, focal_point=(12, 9, 15), view_up=(0.1, 0.2, 1), **lens)
     return make_view(camera, size, Grid((31, 19, 26)))
+
+
+def blank_map(size: tuple[int, int]) -> CostMap:
+    return CostMap(size, np.zeros(tile_counts(size, CELL)))
 
 
 def random_map(size: tuple[int, int], seed: int, empty: float = 0.5) -> CostMap:
@@ -73,7 +76,7 @@ def check_mosaic(partition: ScreenPartition, size: tuple[int, int], groups: int)
 
 
 @pytest.mark.parametrize("name", STRATEGIES)
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 @given(
     size=st.tuples(st.integers(1, 90), st.integers(1, 70)), groups=st.integers(1, 9), side=st.sampled_from([1, 8, 13])
 )
@@ -106,6 +109,7 @@ def test_a_pattern_gives_each_group_its_share_of_the_faces(view: View, groups: i
     assert counts.max() <= 1.5 * counts.mean()
 
 
+@pytest.mark.long
 def test_more_repetitions_leave_the_groups_more_alike() -> None:
     view, cost = view_of((240, 240)), np.zeros((240, 240))
     cost[60:140, 90:150] = 1.0
@@ -147,8 +151,6 @@ def test_a_cost_is_carried_to_the_next_camera() -> None:
     assert adapt(tree, carried(last, before, now)).busiest(doubled) < 1.1 * even < adapt(tree, last).busiest(doubled)
     np.testing.assert_array_equal(carried(last, halved, halved).cost, last.cost)
     np.testing.assert_array_equal(carried(last, blank_map(now.size), now).cost, last.cost)
-    with pytest.raises(InputError, match="over another picture"):
-        carried(last, blank_map((9, 9)), blank_map((9, 9)))
 
 
 def test_cuts_lie_at_any_pixel_and_stay_while_they_are_good_enough_or_without_a_cost() -> None:
@@ -160,8 +162,6 @@ def test_cuts_lie_at_any_pixel_and_stay_while_they_are_good_enough_or_without_a_
     nudged = CostMap(cost.size, cost.cost * np.linspace(1.0, 1.004, 40))
     for now in (cost, nudged, blank_map(cost.size)):
         assert adapt(tree, now) == tree
-    with pytest.raises(InputError, match="over another picture"):
-        adapt(tree, blank_map((9, 9)))
 
 
 def test_a_map_tells_the_cost_of_any_rectangle() -> None:
@@ -214,6 +214,3 @@ def test_groups_are_neighbours_and_nearly_of_one_size(ranks: int) -> None:
         assert [rank for group in found for rank in group] == list(range(ranks))
         sizes = [len(group) for group in found]
         assert max(sizes) - min(sizes) <= 1
-    for groups in (0, ranks + 1):
-        with pytest.raises(InputError, match=rf"cluster.groups.*allowed 1 … {ranks}"):
-            rank_groups(ranks, groups)

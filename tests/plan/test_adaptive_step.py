@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.source import Grid
 from clusterviz.errors import SceneError
 from clusterviz.plan.adaptive_step import LONGEST, AdaptiveStep, make_adaptive_step
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Quality, Volume
 

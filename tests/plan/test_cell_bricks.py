@@ -15,7 +15,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.distribution.memory_budget import MemoryBudget
-from clusterviz.frame.opening import OpenedContent, open_volumes
+from clusterviz.frame.opening import OpenedContent, open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.plan.content import SEGMENT_COST
 from clusterviz.plan.plan import Plan
@@ -40,7 +40,7 @@ def scene_of(*sections: Any, volumes: int = 0, brick: int = 64, step: float = 1.
 
 
 def planned(scene: Scene, given: list[Any], channel: Channel | None = None) -> tuple[Scene, OpenedContent, Plan]:
-    scene, opened, _ = open_volumes(Run(channel or LoopbackChannel(), Options()), scene, given)
+    scene, opened, _ = open_content(Run(channel or LoopbackChannel(), Options()), scene, given)
     assert isinstance(opened, OpenedContent)
     return scene, opened, opened.plan(scene)
 

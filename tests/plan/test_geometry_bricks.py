@@ -12,7 +12,7 @@ from clusterviz.content.geometry.section import LinesSection, MeshSection, Point
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.frame.opening import OpenedContent, open_volumes
+from clusterviz.frame.opening import OpenedContent, open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.reference.fragments import place
 from clusterviz.reference.intersections import intersect
@@ -43,7 +43,7 @@ def points(count: int = 40) -> Points:
 
 
 def opened(scene: Scene, given: list[Any]) -> tuple[Scene, OpenedContent]:
-    completed, found, bricks = open_volumes(Run(LoopbackChannel(), Options()), scene, given)
+    completed, found, bricks = open_content(Run(LoopbackChannel(), Options()), scene, given)
     assert isinstance(found, OpenedContent)
     assert not bricks
     return completed, found
@@ -118,7 +118,7 @@ def test_ranks_share_the_work_and_find_the_same(monkeypatch: pytest.MonkeyPatch)
 
     def found(channel: Channel) -> tuple[Any, ...]:
         run = Run(channel, Options())
-        scene, several, _ = open_volumes(run, scene_of(*sections), given)
+        scene, several, _ = open_content(run, scene_of(*sections), given)
         assert isinstance(several, OpenedContent)
         plan = several.plan(scene)
         every = sorted(tuple(index) for index in np.argwhere(plan.cost > 0).tolist())

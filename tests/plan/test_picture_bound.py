@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid
 from clusterviz.plan.picture_bound import FieldError, PictureBound, Rays, classified, dilated
@@ -15,7 +16,6 @@ from clusterviz.plan.ray_sampling import clip_planes, slab_length, slab_units
 from clusterviz.plan.refinement import Refiner
 from clusterviz.plan.view import make_view
 from clusterviz.reference import render_reference
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.values import Scene
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]

@@ -53,6 +53,7 @@ def on_face(polygons: Polygons, axis: int, at: np.ndarray) -> np.ndarray:
     )
 
 
+@pytest.mark.long
 def test_the_pieces_of_a_million_slices_fit_together() -> None:
     """Two boxes with a common face have the same vertices on it, bit for bit, and together the area of the whole."""
     shared = 0

@@ -8,6 +8,7 @@ from data.cells import lattice, mixed, one_cell, tetrahedra
 
 from clusterviz.content.geometry.section import MeshSection
 from clusterviz.content.grid.section import GridSection
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.geometry import Mesh
 from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import Tetrahedra, make_tetrahedra
@@ -16,7 +17,6 @@ from clusterviz.reference import render_reference
 from clusterviz.reference.cells import PlacedCells, find_passages, march_cells, place_cells
 from clusterviz.reference.fragments import Fragments
 from clusterviz.reference.rays import Rays, camera_rays
-from clusterviz.scene.complete import transfer_function
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.values import Camera, Clip, ImageSettings, Quality, Scene, Volume
 

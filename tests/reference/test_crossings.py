@@ -53,6 +53,7 @@ def roots_in_cells(rays: Rays, voxels: np.ndarray) -> list[tuple[int, float, int
     return sorted(found)
 
 
+@pytest.mark.cover("20")
 @pytest.mark.parametrize("slabs", [20, 7])
 def test_every_root_is_a_crossing(slabs: int) -> None:
     """Slabs of 0.5 to 2 voxels; of hundreds of crossings none is missed, and none made up."""

@@ -67,8 +67,9 @@ def absorbed(*parts: tuple[float, float, np.ndarray]) -> np.ndarray:
 RED, GREEN = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
 
 
-@pytest.mark.parametrize("step", [0.5, 0.37, 1.0, 3.0])
-@pytest.mark.parametrize("z", [0.0, 1.0, 1.3, 4.0, 7.999, 8.0])
+@pytest.mark.parametrize(
+    ("z", "step"), [(0.0, 0.5), (0.0, 3.0), (1.0, 1.0), (1.3, 0.37), (4.0, 0.5), (4.0, 3.0), (7.999, 1.0), (8.0, 0.37)]
+)
 def test_a_sheet_in_fog_divides_its_slab(z: float, step: float) -> None:
     """Also on the faces of the volume and on the borders of slabs, whatever the length of slabs is."""
     scene = scene_of(fog(), quality=Quality(step=step))
@@ -211,7 +212,7 @@ def test_joints_of_tubes_are_no_surfaces() -> None:
         np.testing.assert_allclose(several, one, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_tubes_are_entered_and_left_where_the_distance_to_the_line_is_the_radius(seed: int) -> None:
     random = np.random.default_rng(seed)
     a, b, c = random.uniform(-1, 1, (3, 3)) * [2, 2, 1]

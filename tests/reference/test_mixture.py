@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 from clusterviz.data.source import Grid
 from clusterviz.reference import render_reference
@@ -134,6 +135,7 @@ def test_integrals_of_a_faint_volume_are_those_of_one_alone_and_all_opacities_ar
         assert apart[..., :3].max() <= colours
 
 
+@pytest.mark.long
 def test_integrals_converge_with_the_square_of_the_step_and_sooner_than_midpoints_where_opacity_has_a_peak() -> None:
     """Smooth fields on turned grids, one of which begins within the other."""
     axes = np.indices((9, 9, 9)) / 4 - 1

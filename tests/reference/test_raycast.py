@@ -89,6 +89,7 @@ def test_opacity_0_draws_nothing_at_all() -> None:
     assert not render_reference(scene, Grid(SHAPE), random_voxels()).any()
 
 
+@pytest.mark.long
 def test_ten_thousand_thin_slabs_do_not_drift() -> None:
     scene = one_volume(along_x(), opacity=1e-8, unit=5.0, size=(1, 1))
     alpha = render_reference(scene, Grid(SHAPE), np.full(SHAPE, 0.25), 5e-4)[0, 0, 3]

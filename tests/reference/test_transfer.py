@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from clusterviz.content import transfer
 from clusterviz.reference.transfer import transfer_function
-from clusterviz.scene import complete
 from clusterviz.scene.transfer import PRESETS
 from clusterviz.scene.values import Volume
 
@@ -27,7 +27,7 @@ EXTREMES = [(-1.7e308, 0.0), (1.0, 0.5), (1.7e308, 1.0)]
 )
 def test_colours_and_opacities_are_those_of_the_renderer(cmap, opacity, clim):
     volume = Volume(path="a", cmap=cmap, opacity=opacity, clim=clim, opacity_unit_distance=0.5)
-    own, other = transfer_function(volume), complete.transfer_function(volume)
+    own, other = transfer_function(volume), transfer.transfer_function(volume)
     ends = np.concatenate([own.opacity_values, own.colour_values])
     near = np.concatenate([ends, np.nextafter(ends, -np.inf), np.nextafter(ends, np.inf), [-np.inf, np.inf, np.nan]])
     s = np.concatenate([near, np.random.default_rng(1).uniform(-5, 5, 200), np.linspace(clim[0], clim[1], 999)])

@@ -22,6 +22,7 @@ from clusterviz.data.source import Grid
 from clusterviz.data.tetrahedra import make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.frame import Options, Run, prepare
+from clusterviz.pages.kbuffer.analysis import analyse, comparisons
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import find_passages, place_cells
 from clusterviz.reference.rays import camera_rays
@@ -30,7 +31,6 @@ from clusterviz.render.abuffer import primitives
 from clusterviz.render.cells.table import LocalGrid, make_local_grid
 from clusterviz.render.march import March
 from clusterviz.render.raycast import Raycaster
-from clusterviz.report.kbuffer.analysis import analyse, comparisons
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
 CAMERAS = {
@@ -160,7 +160,13 @@ CASES: dict[str, tuple[Any, ...]] = {
 }
 
 
-@pytest.mark.cover("two, one lit-inside", "volume, geometry, and two, one lit-outside")
+@pytest.mark.cover(
+    "two, one lit-inside",
+    "volume, geometry, and two, one lit-outside",
+    "geometry-outside",
+    "volume-outside",
+    "two, one lit-outside",
+)
 @pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][4]])
 def test_pictures_are_the_reference(name: str, camera: str) -> None:
     grids, volumes, meshes, keys, _, bound = CASES[name]
@@ -298,7 +304,7 @@ BUFFERED = [("lattice", "along edges"), *(("holes", camera) for camera in VIEWS)
 BUFFERED += [(name, "outside") for name in ("peaks", "arrays of cells", "mirrored", "clipped")]
 
 
-@pytest.mark.cover
+@pytest.mark.cover("clipped-outside")
 @pytest.mark.parametrize(("name", "camera"), BUFFERED)
 def test_k_buffers_that_suffice_draw_the_exact_picture(name: str, camera: str) -> None:
     ((entry,), _, _, keys, _, _) = CASES[name]
@@ -329,6 +335,7 @@ def test_k_buffers_count_as_the_analysis_does() -> None:
             assert 0 < wrong.sum() <= needs.wrong(k)
 
 
+@pytest.mark.cover("inside")
 @pytest.mark.parametrize("camera", ["outside", "inside"])
 def test_parts_and_bricks_do_not_change_the_picture_of_a_k_buffer(camera: str) -> None:
     section = by_entries(THIN, 16)
@@ -349,6 +356,7 @@ def test_a_table_of_integrals_is_right_to_its_resolution(
     assert 1e-6 < error < bound
 
 
+@pytest.mark.cover("exact")
 @pytest.mark.gl
 @pytest.mark.parametrize("integration", ["exact", "table"])
 def test_opengl_draws_and_counts_k_buffers_as_cpus_do(integration: str, context: moderngl.Context) -> None:

@@ -178,9 +178,9 @@ def planned(name: str) -> tuple[Plan, dict[Any, Any]]:
     return prepared.plan, prepared.bricks
 
 
+@pytest.mark.cover("all of it")
 @pytest.mark.gl
 # Rays that bend have planes beside, see test_refraction.py.
-@pytest.mark.cover
 @pytest.mark.parametrize("name", [name for name in CASES if name != "refraction"])
 def test_only_what_is_shown_is_made(context: moderngl.Context, name: str) -> None:
     case = CASES[name]

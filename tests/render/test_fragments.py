@@ -193,7 +193,14 @@ CASES = {
 
 
 @pytest.mark.cover(
-    "isosurfaces, lit, clipped-outside-gl", "jittered-inside-gl", "isosurfaces, lit, clipped-outside-cpu"
+    "isosurfaces, lit, clipped-outside-gl",
+    "jittered-inside-gl",
+    "isosurfaces, lit, clipped-outside-cpu",
+    "arrows-outside-gl",
+    "opaque-outside-gl",
+    "long slabs, twice-outside-gl",
+    "edges-outside-gl",
+    "tubes and spheres-outside-gl",
 )
 @EACH
 @pytest.mark.parametrize(("name", "camera"), [(name, camera) for name in CASES for camera in CASES[name][3]])
@@ -207,7 +214,7 @@ def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: 
     assert wrong.mean() <= (0.005 if "isosurfaces" in name else 0)
 
 
-@pytest.mark.cover("volumes-gl")
+@pytest.mark.cover("volumes-gl", "alone-gl")
 @EACH
 @pytest.mark.parametrize(("parts", "step"), [((BYTES, FLOATS), 2.0), ((), 0.7)], ids=["volumes", "alone"])
 def test_neither_parts_nor_bricks_nor_memory_nor_vectors_change_the_picture(
@@ -221,6 +228,7 @@ def test_neither_parts_nor_bricks_nor_memory_nor_vectors_change_the_picture(
         assert np.abs(found - first).max() <= 2e-6, brick
 
 
+@pytest.mark.cover("gl")
 @EACH
 def test_bricks_of_other_ranks_within_a_box_are_left_to_them(where: Any, caster: str) -> None:
     """Every second brick of the whole box."""
@@ -268,7 +276,7 @@ def test_equal_fragments_are_in_the_order_of_the_list() -> None:
     assert found[..., 0].max() == 0.5
 
 
-@pytest.mark.cover("gl")
+@pytest.mark.long
 @EACH
 def test_all_schemes_give_the_same_picture(where: Any, caster: str) -> None:
     """More fragments than the pools begin with and than are sorted at once, some equal, with a volume."""
@@ -284,7 +292,7 @@ def test_all_schemes_give_the_same_picture(where: Any, caster: str) -> None:
         assert np.array_equal(scenes.drawn(where, by_schemes(first, fill, resolve))[0], right), (fill, resolve)
 
 
-@pytest.mark.cover
+@pytest.mark.cover("8-lists-gl")
 @EACH
 @pytest.mark.parametrize("fill", FILLS)
 @pytest.mark.parametrize("share", [8, 1])
@@ -322,6 +330,7 @@ def test_opaque_geometry_alone_has_one_place_for_each_pixel() -> None:
     assert chosen == ["fixed", "auto", "auto"]
 
 
+@pytest.mark.cover("gl")
 @EACH
 def test_lists_of_pixels_and_of_tiles_give_one_picture(
     where: Any, caster: str, monkeypatch: pytest.MonkeyPatch
@@ -370,7 +379,7 @@ def test_llvmpipe_refuses_what_it_would_leave_out(context: Any, monkeypatch: pyt
         drawn(context, scene_of((), "inside"), (), LIT)
 
 
-@pytest.mark.cover("fixed-peeling-False-cpu")
+@pytest.mark.cover("fixed-peeling-False-cpu", "pages-static-True-cpu")
 @EACH
 @pytest.mark.parametrize(
     ("fill", "resolve", "coincident"),
@@ -507,7 +516,7 @@ def whole_piece(given: Prepared) -> Piece:
     return Piece(0, BrickBox((0, 0, 0), given.plan.layout.counts_zyx))
 
 
-@pytest.mark.cover
+@pytest.mark.cover("meshes, tubes, spheres and arrows")
 @pytest.mark.gl
 @pytest.mark.parametrize("name", LOOKS)
 def test_the_rasteriser_finds_the_fragments_of_tile_lists(context: Any, name: str) -> None:

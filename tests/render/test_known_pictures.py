@@ -86,6 +86,7 @@ def test_sums_over_a_constant_field_do_not_depend_on_the_step(pictures: Any, ble
             assert found[10, 12] == pytest.approx([grey, grey, grey, 1.0], abs=1e-6), step
 
 
+@pytest.mark.cover("cubic")
 @pytest.mark.parametrize(
     ("voxels", "interpolation"),
     [(np.full(SHAPE, 77, np.uint8), "linear"), (np.full(SHAPE, 0.123, np.float32), "cubic")],
@@ -184,7 +185,7 @@ def plateaus() -> np.ndarray:
     return values
 
 
-@pytest.mark.cover
+@pytest.mark.cover("plain-pre-integrated")
 @pytest.mark.parametrize("keys", [{}, PREINTEGRATED | {"size": (12, 10)}], ids=["post", "pre-integrated"])
 @pytest.mark.parametrize(
     "grid", [GRID, Grid(SHAPE, origin=(-7.0, 3.0, 1.0), direction=TURNED)], ids=["plain", "turned"]
@@ -321,6 +322,7 @@ def test_volume_longer_than_a_texture_may_be(
             assert np.abs(found - expected).max() <= bound * max(1, brick / 64)
 
 
+@pytest.mark.long
 def test_more_bricks_than_fit_beside_each_other_in_a_texture(pictures: Any) -> None:
     """3025 bricks of 3 samples a side; a texture has room for 682 beside each other where its side is 2048."""
     voxels = noise((3, 110, 110), np.uint8)
@@ -341,7 +343,7 @@ SEAMS: dict[str, tuple[Any, dict[str, Any], float]] = {
 }
 
 
-@pytest.mark.cover("lit", "faint", "cubic")
+@pytest.mark.cover("lit", "faint", "cubic", "surfaces", "jittered")
 @pytest.mark.parametrize("name", SEAMS)
 def test_neither_the_size_of_bricks_nor_the_caster_changes_picture_or_samples(
     context: moderngl.Context, name: str

@@ -182,6 +182,8 @@ def wrong(found: np.ndarray, right: np.ndarray, bound: float = 1e-5) -> float:
     "gl-integrals, lit, clipped, jittered-outside",
     "gl-surfaces through each other-inside",
     "gl-three, lit, clipped-outside",
+    "cpu-surfaces through each other-inside",
+    "gl-integrals beside nearest voxels-inside",
 )
 @pytest.mark.parametrize(("caster", "name", "camera"), CASES)
 def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: str) -> None:
@@ -192,6 +194,7 @@ def test_pictures_are_the_reference(where: Any, caster: str, name: str, camera: 
     assert wrong(found, expected(scene, parts), 1e-5 if surfaces else BOUND) <= FEW * surfaces
 
 
+@pytest.mark.cover("gl")
 @EACH
 def test_tables_of_two_dimensions(where: Any, caster: str, tmp_path: Path) -> None:
     """Two volumes with tables of their own: of colours, and of opacities."""
@@ -280,6 +283,7 @@ def test_units_are_of_no_account(context: moderngl.Context, unit: float) -> None
     assert np.abs(drawn(context, scene, parts)[0] - first).max() <= BOUND
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_volumes_apart_are_each_alone_where_rays_meet_one(context: moderngl.Context) -> None:
     """Rays along z, whose slabs begin at one plane for both."""
@@ -353,6 +357,7 @@ def test_neither_threads_nor_numbers_of_64_bits_change_anything(monkeypatch: pyt
         assert samples == results[0][1]
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_several_volumes_cost_one_program_and_no_further_buffer_of_voxels(context: moderngl.Context) -> None:
     made = []

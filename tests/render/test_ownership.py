@@ -164,11 +164,13 @@ def _camera(position: Any, focal_point: Any, up: Any, lens: dict[str, float]) ->
     return Camera(**dict(zip(("position", "focal_point", "view_up"), places, strict=True)), **lens)
 
 
+@pytest.mark.long
 def test_every_slab_is_drawn_once_whoever_draws_it() -> None:
     for draw, counts in counted(random_draws(12, seed=7), None):
         assert len(set(counts.values())) == 1, f"{draw}: {counts}"
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_opengl_takes_the_samples_of_the_processor() -> None:
     with open_context() as context:

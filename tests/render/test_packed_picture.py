@@ -146,7 +146,7 @@ def test_a_caster_draws_the_same_packed_or_whole(context: moderngl.Context, pixe
         assert packed.bytes_read > packed.work.nbytes
 
 
-@pytest.mark.cover
+@pytest.mark.cover("coherent")
 @pytest.mark.parametrize(
     ("keys", "expected"),
     [

@@ -9,7 +9,7 @@ from render.scenes import FAINT, SHAPE, Prepared, camera_at, draw, noise, prepar
 
 from clusterviz.data.source import Grid
 from clusterviz.image.partial import Rect
-from clusterviz.partition import BrickBox, Owners, Piece, group_pieces, visible_groups
+from clusterviz.partition import BrickBox, Owners, Piece, owner_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import over
 from clusterviz.render.brick_atlas import capacity
@@ -29,7 +29,7 @@ def planned(camera: str, **keys: object) -> Prepared:
 def dealt(plan: Plan, ranks: int, seed: int) -> tuple[Piece, ...]:
     """Bricks at random to ranks, in groups from front to back."""
     owner = np.random.default_rng(seed).integers(0, ranks, plan.cost.shape).astype(np.int32)
-    return group_pieces(visible_groups(Owners(ranks, owner), plan.eye_in_bricks(), plan.view.forward))
+    return owner_pieces(Owners(ranks, owner), plan.eye_in_bricks(), plan.view.forward)
 
 
 @pytest.mark.parametrize("camera", ["outside", "inside", "parallel"])

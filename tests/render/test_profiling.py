@@ -11,12 +11,12 @@ import pytest
 from render.scenes import LIT, camera_at, prepare, scene_of, smooth
 
 from clusterviz.data.source import Grid
+from clusterviz.pages.profile.code import Code, code_of
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.render.cpu.tables import frame_of
 from clusterviz.render.profiling import PieceProfile, Profiler
 from clusterviz.render.storage import slot_of
-from clusterviz.report.profile.code import Code, code_of
 from clusterviz.scene.values import Cluster, Scene
 
 SHAPE, BRICK = (19, 23, 26), 8
@@ -98,13 +98,13 @@ def check_counts(where: moderngl.Context | None, look: dict[str, Any]) -> None:
             assert np.array_equal(sum_of := whole(plan, three, name), whole(plan, one, name)), (name, sum_of.sum())
 
 
-@pytest.mark.cover("jittered")
+@pytest.mark.cover("jittered", "adaptive step")
 @pytest.mark.parametrize("name", LOOKS)
 def test_slabs_are_sampled_skipped_or_left_out_on_a_cpu(name: str) -> None:
     check_counts(None, LOOKS[name])
 
 
-@pytest.mark.cover
+@pytest.mark.cover("isosurfaces", "adaptive step", "jittered")
 @pytest.mark.gl
 @pytest.mark.parametrize("name", LOOKS)
 def test_slabs_are_sampled_skipped_or_left_out_in_opengl(name: str, context: moderngl.Context) -> None:

@@ -207,6 +207,9 @@ def watches_at(shader: Shader, place: str) -> tuple[str, ...]:
     "opacity of one half, two volumes",
     "occluded",
     "cubic hardware",
+    "two volumes",
+    "lit, clipped",
+    "volume of a flow",
 )
 @pytest.mark.gl
 @pytest.mark.parametrize("look", LOOKS)
@@ -258,7 +261,7 @@ def check_taken(places: list[str], probes: list[Probe], mine: list[Taken], their
     assert any(each.reached.any() for each in mine)
 
 
-@pytest.mark.cover("surfaces", "coherent", "opacity of one half")
+@pytest.mark.cover("surfaces", "coherent", "opacity of one half", "surfaces of uint16")
 @pytest.mark.parametrize("look", ON_CPUS)
 def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
     look: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -12,6 +12,7 @@ import pytest
 from render.scenes import BUMP, CAMERAS, SHAPE, camera_at, noise, prepare, scene_of
 from render.variants import alone
 
+from clusterviz.content.transfer import transfer_function
 from clusterviz.data.source import Grid
 from clusterviz.gl.context import compile_compute
 from clusterviz.image.partial import Rect
@@ -22,7 +23,6 @@ from clusterviz.reference.sample import nearest, trilinear
 from clusterviz.render.frame_block import frame_block
 from clusterviz.render.storage import Slot, slot_of
 from clusterviz.render.variant import Variant, variant_of
-from clusterviz.scene.complete import transfer_function
 from clusterviz.spmd.adversary import DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE, addresses, chosen_driver, function_of, object_code
 from clusterviz.spmd.source import ShaderSource

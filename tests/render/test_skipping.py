@@ -79,7 +79,7 @@ def show_all(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> Prepared:
     return replace(prepared, plan=replace(plan, cost=brick_cost(plan.layout, np.zeros(plan.layout.counts_zyx, bool))))
 
 
-@pytest.mark.cover
+@pytest.mark.cover("surfaces in a clipped volume, many dispatches")
 @pytest.mark.parametrize("case", CASES)
 def test_skipping_changes_no_bit(
     context: moderngl.Context, case: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clusterviz.content.complete import complete_scene
 from clusterviz.data import open_source
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.summary import summarise
@@ -19,7 +20,7 @@ from clusterviz.render import brick_tables
 from clusterviz.render.brick_atlas import BrickAtlas
 from clusterviz.render.raycast import Raycaster
 from clusterviz.render.render_result import RenderResult
-from clusterviz.scene import VolumeInfo, complete_scene, scene_of_data
+from clusterviz.scene import VolumeInfo, scene_of_data
 
 OPAQUE, FAINT = "[[0.0, 0.9], [1.0, 1.0]]", "[[0.0, 0.001], [1.0, 0.001]]"
 

@@ -31,24 +31,22 @@ KINDS = "u8", "u16", "f32"
 CELLS = 15, 16, 33
 
 
-OF_VOLUME = {field.name for field in fields(VolumeVariant)}
-
-
 def alone(
     filter: Filter,
     slot: Slot,
     brick: int,
-    further: int,
-    block: int,
+    further_starts: int,
+    block_bytes: int,
     blending: Blending = "composite",
     lights: int = 0,
     planes: int = 0,
     surfaces: int = 0,
     **keys: Any,
 ) -> Variant:
-    """The variant of one volume, or of `volumes`."""
-    own = {name: keys.pop(name) for name in OF_VOLUME & keys.keys()} | {"lights": lights, "surfaces": surfaces}
-    return Variant(VolumeVariant(filter, slot, further, **own), brick, block, blending, planes, **keys)
+    """The variant of a volume alone; other keys are its own or those of the program."""
+    own = {field.name: keys.pop(field.name) for field in fields(VolumeVariant) if field.name in keys}
+    volume = VolumeVariant(filter, slot, further_starts, lights, surfaces=surfaces, **own)
+    return Variant(slot, brick, block_bytes, (volume,), blending, planes, **keys)
 
 
 def _looks() -> Iterator[tuple[str, Variant]]:
@@ -105,9 +103,9 @@ def _rays() -> Iterator[tuple[str, Variant]]:
         VolumeVariant("linear", slot, 0, surfaces=1, in_volume=False, lights=1, near=True, table="opacity"),
     )
     for name, volumes in (("two volumes", parts[:2]), ("four volumes", parts)):
-        whole = Slot(CELLS, "f32", False, parts=tuple(volume.slot for volume in volumes))
-        yield name, alone("linear", whole, 33, 0, 0, volumes=volumes, planes=2)
-        yield f"{name}, layers", alone("linear", whole, 33, 0, 0, volumes=volumes, planes=2, crossing=True)
+        whole = Slot(CELLS, "f32", False, parts=tuple(volume.slot for volume in volumes), mixed=True)
+        yield name, Variant(whole, 33, 0, volumes, planes=2)
+        yield f"{name}, layers", Variant(whole, 33, 0, volumes, planes=2, crossing=True)
 
 
 def _on_cpu() -> Iterator[tuple[str, Variant]]:
@@ -122,8 +120,8 @@ def _on_cpu() -> Iterator[tuple[str, Variant]]:
         yield f"CPU, profile of {profile}", alone("linear", slot, 33, 0, 0, cpu=cpu, profile=profile)
     yield "CPU, coherent", alone("linear", slot, 33, 0, 0, frame_coherence=True, cpu=cpu)
     volumes = VolumeVariant("linear", slot, 1, lights=2, surfaces=1), VolumeVariant("cubic", slot, 0, table="opacity")
-    whole = Slot(CELLS, "f32", False, parts=(slot, slot))
-    yield "CPU, two volumes", alone("linear", whole, 0, 0, 0, volumes=volumes, cpu=Lanes(16, volumes=(8, 0)))
+    whole = Slot(CELLS, "f32", False, parts=(slot, slot), mixed=True)
+    yield "CPU, two volumes", Variant(whole, 0, 0, volumes, cpu=Lanes(16, volumes=(8, 0)))
 
 
 VARIANTS = {**dict(_looks()), **dict(_rays())}

@@ -10,16 +10,18 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.automatic import BACKGROUND, STEP, classify_values
+from clusterviz.content.complete import complete_scene
+from clusterviz.content.transfer import transfer_function
+from clusterviz.content.volume.kind import visible_corners
 from clusterviz.content.volume.presets import PRESETS, PresetName, apply_preset
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.errors import SceneError
 from clusterviz.frame import Options, Run
-from clusterviz.frame.opening import open_volumes
-from clusterviz.scene import Scene, VolumeInfo, complete_scene, load_scene, scene_of_data
-from clusterviz.scene.automatic import BACKGROUND, STEP, classify_values
+from clusterviz.frame.opening import open_content
+from clusterviz.scene import Scene, VolumeInfo, load_scene, scene_of_data
 from clusterviz.scene.camera import project_points
-from clusterviz.scene.complete import transfer_function, visible_corners
 
 SIDE = 24
 Z, Y, X = (axis / (SIDE - 1) * 2 - 1 for axis in np.mgrid[:SIDE, :SIDE, :SIDE].astype(float))
@@ -47,7 +49,7 @@ def facts_of(voxels: np.ndarray, brick: int = 64, modality: str = "") -> VolumeI
     scene = scene_of_data("array", [f"cluster.brick={brick}"])
     z, y, x = voxels.shape
     source = ArraySource(voxels, Grid((z, y, x), modality=modality))
-    _, opened, _ = open_volumes(Run(LoopbackChannel(), Options()), scene, source)
+    _, opened, _ = open_content(Run(LoopbackChannel(), Options()), scene, source)
     assert opened is not None
     return opened.infos[0]
 

@@ -13,12 +13,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clusterviz.content.complete import complete_scene
+from clusterviz.content.transfer import transfer_function
 from clusterviz.content.volume.info import default_clim
+from clusterviz.content.volume.kind import default_unit_distance
 from clusterviz.errors import SceneError
-from clusterviz.scene import Scene, Volume, VolumeInfo, complete_scene, transfer_function
+from clusterviz.scene import Scene, Volume, VolumeInfo
 from clusterviz.scene.camera import MARGIN, Vector, bounding_sphere, project_points
 from clusterviz.scene.checks import sine
-from clusterviz.scene.complete import default_unit_distance
 
 NAN = math.nan
 

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from clusterviz.content.complete import complete_scene
+from clusterviz.content.transfer import transfer_function
 from clusterviz.errors import SceneError
-from clusterviz.scene import Volume, VolumeInfo, complete_scene, load_scene
-from clusterviz.scene.complete import transfer_function
+from clusterviz.scene import Volume, VolumeInfo, load_scene
 from clusterviz.scene.transfer import OPAQUE, PRESETS, TransferFunction, interpolate, opacity_points, preset_points
 from clusterviz.scene.transfer_2d import Transfer2d, load_table, read_table
 

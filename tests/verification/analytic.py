@@ -21,6 +21,8 @@ import numpy as np
 import pytest
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.complete import complete_scene
+from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.data.field import marschner_lobb
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
@@ -28,7 +30,6 @@ from clusterviz.frame import render_frame
 from clusterviz.frame.run import Options
 from clusterviz.reference import render_reference
 from clusterviz.reference.rays import Rays, camera_rays, inside
-from clusterviz.scene.complete import VolumeInfo, complete_scene
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
 
 Picture = np.ndarray[Any, Any]

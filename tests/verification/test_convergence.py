@@ -94,7 +94,7 @@ def test_a_gaussian_against_the_voxel(way: Way, record_property: Record) -> None
     check_orders(record_property, errors, *SECOND)
 
 
-@pytest.mark.cover
+@pytest.mark.cover("OpenGL")
 @OPENGL_TOO
 def test_marschner_lobb_against_the_voxel(way: Way, record_property: Record) -> None:
     """A picture of 8 × 8 rays aslant through a part of the field with two waves; rms over its pixels."""

@@ -47,7 +47,7 @@ def coefficients(samples: Picture) -> Picture:
     return np.linalg.solve(system, samples.reshape(-1, count).T).T.reshape(samples.shape)
 
 
-@pytest.mark.cover
+@pytest.mark.cover("False-2.0-0.12-OpenGL")
 @OPENGL_TOO
 @pytest.mark.parametrize(("prefiltered", "order", "band"), [(False, 2.0, 0.12), (True, 4.0, 0.35)])
 def test_cubic_splines_against_the_voxel(
@@ -146,7 +146,7 @@ def cosines(scene: Scene) -> Picture:
     return np.sqrt(along**2 - (rays.start**2).sum(axis=1) + 0.75**2) / 0.75
 
 
-@pytest.mark.cover
+@pytest.mark.cover("cubic-renderer")
 @EACH_WAY
 @EACH_FIELD
 def test_isosurfaces_against_the_voxel(way: Way, interpolation: str, record_property: Record) -> None:

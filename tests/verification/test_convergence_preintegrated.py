@@ -64,7 +64,7 @@ def test_a_jump_of_opacity_has_no_error_at_any_step(way: Way, step: float) -> No
     assert np.abs(way(between(scene), source)[..., 3].ravel() - truth).max() <= 1e-6
 
 
-@pytest.mark.cover("peaks-reference", "peaks-OpenGL")
+@pytest.mark.cover("peaks-reference", "peaks-OpenGL", "jump-OpenGL")
 @BY_OPENGL
 @pytest.mark.parametrize(
     ("opacity", "midpoints"), [(SMOOTH, 2.0), (STEP, 1.0), (PEAKS, None)], ids=["smooth", "jump", "peaks"]

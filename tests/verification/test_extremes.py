@@ -285,6 +285,12 @@ def check(record: Record, case: Case) -> Voxels:
     "10,000 slabs, average",
     "int64, pre-integrated",
     "int64, shade",
+    "bricks of two cells",
+    "int32, surfaces",
+    "int8, surfaces",
+    "unit 1e-30, isosurface",
+    "(1, 9) pixels",
+    "(65, 1) pixels",
 )
 @pytest.mark.parametrize("name", CASES)
 def test_pictures_of_several_ranks_are_those_of_the_reference(record_property: Record, name: str) -> None:

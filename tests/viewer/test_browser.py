@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from viewer.pages import wait_until
 
-from clusterviz.scene import Scene, VolumeInfo, complete_scene
+from clusterviz.content.complete import complete_scene
+from clusterviz.scene import Scene, VolumeInfo
 from clusterviz.scene.camera import project_points
 from clusterviz.viewer.describe import Content
 from clusterviz.viewer.server import Server, open_socket

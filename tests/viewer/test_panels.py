@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from clusterviz.scene.complete import VolumeInfo, box_corners, complete_scene
+from clusterviz.content.complete import complete_scene
+from clusterviz.content.facts import box_corners
+from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.scene.values import Scene
 from clusterviz.viewer.describe import Content
 from clusterviz.viewer.messages import parse

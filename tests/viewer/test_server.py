@@ -369,6 +369,7 @@ def test_ten_thousand_messages_a_second_delay_nobody() -> None:
         assert handled < count / 2
 
 
+@pytest.mark.long
 def test_slow_link_shows_eight_pictures_a_second() -> None:
     """The link has 10 Mb/s and 100 ms of delay; 25 pictures a second of 76 kB are drawn, more than it takes."""
     blocks = np.random.default_rng(1).random((75, 100, 4), np.float32)

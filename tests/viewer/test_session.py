@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from fuzz.messages import run
 
+from clusterviz.content.complete import complete_scene
+from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.blend_modes import BLEND_MODES, Blending, BlendModeTraits
-from clusterviz.scene.complete import VolumeInfo, complete_scene
 from clusterviz.scene.overrides import with_settings
 from clusterviz.viewer.describe import Content
 from clusterviz.viewer.encoding import Picture

@@ -8,7 +8,6 @@ unpacking is printed too, and the JSON holds the time of a checksum (`crc_s`, on
 
 from __future__ import annotations
 
-import os
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from clusterviz.cli.arguments import parse_size
 from clusterviz.cli.bench.composite import read_rgba
-from clusterviz.cli.bench.report import Frames, JsonOption, write_json
+from clusterviz.cli.bench.report import Frames, JsonOption, one_core, write_json
 from clusterviz.codec import CODECS, Rows, open_message, pack, prepare_codecs, unpack
 from clusterviz.errors import DataError
 from clusterviz.input_files import require_regular_file
@@ -102,19 +101,13 @@ def synthetic_images(size: tuple[int, int]) -> Iterator[tuple[str, NDArray[Any]]
 
 def measure(pictures: Iterator[tuple[str, NDArray[Any]]], frames: int) -> list[dict[str, Any]]:
     """Return one row for each picture and codec, measured on one core if the system supports affinity."""
-    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
-    if allowed:
-        os.sched_setaffinity(0, {min(allowed)})
-    try:
+    with one_core():
         return [
             {"picture": name, "pixel": pixels.dtype.name, "codec": codec, **_measure(pixels, codec, frames)}
             for name, pixels in pictures
             for codec in CODECS
             if codec != "raw"
         ]
-    finally:
-        if allowed:
-            os.sched_setaffinity(0, allowed)
 
 
 def _measure(picture: NDArray[Any], codec: str, frames: int) -> dict[str, float | None]:

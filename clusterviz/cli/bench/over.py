@@ -8,8 +8,7 @@ so that no set is still in a cache. All images are slices of one pool of random 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
 from time import perf_counter
@@ -20,7 +19,7 @@ import typer
 from numpy.typing import NDArray
 
 from clusterviz.cli.arguments import parse_size
-from clusterviz.cli.bench.report import Frames, JsonOption, write_json
+from clusterviz.cli.bench.report import Frames, JsonOption, one_core, write_json
 from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import over, put_before, put_behind
 from clusterviz.composite.over.layers import Layer, blend_layers
@@ -100,25 +99,12 @@ def _measure(variants: dict[str, Variant], frames: int, copy: dict[str, float] |
 def _time(variant: Variant, frames: int) -> list[float]:
     """Return seconds of each call, after one warm-up call."""
     seconds = []
-    with _one_core():
+    with one_core():
         for number in range(1 + frames):
             started = perf_counter()
             variant.call(number % variant.sets)
             seconds.append(perf_counter() - started)
     return seconds[1:]
-
-
-@contextmanager
-def _one_core() -> Iterator[None]:
-    """Pin this thread to one core."""
-    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
-    if allowed:
-        os.sched_setaffinity(0, {min(allowed)})
-    try:
-        yield
-    finally:
-        if allowed:
-            os.sched_setaffinity(0, allowed)
 
 
 def _table(report: dict[str, Any]) -> str:
@@ -148,7 +134,6 @@ class Variant:
     Attributes
     ----------
     call : blends set number k
-    sets : number of sets
     copies : number of images in a copy of the same bytes
     slow : whether to time a few repetitions only
     """

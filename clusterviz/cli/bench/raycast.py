@@ -42,9 +42,7 @@ def measure(scene: Scene, frames: int, device: Device = None) -> dict[str, Any]:
 
     Parameters
     ----------
-    scene : a scene with a volume
     frames : number of timed frames, after one warm-up frame
-    device : the device to draw on
 
     Returns
     -------

@@ -1,9 +1,11 @@
-"""Options and JSON output of the benchmarks."""
+"""Options and JSON output of the benchmarks, and the core on which they run."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,3 +27,16 @@ def write_json(path: Path, report: Mapping[str, Any]) -> None:
     """
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(report, indent=2) + "\n")
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Pin this thread to one core."""
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+    if allowed:
+        os.sched_setaffinity(0, {min(allowed)})
+    try:
+        yield
+    finally:
+        if allowed:
+            os.sched_setaffinity(0, allowed)

@@ -11,10 +11,10 @@ from functools import lru_cache
 from typing import NoReturn
 
 from clusterviz.composite.footprints import Footprints
-from clusterviz.composite.model.communication import ImageStatistics
+from clusterviz.composite.model.communication import COMMUNICATION_COSTS, ImageStatistics
 from clusterviz.composite.model.network import Network
 from clusterviz.composite.model.prediction import Placement, place_ranks, predict
-from clusterviz.composite.schedules.algorithms import SEVERAL_IMAGES, candidates, check_algorithm
+from clusterviz.composite.schedules.algorithms import ALGORITHMS, SEVERAL_IMAGES, candidates, check_algorithm
 from clusterviz.errors import InputError
 
 TRANSPORTS = ("messages", "shared", "hierarchical", "auto")
@@ -33,50 +33,26 @@ class Request:
 
 @dataclass(frozen=True)
 class Choice:
-    """Chosen algorithm and transport.
+    """Chosen algorithm and transport."""
 
-    Attributes
-    ----------
-    algorithm, transport : never "auto"; the shared transport always is direct send, in place
-    codec : as requested; "auto" is decided for each message
-    seconds_predicted : time until the picture is complete on rank 0, with raw pixels
-    """
-
+    # never "auto"; the shared transport always is direct send, in place
     algorithm: str
     transport: str
-    codec: str
-    seconds_predicted: float
+    codec: str  # as requested; "auto" is decided for each message
+    seconds_predicted: float  # time until the picture is complete on rank 0, with raw pixels
 
 
-def choose(
-    request: Request,
-    footprints: Footprints,
-    nodes: Sequence[Sequence[int]],
-    network: Network,
-    *,
-    interleaved: bool = False,
-    memory_shared: bool = True,
-) -> Choice:
+def choose(request: Request, footprints: Footprints, nodes: Sequence[Sequence[int]], network: Network) -> Choice:
     """Return the fastest choice that is possible and requested; a pure function of its arguments.
 
-    Parameters
-    ----------
-    nodes : ranks of the channel on each node
-    interleaved : whether images of other ranks lie between those of a rank
-    memory_shared : whether the ranks of a node can share memory
-
-    Raises
-    ------
-    InputError
-        Unknown names, or an impossible combination.
+    `nodes` are the ranks of the channel on each node. Unknown names and impossible combinations raise InputError.
     """
     where = nodes if isinstance(nodes, tuple) else tuple(tuple(ranks) for ranks in nodes)
     placement = place_ranks([layer.rank for layer in footprints.layers], where)
-    return fastest(request, _summary(footprints), placement, interleaved, memory_shared, network)
+    return fastest(request, _summary(footprints), placement, footprints.interleaved, network)
 
 
 def _summary(footprints: Footprints) -> ImageStatistics:
-    """Return the statistics of the footprints."""
     layers, size = footprints.layers, 4 * footprints.dtype.itemsize
     if not layers:
         return ImageStatistics(0, 0, 1.0, 1.0, size, True)
@@ -88,16 +64,11 @@ def _summary(footprints: Footprints) -> ImageStatistics:
 
 @lru_cache(maxsize=64)
 def fastest(
-    request: Request,
-    stats: ImageStatistics,
-    placement: Placement,
-    interleaved: bool,
-    memory_shared: bool,
-    network: Network,
+    request: Request, stats: ImageStatistics, placement: Placement, interleaved: bool, network: Network
 ) -> Choice:
     """Return the fastest candidate; a tree has a handicap."""
     found = []
-    for transport in _transports(request, placement, memory_shared):
+    for transport in _transports(request, placement):
         across = transport == "hierarchical"
         mixed, count = (placement.interleaved, placement.nodes) if across else (interleaved, stats.images)
         algorithms = ["direct-send"] if transport == "shared" else _algorithms(request.algorithm, count, mixed)
@@ -107,8 +78,7 @@ def fastest(
     return min(found, key=lambda choice: choice.seconds_predicted * HANDICAPS.get(choice.algorithm, 1.0))
 
 
-def _transports(request: Request, placement: Placement, memory_shared: bool) -> list[str]:
-    """Return the transports that are possible and requested."""
+def _transports(request: Request, placement: Placement) -> list[str]:
     if request.transport not in TRANSPORTS:
         allowed = ", ".join(TRANSPORTS)
         raise InputError("unknown transport", where="cluster.transport", found=request.transport, allowed=allowed)
@@ -117,9 +87,7 @@ def _transports(request: Request, placement: Placement, memory_shared: bool) -> 
         possible = ["messages"]
         alone = request.transport == "hierarchical" or (request.transport == "shared" and placement.all_nodes == 1)
         return possible if request.transport in ("messages", "auto") or alone else _refuse(request, possible)
-    possible = ["messages", "hierarchical"] if memory_shared else ["messages"]
-    if memory_shared and placement.all_nodes == 1:
-        possible.insert(0, "shared")
+    possible = ["shared", "messages", "hierarchical"] if placement.all_nodes == 1 else ["messages", "hierarchical"]
     if request.transport != "auto":
         return [request.transport] if request.transport in possible else _refuse(request, possible)
     # A named algorithm has to run, and on one node only messages run it.
@@ -136,9 +104,11 @@ def _refuse(request: Request, possible: list[str]) -> NoReturn:
 def _algorithms(request: str, ranks: int, interleaved: bool) -> list[str]:
     """Return the candidates: the requested algorithm, or those that are the fastest for some scenes.
 
-    Most algorithms cannot handle images of other ranks between those of a rank; direct send then replaces them.
+    So may be one without a closed form, as nobody has compared it. Most algorithms cannot handle images of other ranks
+    between those of a rank; direct send then replaces them.
     """
     if request != "auto":
         check_algorithm(request)
         return ["direct-send"] if interleaved and request not in SEVERAL_IMAGES else [request]
-    return ["direct-send"] if interleaved else candidates(ranks)
+    counted = [name for name in ALGORITHMS if name not in COMMUNICATION_COSTS]
+    return ["direct-send"] if interleaved else [*candidates(ranks), *counted]

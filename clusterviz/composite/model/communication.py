@@ -16,28 +16,20 @@ from functools import lru_cache
 from clusterviz.composite.schedules.algorithms import ALGORITHMS
 from clusterviz.composite.schedules.pipeline import automatic_batches
 from clusterviz.composite.schedules.radix_k import automatic_factors
-from clusterviz.composite.schedules.schedule import Algorithm, Load, count_dense
+from clusterviz.composite.schedules.schedule import Algorithm, Load
 
 
 @dataclass(frozen=True)
 class ImageStatistics:
-    """Statistics of the images to be composited.
+    """Statistics of the images to be composited."""
 
-    Attributes
-    ----------
-    images : number of images that are not empty; as many ranks, unless some have several
-    pixels : pixels of the canvas
-    cover, largest : mean and largest fraction of the canvas that one image covers
-    bytes_per_pixel : 4, 8 or 16
-    front_is_root : whether the front image lies on the root
-    """
-
-    images: int
-    pixels: int
+    images: int  # number of images that are not empty; as many ranks, unless some have several
+    pixels: int  # pixels of the canvas
+    # mean and largest fraction of the canvas that one image covers
     cover: float
     largest: float
-    bytes_per_pixel: int
-    front_is_root: bool
+    bytes_per_pixel: int  # 4, 8 or 16
+    front_is_root: bool  # whether the front image lies on the root
 
     def union(self, images: float) -> float:
         """Return the fraction of the canvas that the bounding rectangle of `images` neighbours in depth covers."""
@@ -48,26 +40,15 @@ class ImageStatistics:
 
 @dataclass(frozen=True)
 class CommunicationCost:
-    """Messages and pixels of an algorithm, until every pixel has an owner.
+    """Messages and pixels of an algorithm, until every pixel has an owner."""
 
-    Attributes
-    ----------
-    rounds : number of consecutive rounds
-    messages : messages sent or received by the busiest rank
-    pixels : pixels sent or received by the busiest rank
-    pixels_all : pixels sent by all ranks together
-    messages_all : messages sent by all ranks together
-    gathered : pixels that the root receives in the final gather
-    pieces : ranks from which it receives them
-    """
-
-    rounds: float
-    messages: float
-    pixels: float
-    pixels_all: float
-    messages_all: float
-    gathered: float
-    pieces: int
+    rounds: float  # number of consecutive rounds
+    messages: float  # messages sent or received by the busiest rank
+    pixels: float  # pixels sent or received by the busiest rank
+    pixels_all: float  # pixels sent by all ranks together
+    messages_all: float  # messages sent by all ranks together
+    gathered: float  # pixels that the root receives in the final gather
+    pieces: int  # ranks from which it receives them
 
 
 def _ends_on_one_rank(
@@ -231,14 +212,12 @@ def communication_cost(algorithm: str, stats: ImageStatistics) -> CommunicationC
     if closed_form := COMMUNICATION_COSTS.get(algorithm):
         return closed_form(stats)
     load = _dense_load(ALGORITHMS[algorithm], stats.images, stats.pixels)
-    rounds, messages = load.rounds, float(max(load.messages_sent.max(), load.messages_received.max()))
-    pixels = stats.cover * float(max(load.pixels_sent.max(), load.pixels_received.max()))
-    pixels_all, messages_all = stats.cover * float(load.pixels_sent.sum()), float(load.messages_sent.sum())
+    loads = (load.rounds, load.most_messages, stats.cover * load.most_pixels, stats.cover * load.pixels)
     if load.pixels_sent[0]:
-        return _ends_on_all_ranks(stats, rounds, messages, pixels, pixels_all, messages_all)
-    return replace(_ends_on_one_rank(stats, rounds, messages, pixels, pixels_all), messages_all=messages_all)
+        return _ends_on_all_ranks(stats, *loads, load.messages)
+    return replace(_ends_on_one_rank(stats, *loads), messages_all=load.messages)
 
 
 @lru_cache(maxsize=64)
 def _dense_load(schedule: Algorithm, images: int, pixels: int) -> Load:
-    return count_dense(schedule(images, pixels, ()))
+    return schedule(images, pixels, ()).counts()

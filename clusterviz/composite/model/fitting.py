@@ -25,22 +25,13 @@ SMALL_BYTES = 1 << 10
 
 @dataclass(frozen=True)
 class Link:
-    """Cost of a message between two ranks.
+    """Cost of a message between two ranks."""
 
-    Attributes
-    ----------
-    latency_seconds : α, time of a round without its message
-    overhead_seconds : o, time of each message
-    seconds_per_byte : β, time of each byte
-    error : median of |measured / predicted − 1| over all sizes
-    worst_error : largest |measured / predicted − 1|
-    """
-
-    latency_seconds: float
-    overhead_seconds: float
-    seconds_per_byte: float
-    error: float
-    worst_error: float
+    latency_seconds: float  # α, time of a round without its message
+    overhead_seconds: float  # o, time of each message
+    seconds_per_byte: float  # β, time of each byte
+    error: float  # median of |measured / predicted − 1| over all sizes
+    worst_error: float  # largest |measured / predicted − 1|
 
     def seconds(self, messages: int, size: int) -> float:
         """Return the predicted time of a round of messages of `size` bytes in total."""
@@ -78,7 +69,6 @@ def fit_program(network: Network, nodes: Nodes, tiny: Mapping[int, float], pixel
 
     Parameters
     ----------
-    nodes : ranks of each node
     tiny : seconds of direct send by messages, by the number of ranks (the first ones) with an image; includes 1
     pixels : pixels of each of these images, which all have the same rectangle
     """

@@ -41,41 +41,28 @@ class Network:
 
     This is the model between nodes, with one rank on each. The other constants describe what the ranks of a node share.
     A constant that is not given (NaN) is derived from the others.
-
-    Attributes
-    ----------
-    name, source : name of the network, and origin of its constants
-    latency_seconds : α of one round between nodes
-    overhead_seconds : o of one message between nodes
-    seconds_per_byte : β of the link of a node, in each direction
-    seconds_per_pixel : γ of the over operator for byte pixels
-    node_latency_seconds, node_overhead_seconds, node_seconds_per_byte : α, o and β inside a node
-    seconds_per_float_pixel : γ of float32 pixels
-    copy_seconds_per_byte : time of copying a byte into shared memory of a node
-    barrier_seconds : time of a barrier of the ranks of a node, if each has a core
-    turn_seconds : time of each round, for each rank of a core beyond the first
-    frame_seconds, message_seconds : this program's cost of each frame, and of each message beyond o
-    cores : cores of a node; 0 if each rank has its own
-    nodes : number of nodes on which the constants were measured; 1 gives no constants between nodes
     """
 
+    # name of the network, and origin of its constants
     name: str
     source: str
-    latency_seconds: float
-    overhead_seconds: float
-    seconds_per_byte: float
-    seconds_per_pixel: float
+    latency_seconds: float  # α of one round between nodes
+    overhead_seconds: float  # o of one message between nodes
+    seconds_per_byte: float  # β of the link of a node, in each direction
+    seconds_per_pixel: float  # γ of the over operator for byte pixels
+    # α, o and β inside a node
     node_latency_seconds: float = math.nan
     node_overhead_seconds: float = math.nan
     node_seconds_per_byte: float = math.nan
-    seconds_per_float_pixel: float = math.nan
-    copy_seconds_per_byte: float = math.nan
-    barrier_seconds: float = math.nan
-    turn_seconds: float = 0.0
+    seconds_per_float_pixel: float = math.nan  # γ of float32 pixels
+    copy_seconds_per_byte: float = math.nan  # time of copying a byte into shared memory of a node
+    barrier_seconds: float = math.nan  # time of a barrier of the ranks of a node, if each has a core
+    turn_seconds: float = 0.0  # time of each round, for each rank of a core beyond the first
+    # this program's cost of each frame, and of each message beyond o
     frame_seconds: float = 0.0
     message_seconds: float = 0.0
-    cores: int = 0
-    nodes: int = 2
+    cores: int = 0  # cores of a node; 0 if each rank has its own
+    nodes: int = 2  # number of nodes on which the constants were measured; 1 gives no constants between nodes
 
     def __post_init__(self) -> None:
         for name, (other, factor) in DERIVED_CONSTANTS.items():
@@ -84,12 +71,10 @@ class Network:
 
     def seconds(self, load: Load, bytes_per_pixel: int) -> float:
         """Return the predicted time of a load with one rank per node; links are full duplex."""
-        messages = max(load.messages_sent.max(initial=0), load.messages_received.max(initial=0))
-        pixels = max(load.pixels_sent.max(initial=0), load.pixels_received.max(initial=0))
         return float(
             load.rounds * self.latency_seconds
-            + messages * self.overhead_seconds
-            + pixels * bytes_per_pixel * self.seconds_per_byte
+            + load.most_messages * self.overhead_seconds
+            + load.most_pixels * bytes_per_pixel * self.seconds_per_byte
             + load.pixels_received.max(initial=0) * self.seconds_per_pixel
         )
 
@@ -102,10 +87,7 @@ def shipped_networks() -> list[str]:
 def open_network(name: str) -> Network:
     """Read a network file, or one of the package by its name.
 
-    Raises
-    ------
-    InputError
-        There is no such file, it is not JSON, or a key is missing, unknown or impossible.
+    Raises InputError if there is no such file, it is not JSON, or a key is missing, unknown or impossible.
     """
     path = FOLDER / f"{name}.json" if name in shipped_networks() else Path(name)
     require_regular_file(path)
@@ -126,7 +108,6 @@ def open_network(name: str) -> Network:
 
 
 def _value(where: str, key: str, value: object) -> Any:
-    """Return one value of a file, checked."""
     if key in ("name", "source"):
         return str(value)
     if key in COUNTS:
@@ -147,10 +128,7 @@ def saved_path() -> Path:
 def save_network(network: Network, path: Path) -> None:
     """Write a network file, completely or not at all; a missing folder is made.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    Raises OutputError if the file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -167,10 +145,7 @@ def default_network(nodes: int) -> Network:
     on a faster network, while one that does not loses much on a slower one. The number of cores is then that of this
     machine.
 
-    Raises
-    ------
-    InputError
-        The saved file is named by the environment and missing, or it is invalid.
+    Raises InputError if the saved file is invalid, or named by the environment and missing.
     """
     path = saved_path()
     kept = open_network(str(path)) if path.exists() or os.environ.get(FILE_VARIABLE) else None

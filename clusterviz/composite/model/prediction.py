@@ -23,24 +23,17 @@ CHUNK_BYTES = 1 << 15
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of the images on nodes.
+    """Placement of the images on nodes."""
 
-    Attributes
-    ----------
-    all_nodes, most : nodes of the job, and ranks of the largest
-    nodes : nodes that have images; all below refers to these
-    ranks, strips : ranks of the largest node, and of the smallest
-    busy : ranks with images on the node with most of them
-    interleaved : whether images of one node lie on both sides of another's
-    """
-
+    # nodes of the job, and ranks of the largest
     all_nodes: int
     most: int
-    nodes: int
+    nodes: int  # nodes that have images; all below refers to these
+    # ranks of the largest node, and of the smallest
     ranks: int
     strips: int
-    busy: int
-    interleaved: bool
+    busy: int  # ranks with images on the node with most of them
+    interleaved: bool  # whether images of one node lie on both sides of another's
 
 
 def place_ranks(images: Sequence[int], nodes: Nodes) -> Placement:

@@ -27,9 +27,7 @@ __all__ = ["DTYPES", "compile_kernels", "over", "put_before", "put_behind"]
 def over(front: Pixels, back: Pixels) -> NDArray[Any]:
     """Return front over back, in plain NumPy.
 
-    Parameters
-    ----------
-    front, back : float32, float16 or uint8 (..., 4), both of one type, premultiplied
+    `front`, `back`: float32, float16 or uint8 (..., 4), both of one type, premultiplied.
     """
     if front.dtype == np.uint8:
         product = back.astype(np.uint32) * (255 - front[..., 3:].astype(np.uint32)) + 128
@@ -44,16 +42,13 @@ def put_before(
 ) -> None:
     """Blend source over target in place, where both have pixels.
 
+    Raises InputError for arrays of different or wrong types, wrong shapes, not in C order, or a target that is
+    read-only.
+
     Parameters
     ----------
     target, source : uint8, float16 or float32 (patch.count, 4), both of one type, premultiplied, C order
-    target_patch, source_patch : patches of the canvas
     operator : merge operator of `image/merge.py`; all but over need float32
-
-    Raises
-    ------
-    InputError
-        Arrays of different or wrong types, wrong shapes, not in C order, or a target that is read-only.
     """
     _put((target, target_patch), (source, source_patch), BEFORE, operator)
 

@@ -5,23 +5,24 @@ If all rows are as wide as the canvas they are joined, and the whole target is o
 
 from __future__ import annotations
 
+from clusterviz.codec.intrinsics import jit
 from clusterviz.composite.over import job as entry
-from clusterviz.composite.over.intrinsics import compiled, set_word, word
+from clusterviz.composite.over.intrinsics import set_word, word
 
 
-@compiled
+@jit
 def pixel_bytes(kind):  # type: ignore[no-untyped-def]
     """Return the bytes of a pixel of a type."""
     return 4 if kind == entry.BYTE else 8 if kind == entry.HALF else 16
 
 
-@compiled
+@jit
 def layer_at(job, index):  # type: ignore[no-untyped-def]
     """Return the address of a layer's entry."""
     return job + 8 * (entry.HEAD + entry.LAYER * index)
 
 
-@compiled
+@jit
 def _before(geometry, width, number):  # type: ignore[no-untyped-def]
     """Return the number of pixels of a rectangle (corner, width and height) before a pixel of the canvas."""
     columns, rows = word(geometry, entry.COLUMNS), word(geometry, entry.ROWS)
@@ -37,7 +38,7 @@ def _before(geometry, width, number):  # type: ignore[no-untyped-def]
     )
 
 
-@compiled
+@jit
 def _prepare(geometry, width):  # type: ignore[no-untyped-def]
     """Convert a range and the sides of a rectangle to first pixel, number of pixels, corner, width and height."""
     columns, rows = (
@@ -54,7 +55,7 @@ def _prepare(geometry, width):  # type: ignore[no-untyped-def]
     set_word(geometry, entry.COUNT, max(0, last - first))
 
 
-@compiled
+@jit
 def _flatten(geometry):  # type: ignore[no-untyped-def]
     """Join the rows of a rectangle that is as wide as the canvas."""
     columns = word(geometry, entry.COLUMNS)
@@ -64,7 +65,7 @@ def _flatten(geometry):  # type: ignore[no-untyped-def]
     set_word(geometry, entry.ROWS, 1)
 
 
-@compiled
+@jit
 def prepare_geometry(job):  # type: ignore[no-untyped-def]
     """Prepare the geometry of all arrays; return OK, or the array whose size does not fit (see FIRST_BAD in `job`)."""
     width, target = word(job, entry.WIDTH), job + 8 * entry.TARGET
@@ -86,7 +87,7 @@ def prepare_geometry(job):  # type: ignore[no-untyped-def]
     return entry.OK
 
 
-@compiled
+@jit
 def block(job, done, limit):  # type: ignore[no-untyped-def]
     """Return x, y and length (in one row, at most `limit`) of the block after `done` pixels of the target."""
     geometry = job + 8 * entry.TARGET
@@ -97,7 +98,7 @@ def block(job, done, limit):  # type: ignore[no-untyped-def]
     return word(geometry, entry.X) + column, word(geometry, entry.Y) + row, length
 
 
-@compiled
+@jit
 def clip(layer, x, y, count):  # type: ignore[no-untyped-def]
     """Return a layer's pixels [low, high) in [x, x + count) of row y, and the offset at which they begin."""
     geometry = layer + 8 * entry.GEOMETRY

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from inspect import Parameter, Signature
 from typing import Any
 
-import numba
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
-from numba.extending import intrinsic
 
+from clusterviz.codec.intrinsics import define_intrinsic
 from clusterviz.composite.over import vector_code
 
 # numba's functions have no type annotations.
@@ -25,44 +23,15 @@ _range: Callable[..., Any] = cgutils.for_range
 _BYTE, _INT, _WORD = ir.IntType(8), ir.IntType(32), ir.IntType(64)
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Compile a part of a kernel; divisions by zero do not raise."""
-    return numba.njit(error_model="numpy")(function)
-
-
-def define_intrinsic(numbers: int, emit: Callable[..., Any], result: Any = types.void) -> Any:
-    """Return a numba function of `numbers` int64 arguments whose LLVM code `emit(builder, *arguments)` writes."""
-
-    def define(context: Any, *given: Any) -> Any:
-        def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            made = emit(builder, *args)
-            return context.get_dummy_value() if result is types.void else made
-
-        return result(*(types.int64 for _ in given)), generate
-
-    # numba takes the number of arguments from the function's signature.
-    names = ["context", *(f"number_{n}" for n in range(numbers))]
-    define.__signature__ = Signature([Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names])  # type: ignore[attr-defined]
-    return intrinsic(define)
-
-
 @dataclass(frozen=True)
 class PixelLoop:
-    """Loop over pixels, some at a time and then one after the other.
+    """Loop over pixels, some at a time and then one after the other."""
 
-    Attributes
-    ----------
-    strides : bytes of a pixel at each address; 0 for a number that stays
-    pixels : number of pixels at a time
-    emit : writes code for some pixels, `emit(builder, pixels, *addresses)`
-    """
-
-    strides: tuple[int, ...]
-    pixels: int
-    emit: Callable[..., None]
+    strides: tuple[int, ...]  # bytes of a pixel at each address; 0 for a number that stays
+    pixels: int  # number of pixels at a time
+    emit: Callable[..., None]  # writes code for some pixels, `emit(builder, pixels, *addresses)`
 
     def __call__(self, builder: Any, addresses: Sequence[Any], count: Any) -> None:
-        """Write the code for `count` pixels."""
         blocks, zero = builder.sdiv(count, ir.Constant(_WORD, self.pixels)), ir.Constant(_WORD, 0)
         rest = builder.mul(blocks, ir.Constant(_WORD, self.pixels))
         for pixels, begin, end in ((self.pixels, zero, blocks), (1, rest, count)):

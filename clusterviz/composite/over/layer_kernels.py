@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from clusterviz.codec.intrinsics import jit
 from clusterviz.composite.over import job as entry
 from clusterviz.composite.over import vector_code
 from clusterviz.composite.over.geometry import block, clip, layer_at, pixel_bytes, prepare_geometry
@@ -18,7 +19,6 @@ from clusterviz.composite.over.intrinsics import (
     any_set,
     choose_loop,
     clear,
-    compiled,
     number,
     scratch,
     set_word,
@@ -50,7 +50,6 @@ def _adder(kind: int) -> PixelLoop:
 
 
 def _converter(target_kind: int, source_kind: int) -> PixelLoop:
-    """Return a loop that converts pixels of source to target."""
 
     def emit(builder: Any, pixels: int, target: Any, source: Any) -> None:
         for k in range(0, pixels, 4):
@@ -67,7 +66,7 @@ read = choose_loop({kind: _converter(entry.FLOAT, kind) for kind in PIXEL_BYTES}
 write = choose_loop({kind: _converter(kind, entry.FLOAT) for kind in PIXEL_BYTES})
 
 
-@compiled
+@jit
 def blank_pixels(source, count, size):  # type: ignore[no-untyped-def]
     """Return the number of leading pixels in blocks of 64 bytes that are zero."""
     i, step = 0, 64 // size
@@ -76,7 +75,7 @@ def blank_pixels(source, count, size):  # type: ignore[no-untyped-def]
     return i
 
 
-@compiled
+@jit
 def is_opaque(total, count):  # type: ignore[no-untyped-def]
     """Return whether all pixels are opaque."""
     for i in range(count):  # noqa: SIM110, compiled
@@ -90,7 +89,7 @@ BLOCK = 512  # pixels; two sums of 8 KiB and a block of a layer fit into the L1 
 _scratch = scratch(2 * BLOCK * SUM_BYTES)
 
 
-@compiled
+@jit
 def _skip_runs(layer, low):  # type: ignore[no-untyped-def]
     """Advance a layer to the first run that does not end before its pixel `low`."""
     runs, run, passed = word(layer, entry.EXTRA), word(layer, entry.RUN), word(layer, entry.PASSED)
@@ -101,7 +100,7 @@ def _skip_runs(layer, low):  # type: ignore[no-untyped-def]
     set_word(layer, entry.PASSED, passed)
 
 
-@compiled
+@jit
 def _stored_span(layer, low, high):  # type: ignore[no-untyped-def]
     """Return begin and end of a layer's first stored pixels in [low, high), and their index among the stored ones."""
     if word(layer, entry.RUN_COUNT) < 0:
@@ -117,7 +116,7 @@ def _stored_span(layer, low, high):  # type: ignore[no-untyped-def]
     return begin, min(end, begin + word(layer, entry.STORED) - source), source
 
 
-@compiled
+@jit
 def _add_layer(operator, layer, total, x, y, count, nonempty):  # type: ignore[no-untyped-def]
     """Blend a layer's pixels [x, x + count) of row y behind `total`; return whether `total` is not empty."""
     low, high, begin = clip(layer, x, y, count)
@@ -143,7 +142,7 @@ def _add_layer(operator, layer, total, x, y, count, nonempty):  # type: ignore[n
     return nonempty
 
 
-@compiled
+@jit
 def _add_group(job, first, last, total, x, y, count):  # type: ignore[no-untyped-def]
     """Blend the layers [first, last) into `total`; return whether it is not empty."""
     nonempty, operator = False, word(job, entry.OPERATOR)
@@ -154,7 +153,7 @@ def _add_group(job, first, last, total, x, y, count):  # type: ignore[no-untyped
     return nonempty
 
 
-@compiled
+@jit
 def _blend(job, target, total, x, y, count):  # type: ignore[no-untyped-def]
     """Blend one block of the target: front group over back group, rounded."""
     kind, split, operator = word(job, entry.KIND), word(job, entry.MODE), word(job, entry.OPERATOR)

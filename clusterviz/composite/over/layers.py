@@ -24,43 +24,28 @@ from clusterviz.image.merge import MERGES, Operator
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Pixels of one image.
+    """Pixels of one image."""
 
-    Attributes
-    ----------
-    patch : pixels of the canvas
-    pixels : uint8, float16 or float32 (patch.count, 4), premultiplied, C order; with `runs`, the active ones only
-    runs : int32 (k, 2), ascending and disjoint: index in the patch of the first active pixel of each run, and length
-        of the run; None if all pixels are stored
-    """
-
-    patch: Patch
+    patch: Patch  # pixels of the canvas
+    # uint8, float16 or float32 (patch.count, 4), premultiplied, C order; with `runs`, the active ones only
     pixels: NDArray[Any]
+    # int32 (k, 2), ascending and disjoint: index in the patch of the first active pixel of each run, and length of the
+    # run; None if all pixels are stored
     runs: NDArray[np.int32] | None = None
 
 
 def blend_layers(
-    layers: Sequence[Layer],
-    patch: Patch,
-    out: NDArray[Any],
-    *,
-    operator: Operator = "over",
-    split: int = 0,
+    layers: Sequence[Layer], patch: Patch, out: NDArray[Any], *, operator: Operator = "over", split: int = 0
 ) -> None:
     """Blend layers into `out`: (the first `split` over each other) over (the others over each other).
+
+    Raises InputError for an array of a wrong type or shape, not in C order, or a target that is read-only.
 
     Parameters
     ----------
     layers : layers from front to back, of any types; they are clipped to the patch
-    patch : patch of the target, on the same canvas
     out : uint8, float16 or float32 (patch.count, 4), C order; overlaps no layer; every pixel is written
     operator : merge operator of `image/merge.py`; all but over need float32 arrays
-    split : number of layers in the front group
-
-    Raises
-    ------
-    InputError
-        An array of a wrong type or shape, not in C order, or a target that is read-only.
     """
     check_floats(operator, out, *(layer.pixels for layer in layers))
     numbers = job_head(out, patch, len(layers), min(max(split, 0), len(layers)), operator)
@@ -94,7 +79,6 @@ def _as_floats(pixels: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _numbers(patch: Patch) -> NDArray[np.int64]:
-    """Return the canvas numbers of a patch's pixels."""
     rect = patch.rect
     rows, columns = np.arange(rect.y_begin, rect.y_end), np.arange(rect.x_begin, rect.x_end)
     numbers = (rows[:, None] * patch.width + columns).reshape(-1)

@@ -39,17 +39,11 @@ _MODULES = {
 ALGORITHMS: dict[str, Algorithm] = {name: module.schedule for name, module in _MODULES.items()}
 
 # Algorithms of one round, in which every owner sorts all that it receives: ranks may have any number of images.
-SEVERAL_IMAGES = frozenset(name for name, module in _MODULES.items() if module.SEVERAL_IMAGES)
+SEVERAL_IMAGES = frozenset(name for name, module in _MODULES.items() if hasattr(module, "SEVERAL_IMAGES"))
 
 
 def check_algorithm(name: str) -> None:
-    """Raise if a name is neither an algorithm nor "auto".
-
-    Raises
-    ------
-    InputError
-        There is no such algorithm.
-    """
+    """Raise InputError if a name is neither an algorithm nor "auto"."""
     if name != "auto" and name not in ALGORITHMS:
         allowed = ", ".join([*ALGORITHMS, "auto"])
         raise InputError("unknown compositing algorithm", where="cluster.compositing", found=name, allowed=allowed)

@@ -13,17 +13,12 @@ folding: K. Moreland, "Comparing binary-swap algorithms for odd factors of proce
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
-from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
-
-SEVERAL_IMAGES = False
+from clusterviz.composite.schedules.schedule import Indices, Patches, Schedule, Stage, borders
 
 
-def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = ()) -> Schedule:
     """Return the schedule: fold to a power of two, then swap."""
     rounds = ranks.bit_length() - 1
     folded = ranks - (1 << rounds) if ranks else 0

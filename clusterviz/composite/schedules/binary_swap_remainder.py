@@ -12,15 +12,10 @@ Reference: K. Moreland, LDAV 2018, as for binary swap.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules import radix_k
-from clusterviz.composite.schedules.schedule import Schedule
-
-SEVERAL_IMAGES = False
+from clusterviz.composite.schedules.schedule import Patches, Schedule
 
 
-def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = ()) -> Schedule:
     """Return the schedule: radix-k with factors 2, which has these remainders."""
     return radix_k.schedule(ranks, pixels, footprints, factors=[2] * (ranks.bit_length() - 1))

@@ -13,19 +13,15 @@ Reference: K. Moreland, LDAV 2018, as for binary swap; K. Moreland et al., "An i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.binary_swap import parts, swap
-from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
-
-SEVERAL_IMAGES = False
+from clusterviz.composite.schedules.schedule import Indices, Patches, Schedule, Stage, borders
 
 
-def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = ()) -> Schedule:
     """Return the schedule: swaps in blocks, and transfers between blocks as soon as both are ready."""
     blocks = _blocks(ranks)
     rounds = ranks.bit_length() - 1 + (len(blocks) > 1)

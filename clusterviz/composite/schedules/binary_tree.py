@@ -11,17 +11,12 @@ Reference: C. D. Shaw et al., "Anti-aliasing issues in image composition", Eurog
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
-from clusterviz.composite.schedules.schedule import Schedule, Stage
-
-SEVERAL_IMAGES = False
+from clusterviz.composite.schedules.schedule import Patches, Schedule, Stage
 
 
-def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = ()) -> Schedule:
     """Return the schedule of the tree, which ends on position 0."""
     stages = []
     step = 1

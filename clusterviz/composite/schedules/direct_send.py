@@ -19,9 +19,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders, sum_by
+from clusterviz.composite.schedules.schedule import Indices, Patches, Schedule, Stage, borders, sum_by
 from clusterviz.errors import InputError
 
 SEVERAL_IMAGES = True
@@ -30,7 +29,7 @@ SEVERAL_IMAGES = True
 def schedule(
     ranks: int,
     pixels: int,
-    footprints: Sequence[Patch] = (),
+    footprints: Patches = (),
     *,
     owners: int | None = None,
     bands: int | None = None,
@@ -38,17 +37,14 @@ def schedule(
 ) -> Schedule:
     """Return the schedule: every rank sends to every owner, in one stage.
 
+    Raises InputError if there are more owners than ranks, or none; or no bands.
+
     Parameters
     ----------
     footprints : patch of each image; without them the canvas is one row that all of them cover
     owners : number of ranks that own pieces; by default all
     bands : bands of equal height of each owner; by default one piece each, with equal numbers of covered pixels
     owners_of : rank of each image, if ranks have several; by default, rank k has image k
-
-    Raises
-    ------
-    InputError
-        There are more owners than ranks, or none; or no bands.
     """
     known = Rectangles.of_patches(footprints) if footprints else None
     owner, cuts = choose_pieces(ranks, pixels, known, owners, bands, owners_of)
@@ -66,14 +62,10 @@ def choose_pieces(
     bands: int | None = None,
     owners_of: Sequence[int] | None = None,
 ) -> tuple[Indices, Indices]:
-    """Return the owner of each piece, and the borders of the pieces.
-
-    Raises
-    ------
-    InputError
-        There are more owners than ranks, or none; or no bands.
-    """
-    owners = choose_owners(ranks, owners)
+    """Return the owner of each piece, and the borders of the pieces; arguments and errors as of `schedule`."""
+    if owners is not None and not min(ranks, 1) <= owners <= ranks:
+        raise InputError("wrong number of owners for direct send", found=owners, allowed=f"1 to {ranks}")
+    owners = ranks if owners is None else owners
     owner = np.arange(owners, dtype=np.int64) * ranks // max(owners, 1)
     if bands is not None:
         if bands < 1:
@@ -87,19 +79,6 @@ def choose_pieces(
     return top_to_bottom(footprints, ranks, owners_of)[owner], weighted_borders(owners, footprints)
 
 
-def choose_owners(ranks: int, owners: int | None) -> int:
-    """Return the number of ranks that own a piece, by default all.
-
-    Raises
-    ------
-    InputError
-        There are more owners than ranks, or none.
-    """
-    if owners is not None and not min(ranks, 1) <= owners <= ranks:
-        raise InputError("wrong number of owners for direct send", found=owners, allowed=f"1 to {ranks}")
-    return ranks if owners is None else owners
-
-
 def weighted_borders(pieces: int, footprints: Rectangles) -> Indices:
     """Return the borders of pieces with the same number of covered pixels.
 
@@ -107,9 +86,7 @@ def weighted_borders(pieces: int, footprints: Rectangles) -> Indices:
     grows linearly, so sums over those rows give all borders; they are integers, so that every rank computes the same.
     Inside the row of a border, the count is assumed to be uniform.
 
-    Returns
-    -------
-    borders : int64 (pieces + 1,), ascending; those of `schedule.borders` where every rectangle is the whole canvas
+    Returns int64 (pieces + 1,), ascending; those of `schedule.borders` where every rectangle is the whole canvas.
     """
     wide = footprints.x_end - footprints.x_begin
     rows = np.concatenate([footprints.y_begin, footprints.y_end])

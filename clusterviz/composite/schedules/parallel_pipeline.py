@@ -13,17 +13,12 @@ TVCG 2(3), 1996. There all pieces move one way, and inner ranks receive P.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
-from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
-
-SEVERAL_IMAGES = False
+from clusterviz.composite.schedules.schedule import Indices, Patches, Schedule, Stage, borders
 
 
-def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = ()) -> Schedule:
     """Return the schedule: in round t, the ranks at distance t + 1 from an owner send its piece on."""
     cuts = borders(ranks, pixels)
     return Schedule(ranks, pixels, tuple(_round(number, ranks, cuts) for number in range(ranks - 1)))

@@ -11,27 +11,17 @@ Reference: T.-Y. Lee et al., IEEE TVCG 2(3), 1996, as for the parallel pipeline.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
-from clusterviz.composite.schedules.schedule import Schedule, Stage, borders
+from clusterviz.composite.schedules.schedule import Patches, Schedule, Stage, borders
 from clusterviz.errors import InputError
 
-SEVERAL_IMAGES = False
 BATCH_PIXELS = 16_384
 MOST_BATCHES = 32
 
 
-def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, batches: int | None = None) -> Schedule:
-    """Return the schedule: batch b leaves rank r in round b + (ranks − 1 − r).
-
-    Raises
-    ------
-    InputError
-        There is not even one batch.
-    """
+def schedule(ranks: int, pixels: int, footprints: Patches = (), *, batches: int | None = None) -> Schedule:
+    """Return the schedule: batch b leaves rank r in round b + (ranks − 1 − r); InputError without a batch."""
     batches = automatic_batches(pixels) if batches is None else batches
     if batches < 1:
         raise InputError("too few batches for a pipeline", found=batches, allowed="1 and more")

@@ -19,23 +19,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
-from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage, borders
+from clusterviz.composite.schedules.schedule import Indices, Patches, Schedule, Stage, borders
 from clusterviz.errors import InputError
 
-SEVERAL_IMAGES = False
 LARGEST_FACTOR = 8
 
 
-def schedule(
-    ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, factors: Sequence[int] | None = None
-) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = (), *, factors: Sequence[int] | None = None) -> Schedule:
     """Return the schedule: one round for each factor, `automatic_factors` by default.
 
-    Raises
-    ------
-    InputError
-        A factor is below 2, or dividing by all of them in turn, rounded down, does not make 1 of the ranks.
+    Raises InputError if a factor is below 2, or dividing by all of them in turn, rounded down, does not make 1 of the
+    ranks.
     """
     factors = automatic_factors(ranks) if factors is None else factors
     _check_factors(ranks, factors)
@@ -58,7 +52,6 @@ def automatic_factors(ranks: int) -> tuple[int, ...]:
 
 
 def _round(groups: Indices, factor: int, pixels: int) -> tuple[Stage, Indices]:
-    """Return one round of all groups, and the groups of the next."""
     count, members = groups.shape
     sets = members // factor
     grouped = groups[:, : sets * factor].reshape(count, sets, factor)

@@ -13,18 +13,14 @@ from clusterviz.composite.schedules.schedule import Indices
 
 @dataclass(frozen=True, eq=False)
 class Rectangles:
-    """Patches as columns, on a canvas of `width` × `height` pixels.
-
-    Attributes
-    ----------
-    begin, end : int64 (n,), ranges of pixel numbers
-    x_begin, y_begin, x_end, y_end : int64 (n,), rectangles; an empty one is 0, 0, 0, 0
-    """
+    """Patches as columns, on a canvas of `width` × `height` pixels."""
 
     width: int
     height: int
+    # int64 (n,), ranges of pixel numbers
     begin: Indices
     end: Indices
+    # int64 (n,), rectangles; an empty one is 0, 0, 0, 0
     x_begin: Indices
     y_begin: Indices
     x_end: Indices

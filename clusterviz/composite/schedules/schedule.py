@@ -6,7 +6,7 @@ screens, colours or channels, so it can be printed, drawn, checked, counted, or 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -17,11 +17,6 @@ from numpy.typing import NDArray
 from clusterviz.composite.fragment import Patch
 
 Indices = NDArray[np.int64]
-
-
-def piece(index: int, pieces: int, pixels: int) -> tuple[int, int]:
-    """Return piece [begin, end) of `pixels` cut into `pieces` parts that differ by one at most; exact at any size."""
-    return index * pixels // pieces, (index + 1) * pixels // pieces
 
 
 def borders(pieces: int, pixels: int) -> Indices:
@@ -44,18 +39,10 @@ class Transfer:
 class Stage:
     """Concurrent transfers; pixels that are received in a stage are sent on in a later one.
 
-    Attributes
-    ----------
-    table : int64 (transfers, 4), read-only: columns source, target, begin, end
+    `table`: int64 (transfers, 4), read-only: columns source, target, begin, end.
     """
 
     table: Indices
-
-    @staticmethod
-    def of(transfers: Iterable[Transfer]) -> Stage:
-        """Return a stage of transfers; empty ones are left out."""
-        rows = [(t.source, t.target, t.begin, t.end) for t in transfers if t.end > t.begin]
-        return Stage.of_table(np.array(rows, np.int64).reshape(-1, 4))
 
     @staticmethod
     def of_columns(source: Indices, target: Indices, begin: Indices, end: Indices) -> Stage:
@@ -111,15 +98,36 @@ def _order(ranks: Indices) -> Indices:
     return np.argsort(ranks.astype(np.uint16) if few else ranks, kind="stable")
 
 
-@dataclass(frozen=True)
-class Counts:
-    """Counts of a schedule for dense images, without the final gather."""
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Load of each rank, by position in visibility order, without the final gather."""
 
-    rounds: int
-    messages: int
-    pixels: int
-    most_sent: int
-    most_received: int
+    rounds: int  # number of stages with transfers
+    # int64 (ranks,)
+    messages_sent: Indices
+    messages_received: Indices
+    pixels_sent: Indices
+    pixels_received: Indices
+
+    @property
+    def messages(self) -> int:
+        """Messages of all ranks."""
+        return int(self.messages_sent.sum())
+
+    @property
+    def pixels(self) -> int:
+        """Pixels that all ranks send."""
+        return int(self.pixels_sent.sum())
+
+    @property
+    def most_messages(self) -> int:
+        """Messages sent or received by the busiest rank."""
+        return int(max(self.messages_sent.max(initial=0), self.messages_received.max(initial=0)))
+
+    @property
+    def most_pixels(self) -> int:
+        """Pixels sent or received by the busiest rank."""
+        return int(max(self.pixels_sent.max(initial=0), self.pixels_received.max(initial=0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,27 +138,16 @@ class Schedule:
     pixels: int
     stages: tuple[Stage, ...]
 
-    def counts(self) -> Counts:
-        """Return the counts; transfers between two ranks within one stage are one message."""
-        sent = np.zeros(self.ranks, np.int64)
-        received = np.zeros(self.ranks, np.int64)
-        messages = 0
-        for stage in self.stages:
-            size = stage.table[:, 3] - stage.table[:, 2]
-            np.add.at(sent, stage.table[:, 0], size)
-            np.add.at(received, stage.table[:, 1], size)
-            messages += len(np.unique(stage.table[:, 0] * self.ranks + stage.table[:, 1]))
-        return Counts(
-            rounds=sum(len(stage) > 0 for stage in self.stages),
-            messages=messages,
-            pixels=int(sent.sum()),
-            most_sent=int(sent.max(initial=0)),
-            most_received=int(received.max(initial=0)),
-        )
+    def counts(self) -> Load:
+        """Return the load for dense images; transfers between two ranks within one stage are one message."""
+        table = Stage.join(self.stages).table
+        stage = np.repeat(np.arange(len(self.stages), dtype=np.int64), [len(stage) for stage in self.stages])
+        return count_transfers(self.ranks, stage, table[:, 0], table[:, 1], table[:, 3] - table[:, 2])
 
 
+Patches = Sequence[Patch]
 # Schedule function of ranks, pixels, and the patch of each rank's image (none: the whole canvas) by position.
-Algorithm = Callable[[int, int, Sequence[Patch]], Schedule]
+Algorithm = Callable[[int, int, Patches], Schedule]
 
 
 class MultiImageAlgorithm(Protocol):
@@ -161,19 +158,16 @@ class MultiImageAlgorithm(Protocol):
     """
 
     def __call__(
-        self, ranks: int, pixels: int, footprints: Sequence[Patch] = ..., *, owners_of: Sequence[int] | None = None
+        self, ranks: int, pixels: int, footprints: Patches = ..., *, owners_of: Sequence[int] | None = None
     ) -> Schedule: ...
 
 
 def check(schedule: Schedule) -> None:
     """Check a schedule by following which images of which pixels each rank holds.
 
-    Raises
-    ------
-    ValueError
-        A message of a rank to itself or of no pixels; a pixel sent that is not held, or sent twice; images merged that
-        are not neighbours in visibility order; at the end, a pixel that is not on exactly one rank with all images
-        merged.
+    Raises ValueError for a message of a rank to itself or of no pixels; a pixel sent that is not held, or sent twice;
+    images merged that are not neighbours in visibility order; at the end, a pixel that is not on exactly one rank with
+    all images merged.
     """
     ranks = schedule.ranks
     tables = [stage.table for stage in schedule.stages]
@@ -221,31 +215,6 @@ def _refuse(number: int, transfers: Indices, why: str) -> None:
     """Raise for the first of the wrong transfers, if there is one."""
     for source, target, begin, end in transfers[:1].tolist():
         raise ValueError(f"stage {number}, {source} to {target}, pixels [{begin}, {end}): {why}")
-
-
-@dataclass(frozen=True, eq=False)
-class Load:
-    """Load of each rank, by position in visibility order, without the final gather.
-
-    Attributes
-    ----------
-    rounds : number of stages with transfers
-    messages_sent, messages_received, pixels_sent, pixels_received : int64 (ranks,)
-    """
-
-    rounds: int
-    messages_sent: Indices
-    messages_received: Indices
-    pixels_sent: Indices
-    pixels_received: Indices
-
-
-def count_dense(schedule: Schedule) -> Load:
-    """Return the load for dense images, by counting the transfers."""
-    sizes = [len(stage) for stage in schedule.stages]
-    table = np.concatenate([np.empty((0, 4), np.int64), *(stage.table for stage in schedule.stages)])
-    stage = np.repeat(np.arange(len(sizes), dtype=np.int64), sizes)
-    return count_transfers(schedule.ranks, stage, table[:, 0], table[:, 1], table[:, 3] - table[:, 2])
 
 
 def count_transfers(ranks: int, stage: Indices, source: Indices, target: Indices, pixels: Indices) -> Load:

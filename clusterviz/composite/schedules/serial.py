@@ -11,15 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from clusterviz.composite.fragment import Patch
-from clusterviz.composite.schedules.schedule import Schedule, Stage, Transfer
+import numpy as np
+
+from clusterviz.composite.schedules.schedule import Patches, Schedule, Stage
 
 SEVERAL_IMAGES = True
 
 
-def schedule(
-    ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, owners_of: Sequence[int] | None = None
-) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = (), *, owners_of: Sequence[int] | None = None) -> Schedule:
     """Return the schedule of the serial gather to position 0."""
-    stage = Stage.of(Transfer(source, 0, 0, pixels) for source in range(1, ranks))
+    stage = Stage.of_columns(np.arange(1, ranks), np.array(0), np.array(0), np.array(pixels))
     return Schedule(ranks, pixels, (stage,) if ranks > 1 else ())

@@ -20,37 +20,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage
+from clusterviz.composite.schedules.schedule import Indices, Patches, Schedule, Stage
 
 SEVERAL_IMAGES = True
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Cells of vertically adjacent spans that the same ranks (two or more) cover.
+    """Cells of vertically adjacent spans that the same ranks (two or more) cover."""
 
-    Attributes
-    ----------
-    left, right, top, bottom : int64 (cells,), rectangle of each cell
-    layers : int64 (cells,), number of images that cover it
-    first : int64 (cells + 1,), index of its first rank in `members`
-    members : ranks that have images in each cell, ascending
-    """
-
+    # int64 (cells,), rectangle of each cell
     left: Indices
     right: Indices
     top: Indices
     bottom: Indices
-    layers: Indices
-    first: Indices
-    members: Indices
+    layers: Indices  # int64 (cells,), number of images that cover it
+    first: Indices  # int64 (cells + 1,), index of its first rank in `members`
+    members: Indices  # ranks that have images in each cell, ascending
 
 
-def schedule(
-    ranks: int, pixels: int, footprints: Sequence[Patch] = (), *, owners_of: Sequence[int] | None = None
-) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = (), *, owners_of: Sequence[int] | None = None) -> Schedule:
     """Return the schedule: blocks of cells, assigned by decreasing work.
 
     Parameters
@@ -156,6 +146,5 @@ def _ranges(begin: Indices, end: Indices) -> tuple[Indices, Indices]:
 
 
 def _lines(ranks: int, pixels: int) -> Rectangles:
-    """Return a canvas of one row that every rank covers."""
     zero, whole = np.zeros(ranks, np.int64), np.full(ranks, pixels, np.int64)
     return Rectangles(pixels, 1, zero, whole, zero, zero, whole, np.full(ranks, min(pixels, 1), np.int64))

@@ -13,17 +13,12 @@ Reference: H. Yu et al., "Massively parallel volume rendering using 2-3 swap ima
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from clusterviz.composite.fragment import Patch
-from clusterviz.composite.schedules.schedule import Indices, Schedule, Stage
-
-SEVERAL_IMAGES = False
+from clusterviz.composite.schedules.schedule import Indices, Patches, Schedule, Stage
 
 
-def schedule(ranks: int, pixels: int, footprints: Sequence[Patch] = ()) -> Schedule:
+def schedule(ranks: int, pixels: int, footprints: Patches = ()) -> Schedule:
     """Return the schedule: one stage for each level of the tree, from the leaves to the root."""
     levels = _levels(ranks)
     owners = np.arange(ranks, dtype=np.int64)

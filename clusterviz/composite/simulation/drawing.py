@@ -30,10 +30,7 @@ class Line:
 def write_drawing(schedule: Schedule, path: str, title: str) -> None:
     """Draw a schedule into an .svg or .png file.
 
-    Raises
-    ------
-    InputError
-        Another kind of file, too many transfers, or a path that cannot be written.
+    Raises InputError for another kind of file, too many transfers, or a path that cannot be written.
     """
     check_drawable(schedule.ranks, path)
     number = sum(len(stage) for stage in schedule.stages)
@@ -50,10 +47,7 @@ def write_drawing(schedule: Schedule, path: str, title: str) -> None:
 def check_drawable(ranks: int, path: str) -> None:
     """Raise if a schedule of this many ranks cannot be drawn into this file.
 
-    Raises
-    ------
-    InputError
-        Another kind of file than .svg and .png, or too many ranks.
+    Raises InputError for another kind of file than .svg and .png, or too many ranks.
     """
     kind = Path(path).suffix.lower()
     if kind not in (".svg", ".png"):

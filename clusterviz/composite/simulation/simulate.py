@@ -20,7 +20,7 @@ from clusterviz.composite.model.network import Network
 from clusterviz.composite.schedules import direct_send, pipeline, radix_k, slic
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, candidates, check_algorithm
 from clusterviz.composite.schedules.rectangles import Rectangles
-from clusterviz.composite.schedules.schedule import Algorithm, Load, Schedule, count_dense, count_transfers
+from clusterviz.composite.schedules.schedule import Algorithm, Load, Schedule, count_transfers
 from clusterviz.composite.simulation.closed_forms import (
     direct_send_dense,
     direct_send_sparse,
@@ -39,14 +39,12 @@ SCREEN_FROM_WORLD = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2
 def cube_footprints(ranks: int, size: tuple[int, int]) -> Rectangles:
     """Return bounding rectangles of the bricks of a cube, front to back, in parallel projection along its diagonal.
 
+    Returns rectangles on a canvas that is the union of all of them.
+
     Parameters
     ----------
     ranks : number of bricks; boxes are halved across their longest side until there is one for each rank
     size : (width, height) of the picture; the cube touches its borders in at least one direction
-
-    Returns
-    -------
-    footprints : rectangles on a canvas that is the union of all of them
     """
     boxes = _bricks(ranks)
     middle, half = (boxes[:, 0] + boxes[:, 1]) / 2, (boxes[:, 1] - boxes[:, 0]) / 2
@@ -130,10 +128,7 @@ class Options:
     def algorithm(self, name: str) -> Algorithm:
         """Return the schedule function of an algorithm with its option.
 
-        Raises
-        ------
-        InputError
-            An option is given that the algorithm does not have.
+        Raises InputError if an option is given that the algorithm does not have.
         """
         options: dict[str, tuple[Callable[..., Schedule], dict[str, object]]] = {
             "radix-k": (radix_k.schedule, {"factors": self.factors}),
@@ -162,16 +157,12 @@ def simulate(
 ) -> Simulation:
     """Count and predict one frame without its final gather, so that any rank may be the root.
 
+    Raises InputError for an unknown name, an option that does not fit, or more ranks than can be simulated.
+
     Parameters
     ----------
     algorithm : registered name, or "auto", the fastest of `candidates`
-    size : (width, height) of the picture
     footprints : "dense": every rank covers the picture; "cubes": each has a brick of a cube, see `cube_footprints`
-
-    Raises
-    ------
-    InputError
-        An unknown name, an option that does not fit, or more ranks than can be simulated.
     """
     check_algorithm(algorithm)
     options = options or Options()
@@ -188,67 +179,58 @@ def simulate(
         + load.pixels_received * network.seconds_per_pixel
     )
     worst = int(np.argmax(busy))
-    pixels = int(load.pixels_sent.sum())
+    pixels = load.pixels
     columns = (load.messages_sent, load.messages_received, load.pixels_sent, load.pixels_received)
     return Simulation(
         algorithm, ranks, size, footprints, network.name, counted, bytes_per_pixel,
-        int(load.messages_sent.sum()), pixels, pixels * bytes_per_pixel, load.rounds,
+        load.messages, pixels, pixels * bytes_per_pixel, load.rounds,
         network.seconds(load, bytes_per_pixel), worst, *(int(column[worst]) for column in columns),
     )  # fmt: skip
 
 
 def build_schedule(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> Schedule:
-    """Return the schedule itself, to be drawn, or counted if there is no closed form."""
+    """Return the schedule itself, to be drawn."""
     function = options.algorithm(name)
     if footprints == "dense":
         return function(ranks, size[0] * size[1], ())
     rectangles = cube_footprints(ranks, size)
-    # The other algorithms do not use footprints.
-    patches = _patches(rectangles) if name in ("slic", "direct-send") else ()
+    sides = zip(*(column.tolist() for column in rectangles.columns()[2:]), strict=True)
+    patches = [Patch(rectangles.width, 0, rectangles.canvas_pixels, Rect(*rect)) for rect in sides]
     return function(ranks, rectangles.canvas_pixels, patches)
 
 
 def count_load(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> tuple[Load, str]:
     """Return the load of each rank, and how it was counted: "closed form" or "schedule".
 
-    Raises
-    ------
-    InputError
-        See `simulate`.
+    Errors as of `simulate`.
     """
     _check(name, ranks, footprints)
-    options.algorithm(name)
-    if footprints == "cubes":
-        return _count_sparse(name, cube_footprints(ranks, size), options)
-    pixels = size[0] * size[1]
-    if name in ("direct-send", "slic"):
-        return direct_send_dense(ranks, pixels, options.owners, options.bands), "closed form"
-    if name == "parallel-pipeline":
-        return parallel_pipeline_dense(ranks, pixels), "closed form"
-    return count_dense(build_schedule(name, ranks, size, footprints, options)), "schedule"
-
-
-def _count_sparse(name: str, footprints: Rectangles, options: Options) -> tuple[Load, str]:
-    ranks = len(footprints)
-    if name == "direct-send":
-        return direct_send_sparse(footprints, options.owners, options.bands), "closed form"
-    if name == "pipeline":
-        return pipeline_sparse(footprints, options.batches), "closed form"
-    if name == "parallel-pipeline":
-        return parallel_pipeline_sparse(footprints), "closed form"
+    algorithm, pixels = options.algorithm(name), size[0] * size[1]
+    if footprints == "dense":
+        if dense := DENSE.get(name):
+            return dense(ranks, pixels, options), "closed form"
+        return algorithm(ranks, pixels, ()).counts(), "schedule"
+    known = cube_footprints(ranks, size)
+    if sparse := SPARSE.get(name):
+        return sparse(known, options), "closed form"
     if name == "slic":
         # A sender covers all that SLIC sends, so all of it travels.
-        table, rows = slic.assign_blocks(ranks, footprints)
+        table, rows = slic.assign_blocks(ranks, known)
         moved = rows * (table[:, 3] - table[:, 2])
         return count_transfers(ranks, np.zeros_like(rows), table[:, 0], table[:, 1], moved), "schedule"
-    schedule = options.algorithm(name)(ranks, footprints.canvas_pixels, ())
-    return count_sparse(schedule, footprints), "schedule"
+    return count_sparse(algorithm(ranks, known.canvas_pixels, ()), known), "schedule"
 
 
-def _patches(footprints: Rectangles) -> list[Patch]:
-    """Return the footprints as patches, for schedules that use them."""
-    sides = zip(*(column.tolist() for column in footprints.columns()[2:]), strict=True)
-    return [Patch(footprints.width, 0, footprints.canvas_pixels, Rect(*rect)) for rect in sides]
+DENSE: dict[str, Callable[[int, int, Options], Load]] = {
+    "direct-send": lambda ranks, pixels, options: direct_send_dense(ranks, pixels, options.owners, options.bands),
+    "slic": lambda ranks, pixels, options: direct_send_dense(ranks, pixels),
+    "parallel-pipeline": lambda ranks, pixels, options: parallel_pipeline_dense(ranks, pixels),
+}
+SPARSE: dict[str, Callable[[Rectangles, Options], Load]] = {
+    "direct-send": lambda known, options: direct_send_sparse(known, options.owners, options.bands),
+    "pipeline": lambda known, options: pipeline_sparse(known, options.batches),
+    "parallel-pipeline": lambda known, options: parallel_pipeline_sparse(known),
+}
 
 
 def _check(name: str, ranks: int, footprints: str) -> None:

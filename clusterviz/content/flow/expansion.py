@@ -40,6 +40,7 @@ class VectorVolume(Volume):
     """Volume of one component of vectors, which is not drawn."""
 
     of_flow: ClassVar[bool] = True
+    is_hidden: ClassVar[bool] = True
 
 
 class LicVolume(Volume):

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from clusterviz.content.facts import Facts
 from clusterviz.content.geometry.section import Colour
 from clusterviz.scene.checks import InvalidValueError, check_normal, check_order, check_path, to_builtin
 from clusterviz.scene.field_types import (
@@ -292,7 +293,7 @@ class FlowSection(Section):
 
 
 @dataclass(frozen=True)
-class FlowInfo:
+class FlowInfo(Facts):
     """Facts on a flow of a scene.
 
     Attributes

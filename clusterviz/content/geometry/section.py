@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from clusterviz.content.facts import Facts
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.checks import InvalidValueError, check_path, to_builtin, union_tag
 from clusterviz.scene.field_types import (
@@ -86,6 +87,16 @@ class GeometrySection(Section):
         examples=[[[1, 0, 0, 10], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]],
         description="World from the file's coordinates: 4 x 4, row by row, affine. Radii do not change.",
     )
+
+    @property
+    def shown_array(self) -> str | None:
+        """Name of the array of scalars that gives the colours."""
+        return self.scalars if self.clim is not None else None
+
+    @property
+    def has_one_colour(self) -> bool:
+        """Whether no scalars give the colours."""
+        return self.scalars is None
 
     @property
     def may_be_opaque(self) -> bool:
@@ -243,7 +254,7 @@ Arrays = Mapping[str, tuple[Literal["vertices", "primitives"], int]]
 
 
 @dataclass(frozen=True, eq=False)
-class GeometryInfo:
+class GeometryInfo(Facts):
     """Facts on an entry of meshes, lines or points.
 
     Attributes

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
+from clusterviz.content.facts import Facts
 from clusterviz.content.geometry.section import Transform
 from clusterviz.scene.checks import InvalidValueError, check_path, to_builtin
 from clusterviz.scene.field_types import (
@@ -121,7 +122,7 @@ class GridSection(Section):
 
 
 @dataclass(frozen=True, eq=False)
-class GridInfo:
+class GridInfo(Facts):
     """Facts on an unstructured grid of a scene.
 
     Attributes

@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.facts import Facts, range_around
+
 THIN = 1 / 8
 """Share of the second longest side of a box below which the shortest makes it thin."""
 MOST_EXACT = 2.0**53
 """Up to which float64 holds all whole numbers."""
 ALONG_AXIS = 0.999
 """Component of a slice's normal from which on it is along that axis."""
-LARGEST = float(np.finfo(np.float64).max)
 
 
 @dataclass(frozen=True, eq=False)
-class VolumeInfo:
+class VolumeInfo(Facts):
     """Grid and value statistics of a volume.
 
     Attributes
@@ -68,6 +69,11 @@ class VolumeInfo:
     parts: Mapping[str, Any] = field(default_factory=dict)
     rows_down: bool = False
     array: str = ""
+
+    @property
+    def smallest_spacing(self) -> float:
+        """Smallest distance of samples, world units."""
+        return min(self.spacing)
 
     @property
     def has_histogram(self) -> bool:
@@ -201,9 +207,3 @@ def default_clim(info: VolumeInfo) -> tuple[float, float]:
         if math.isfinite(low) and math.isfinite(high) and low < high:
             return float(low), float(high)
     return range_around(next((v for v in (info.percentile_1, info.minimum) if math.isfinite(v)), 0.0))
-
-
-def range_around(value: float) -> tuple[float, float]:
-    """Return value ± 0.5, or value ± 2⁻²⁰ value if that is larger."""
-    half = max(0.5, abs(value) * 2.0**-20)
-    return max(value - half, -LARGEST), min(value + half, LARGEST)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from clusterviz.content.volume.info import range_around
+from clusterviz.content.facts import range_around
 from clusterviz.image.spectral.lights import VISIBLE
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.checks import InvalidValueError, check_points, to_builtin

@@ -3,7 +3,7 @@
 A preset is a function (info, clim) -> keys of a volume; `clim` is None unless a user has set it. Where the values have
 no Hounsfield units, presets of computed tomography go by the histogram instead.
 
-Automatic settings are presets too: `clusterviz.scene.automatic` chooses one by the class of the values.
+Automatic settings are presets too: `clusterviz.content.automatic` chooses one by the class of the values.
 """
 
 from __future__ import annotations

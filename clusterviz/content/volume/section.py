@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -113,6 +113,9 @@ class Scattered(Section):
 
 class Volume(Section):
     """Volume: data file, grid, transfer function, blend mode and shading."""
+
+    is_hidden: ClassVar[bool] = False
+    """Whether it is read, and not drawn."""
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
         examples=["head.nii.gz"],

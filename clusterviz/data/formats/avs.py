@@ -36,7 +36,6 @@ KINDS: dict[bytes, tuple[str, tuple[int, ...]]] = {
 
 
 def read_avs(path: Path) -> UnstructuredGrid:
-    """Read a file."""
     where, content = str(path), read_file(path)
     lines = [line for line in re.sub(rb"(?m)^[ \t]*#.*$", b"", content).splitlines() if line.strip()]
     counts = lines[0].split() if lines else []
@@ -65,7 +64,6 @@ class _Text:
         self._lines, self._at, self._where = lines, 0, where
 
     def take(self, count: int) -> Sequence[bytes]:
-        """Return the next lines."""
         found, self._at = self._lines[self._at : self._at + count], self._at + count
         if len(found) != count:
             raise DataError("truncated", where=self._where, found=f"{len(self._lines)} lines", allowed=self._at)
@@ -95,7 +93,6 @@ class _Text:
 
 
 def _known(rows: NumberedRows, numbers: NDArray[np.int64], noun: str, where: str) -> NDArray[np.int64]:
-    """Return the rows of numbers."""
     found, is_known = rows.of(numbers)
     if not is_known.all():
         raise DataError(f"unknown numbers of {noun}", where=where, found=int(numbers[~is_known][0]))

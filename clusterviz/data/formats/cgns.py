@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,9 +34,6 @@ NODES = {**ORDERS, "hexahedron27": [*range(12), *range(16, 20), *range(12, 16), 
 
 
 def read_cgns(path: Path) -> UnstructuredGrid:
-    """Read the zones of a file."""
-    import h5py
-
     with h5py.File(path) as file:
         zones = [zone for base in _children(file, "CGNSBase_t") for zone in _children(base, "Zone_t")]
         grids = [_zone(zone, str(path)) for zone in zones if list(_children(zone, "Elements_t"))]

@@ -87,7 +87,6 @@ class DicomSource:
     _owner: Owner = field(default_factory=Owner, compare=False, repr=False)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         (z, y, x), (_, y_end, x_end) = begin_zyx, end_zyx
         if voxels.size:
@@ -213,7 +212,6 @@ def _header(path: Path) -> Any:
 
 
 def _frames(path: Path, header: Any) -> list[Slice]:
-    """Return the frames of a file."""
     where, count = str(path), int(header.get("NumberOfFrames") or 1)
     if "Rows" not in header or "BitsAllocated" not in header:
         raise DataError("no picture", where=where, allowed="Rows, Columns and BitsAllocated")
@@ -320,12 +318,7 @@ def _stack(slices: list[Slice], subset: Subset, where: str, modality: str) -> So
 def _layers(
     slices: Sequence[Slice], normal: NDArray[np.float64], spaced: bool, where: str
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the world step from layer to layer of the volume, and the layers that are stored.
-
-    Parameters
-    ----------
-    spaced : the scene has a spacing: missing slices are layers that are not stored; else they are an error
-    """
+    """Return the world step from layer to layer, and the layers that are stored: if `spaced`, slices may be missing."""
     places = np.stack([each.position for each in slices])
     gaps = np.diff(places @ normal)
     usual = float(np.median(gaps))

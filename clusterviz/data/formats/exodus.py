@@ -36,7 +36,6 @@ ORDERS = {
 
 
 def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read a file at a time step."""
     where, netcdf = str(path), library("netCDF4", "grids", str(path))
     if start_of(path)[:3] == b"CDF":
         read_classic(path)  # checks its size, since the library takes zeros for what is missing
@@ -74,7 +73,6 @@ def read_exodus(path: Path, time: float | None = None) -> UnstructuredGrid:
 
 
 def _kind(stated: str, nodes: int, where: str) -> str:
-    """Return the kind of a block of elements."""
     key = stated.strip().upper()[:3]
     if key in FLAT:
         return FLAT[key]
@@ -99,6 +97,5 @@ def _values(variables: Any, key: str, old: str, row: int, step: int) -> NDArray[
 
 
 def _step(variables: Any, time: float | None, where: str) -> int:
-    """Return the number of a time step."""
     times = np.asarray(variables["time_whole"][:]) if "time_whole" in variables else np.zeros(0)
     return choose_step(times, time, where)

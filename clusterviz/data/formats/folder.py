@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import PICTURES, readable, refuse_array, require_file
@@ -46,9 +47,6 @@ class PictureSource:
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
-        from PIL import Image
-
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
@@ -65,9 +63,6 @@ class PictureSource:
 
 
 def open_picture(path: Path, subset: Subset) -> PictureSource:
-    """Open a picture as one layer."""
-    from PIL import Image
-
     size = require_file(path)
     refuse_array(subset.array, path)
     try:
@@ -104,7 +99,6 @@ class FolderSource:
     slab: Hyperslab | None
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
         for layer, file in zip(voxels, self.files[z:z_end], strict=True):

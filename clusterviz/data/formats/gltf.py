@@ -59,7 +59,6 @@ class _Primitive:
 
 
 def read_gltf(path: Path) -> Geometry:
-    """Read a glTF file."""
     file = _File(path)
     required = [str(name) for name in file.document.get("extensionsRequired", []) if name not in READ_EXTENSIONS]
     if required:
@@ -232,7 +231,6 @@ class _File:
         return np.ndarray((count, components), dtype, data, begin + offset, (stride, dtype.itemsize))
 
     def buffer(self, number: Any) -> bytes:
-        """Return the bytes of a buffer."""
         entry = self.entry("buffers", number)
         if number in self.buffers:
             return self.buffers[number]

@@ -54,7 +54,6 @@ DATA, UNREAD = ("NodeData", "ElementData"), ("ElementNodeData",)
 
 
 def read_gmsh(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read a file at a time step."""
     where = str(path)
     sections = list(_sections(read_file(path), where))
     names = [name for name, _ in sections]
@@ -103,14 +102,7 @@ def _sections(content: bytes, where: str) -> Iterator[tuple[str, bytes]]:
 
 @dataclass(frozen=True)
 class _Form:
-    """How numbers are written.
-
-    Attributes
-    ----------
-    version : a value of `VERSIONS`
-    order : byte order of binary files; "" of text
-    size : type of counts
-    """
+    """How numbers are written: a value of `VERSIONS`, the byte order, "" of text, and the type of counts."""
 
     version: str
     order: str
@@ -135,7 +127,6 @@ class _Values:
         self._numbers: Floats | None = None
 
     def line(self) -> str:
-        """Return the next line."""
         end = self._body.find(b"\n", self._at)
         line, self._at = self._body[self._at : end], end + 1
         if end < 0:
@@ -143,7 +134,6 @@ class _Values:
         return line.decode("utf-8", "replace").strip()
 
     def count(self) -> int:
-        """Return the number that is the next line."""
         line = self.line()
         if not re.fullmatch(r"\d{1,18}", line):
             raise DataError("not a count", where=self.where, found=repr(line))
@@ -172,7 +162,6 @@ class _Values:
         return numbers_of_text(self._body[self._at :], np.int64, self.where)
 
     def sizes(self, count: int) -> list[int]:
-        """Return numbers of the type of counts."""
         found: list[int] = self.rows(1, count, kind=self.form.size)[0][0].tolist()
         return found
 

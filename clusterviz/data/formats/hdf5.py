@@ -69,7 +69,6 @@ class CfValues:
 
     @property
     def changes(self) -> bool:
-        """Whether any value may change."""
         return bool(self.missing) or self.valid != (-np.inf, np.inf) or self.scale != (1.0, 0.0)
 
     def decode(self, stored: NDArray[Any]) -> NDArray[Any]:
@@ -110,7 +109,6 @@ class Hdf5Source:
     values: CfValues
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
@@ -311,13 +309,9 @@ def _unit(scale: Any) -> str:
 def _in_one_unit(
     lines: Sequence[Line], units: Sequence[str], told: Sequence[str], spaced: bool, where: str
 ) -> list[Line]:
-    """Return lines in the unit of x; where there is no common unit, as they are, and warn of it.
+    """Return lines in the unit of x; where there is no common unit, as they are, and warn of it unless `spaced`.
 
-    Parameters
-    ----------
-    units : of the lines; empty where there is one sample
-    told : axes of the world along which the lines run: X, Y and Z
-    spaced : the scene has a spacing, so nobody is warned
+    `units` are empty where there is one sample; `told` are the axes of the world along which the lines run.
     """
     if "degrees" not in units:  # numbers of layers beside lengths are of any unit, but not beside degrees
         units = [unit.replace("none", "") for unit in units]
@@ -338,12 +332,7 @@ def _line(scale: Any, count: int, spaced: bool, where: str) -> Line:
 
 
 def _cf_values(dataset: Any, dtype: np.dtype[Any], where: str) -> CfValues:
-    """Return the conversion that the attributes of the dataset define.
-
-    Parameters
-    ----------
-    dtype : native dtype of the stored values
-    """
+    """Return the conversion that the attributes of the dataset define; `dtype` is the native one of stored values."""
     unsigned = dataset.dtype.kind == "i" and _text(dataset, "_Unsigned").lower() == "true"
     stored = np.dtype(dataset.dtype.str.replace("i", "u")) if unsigned else None
 

@@ -38,7 +38,6 @@ READERS = {
 
 
 def read_meshlane(path: Path) -> UnstructuredGrid:
-    """Read a file of one of meshlane's formats."""
     where, name = str(path), READERS[path.suffix.lower()]
     size, package, said = require_file(path), library("meshlane", "grids", where), io.StringIO()
     with limited_time(size, where), limited_memory(size), redirect_stdout(said), redirect_stderr(said):  # its warnings

@@ -34,7 +34,6 @@ IMOD_STAMP = 1146047817
 
 
 def open_mrc(path: Path, subset: Subset) -> StridedSource:
-    """Open the map in an MRC or CCP4 file."""
     where, packed = str(path), path.name.lower().endswith(".gz")
     size = require_file(path)
     refuse_array(subset.array, path)

@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import nrrd
 import numpy as np
 
 from clusterviz.data.axes import Subset, select, unnamed_axes
@@ -95,8 +96,6 @@ def _letters(header: Mapping[str, Any], axes: Sequence[int], subset: Subset) -> 
 
 def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:
     """Read the fields, the data files of a LIST, and the length of the header in bytes."""
-    import nrrd
-
     lines: list[bytes] = []
     listed: list[str] = []
     header_bytes = 0

@@ -26,7 +26,6 @@ UNREAD = {b"usemtl": "materials", b"curv": "curves", b"surf": "free-form surface
 
 
 def read_obj(path: Path) -> Geometry:
-    """Read an OBJ file."""
     where, content = str(path), read_file(path).replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     rows: list[list[bytes]] = []
     unread = dict[str, None]()

@@ -28,7 +28,6 @@ COLOURS = {3: "RGB", 4: "RGBA"}
 
 
 def read_off(path: Path) -> Geometry:
-    """Read an OFF file."""
     where, content = str(path), read_file(path)
     lines = [line for line in re.sub(rb"#[^\n]*", b"", content).splitlines() if line.strip()]
     start = re.match(rb"\s*(C?)(N?)OFF\b(.*)", lines[0]) if lines else None

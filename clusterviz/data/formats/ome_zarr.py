@@ -97,11 +97,9 @@ class LevelSource:
 
     @property
     def levels(self) -> int:
-        """Number of levels."""
         return len(self.paths) - self.number
 
     def level(self, number: int) -> LevelSource:
-        """Return a level; see `MultilevelSource`."""
         if number == 0:
             return self
         if number not in self.opened:
@@ -114,7 +112,6 @@ class LevelSource:
         return self.opened[number]
 
     def bounds(self, number: int) -> NDArray[np.float64]:
-        """Return minimum, maximum and error of the bricks of a level; see `MultilevelSource`."""
         return self.level(number).array.statistics()
 
     def at_time(self, time: int) -> LevelSource:
@@ -154,7 +151,6 @@ class LevelSource:
         return read_statistics(self.array.summary_path, layout, self.array.has_checksums)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self.array.read(begin_zyx, end_zyx)
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]]:
@@ -175,7 +171,6 @@ class ZarrSource:
     version: str = ""
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         from clusterviz.data.store.zarr_files import read_array
 

@@ -41,7 +41,6 @@ DEEPEST = 8
 
 
 def read_openfoam(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read the mesh and the fields of a case."""
     mesh = path.parent / "constant" / "polyMesh"
     points, _ = _load(mesh / "points").numbers(3)
     owners, _ = _load(mesh / "owner").numbers(1, is_label=True)

@@ -45,13 +45,7 @@ class _Property:
 
 @dataclass
 class _Element:
-    """Rows of numbers and lists.
-
-    Attributes
-    ----------
-    columns : arrays (count,) of numbers by name
-    lists : items (count, k) of lists of one length by name, or offsets (count + 1,) and items
-    """
+    """Columns (count,) of numbers by name, and lists: items (count, k), or offsets (count + 1,) and items."""
 
     name: str
     count: int
@@ -61,7 +55,6 @@ class _Element:
 
 
 def read_ply(path: Path) -> Geometry:
-    """Read a PLY file."""
     where = str(path)
     with readable(path), path.open("rb") as file:
         content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)

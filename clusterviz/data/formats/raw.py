@@ -38,7 +38,6 @@ def sidecar_of(path: Path) -> Path:
 
 
 def open_raw(path: Path, subset: Subset) -> StridedSource:
-    """Open a raw file with its sidecar."""
     size = require_file(path)
     refuse_array(subset.array, path)
     sidecar = sidecar_of(path)

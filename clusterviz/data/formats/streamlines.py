@@ -23,6 +23,7 @@ from clusterviz.data.geometry import Attributes, Geometry, Lines
 from clusterviz.data.header import check_size
 from clusterviz.errors import DataError
 
+nibabel: Any = import_module("nibabel")  # whose functions have no types
 TRK_HEADER, MAX_LINE = 1000, 1 << 16  # bytes
 TCK_TYPES = {"Float32LE": "<f4", "Float32BE": ">f4", "Float64LE": "<f8", "Float64BE": ">f8"}
 
@@ -64,13 +65,12 @@ def _check_count(stated: Any, found: int, where: str) -> None:
 
 def read_trk(path: Path) -> Geometry:
     """Read all streamlines of TrackVis's file."""
-    streamlines: Any = import_module("nibabel.streamlines")
     where, size = str(path), require_file(path, (b"TRACK",))
     _check_trk(path, size)
     logger = logging.getLogger("nibabel.global")
     disabled, logger.disabled = logger.disabled, True  # of headers without an orientation, which then is taken as RAS
     try:
-        tractogram = streamlines.load(path)
+        tractogram = nibabel.streamlines.load(path)
     finally:
         logger.disabled = disabled
     found, header = tractogram.streamlines, tractogram.header

@@ -23,6 +23,7 @@ from clusterviz.data.geometry import Geometry, Mesh
 from clusterviz.data.header import check_size
 from clusterviz.errors import DataError
 
+nibabel: Any = import_module("nibabel")  # whose functions have no types
 DIMENSIONALITY = re.compile(rb"Dimensionality\s*=\s*[\"'](\d{1,30})")
 MAX_AXES = 6  # of an array
 POINTS, TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
@@ -30,8 +31,6 @@ MAX_COMMENT = 1 << 16  # bytes
 
 
 def read_gifti(path: Path) -> Geometry:
-    """Read a GIFTI file."""
-    nibabel: Any = import_module("nibabel")
     where, packed = str(path), path.name.lower().endswith(".gz")
     with readable(path), gzip.open(path) if packed else path.open("rb") as file:
         axes = [int(number) for number in DIMENSIONALITY.findall(file.read())]
@@ -53,8 +52,6 @@ def read_gifti(path: Path) -> Geometry:
 
 
 def _name(array: Any) -> str:
-    """Return the name of a data array."""
-    nibabel: Any = import_module("nibabel")
     intent = str(nibabel.nifti1.intent_codes.niistring[array.intent])
     return str(array.meta.get("Name") or intent.removeprefix("NIFTI_INTENT_").lower())
 
@@ -73,7 +70,6 @@ def read_freesurfer(path: Path) -> Geometry:
     check_size(size, begin + 8 + 12 * (vertex_count + triangle_count), where)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of files without the volume's geometry
-        freesurfer: Any = import_module("nibabel.freesurfer")
-        vertices, triangles, volume = freesurfer.read_geometry(path, read_metadata=True)
+        vertices, triangles, volume = nibabel.freesurfer.read_geometry(path, read_metadata=True)
     centre = volume.get("cras", np.zeros(3)) if str(volume.get("valid", "0")).startswith("1") else np.zeros(3)
     return Geometry(mesh=Mesh(where, (vertices + centre).astype(np.float32), triangles.astype(np.int64)))

@@ -49,7 +49,6 @@ class TiffPages:
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         voxels = np.empty(check_box(begin_zyx, end_zyx, self.grid.shape_zyx), self.dtype)
         shape, index = self.slab.shape, self.slab.index
         inside = next(axis for axis in range(len(shape) + 1) if prod(shape[:axis]) == len(self.pages))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import require_file
 from clusterviz.data.header import check_box, check_packed, check_shape, stated_numbers
-from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.source import Grid, Index, Source, as_index
 from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.data.vtk_ghosts import VisibleSource
 from clusterviz.data.vtk_image import image_grid, open_image, rectilinear
@@ -71,7 +71,6 @@ class PiecesSource:
     slab: Hyperslab
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         voxels, missing = np.empty(shape, self.dtype), np.ones(shape, bool)
         begins, ends = np.maximum(self.boxes[:, 0], begin_zyx), np.minimum(self.boxes[:, 1], end_zyx)
@@ -94,8 +93,7 @@ class PiecesSource:
 
 
 def _index(numbers: NDArray[np.int64]) -> Index:
-    z, y, x = numbers.tolist()
-    return z, y, x
+    return as_index(numbers.tolist())
 
 
 def open_vti(path: Path, subset: Subset) -> Source:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
 from clusterviz.data.geometry import Attributes, Geometry
-from clusterviz.data.header import check_packed, check_size
+from clusterviz.data.header import check_packed, check_size, stated_numbers
 from clusterviz.data.source import Grid, Source
 from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
 from clusterviz.data.strided import StridedSource, slab_source
@@ -111,7 +111,7 @@ class _Scan:
         while words := self.line():
             key, rest = words[0].upper(), words[1:]
             if key in ("DIMENSIONS", "ORIGIN", "SPACING", "ASPECT_RATIO"):
-                self.numbers[key] = self.floats(rest, 3)
+                self.numbers[key] = stated_numbers(" ".join(rest), key, 3, self.where).tolist()
             elif key == "POINTS":
                 self.points = self.skipped("POINTS", self.word(rest, 1), 3, self.counts(rest[:1], 1)[0])
             elif key in COORDINATES:
@@ -154,7 +154,6 @@ class _Scan:
             self.array(self.word(words, 0), False, self.word(words, 3), components, tuples)
 
     def metadata(self) -> None:
-        """Skip the lines up to an empty one."""
         while self.file.readline(MAX_LINE).strip():
             pass
 
@@ -231,15 +230,6 @@ class _Scan:
             raise DataError("not a number", where=self.where, found=" ".join(words) or "nothing", allowed="0 or more")
         return [int(word) for word in words]
 
-    def floats(self, words: list[str], count: int) -> list[float]:
-        try:
-            numbers = [float(word) for word in words]
-        except ValueError:
-            numbers = []
-        if len(numbers) != count or not np.isfinite(numbers).all():
-            raise DataError("not numbers", where=self.where, found=" ".join(words), allowed=f"{count} numbers")
-        return numbers
-
 
 def _scan(path: Path, datasets: Sequence[str], noun: str) -> _Scan:
     """Return the keywords of a file with one of the given kinds of dataset."""
@@ -307,7 +297,6 @@ def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
 
 
 def read_polydata(path: Path) -> Geometry:
-    """Read polygonal data from a legacy VTK file."""
     scan = _scan(path, ("POLYDATA",), "polygonal data")
     points, cells, of_points, of_cells = _parts(path, scan)
     cells.pop("Cells", None)
@@ -320,7 +309,6 @@ def is_unstructured(path: Path) -> bool:
 
 
 def read_unstructured(path: Path) -> UnstructuredGrid:
-    """Read an unstructured grid from a legacy VTK file."""
     where, scan = str(path), _scan(path, ("UNSTRUCTURED_GRID",), "an unstructured grid")
     points, cells, of_points, of_cells = _parts(path, scan)
     if (scan.types is None) != ("Cells" not in cells):

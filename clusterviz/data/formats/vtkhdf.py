@@ -23,6 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,16 +51,12 @@ def _kind(root: Any) -> str:
 
 def is_grid(path: Path) -> bool:
     """Return whether a file holds no volume."""
-    import h5py
-
     with h5py.File(path) as file:
         return _kind(file.get("VTKHDF")) not in IMAGES
 
 
 def open_vtkhdf(path: Path, subset: Subset) -> Source:
     """Open one array of an image, or of overlapping levels."""
-    import h5py
-
     file = h5py.File(path, locking="best-effort")
     root = file.get("VTKHDF")
     if (kind := _kind(root)) not in IMAGES:
@@ -148,7 +145,6 @@ class LevelsSource:
     meshes: tuple[Level, ...]
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
@@ -258,9 +254,6 @@ def _text(value: Any) -> str:
 
 
 def read_vtkhdf(path: Path) -> UnstructuredGrid:
-    """Read a .vtkhdf file."""
-    import h5py
-
     with h5py.File(path) as file:
         root = file.get("VTKHDF")
         if (kind := _kind(root)) != "UnstructuredGrid":

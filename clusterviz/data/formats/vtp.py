@@ -19,7 +19,6 @@ from clusterviz.image.replace import replacing
 
 
 def read_vtp(path: Path) -> Geometry:
-    """Read a .vtp file."""
     pieces = xml_pieces(path, "PolyData")
     points = [piece.points() for piece in pieces]
     cells: dict[str, Cells] = {}

@@ -18,7 +18,6 @@ from clusterviz.data.vtk_xml import XmlPiece, xml_pieces
 
 
 def read_vtu(path: Path) -> UnstructuredGrid:
-    """Read a .vtu file."""
     grids = [_grid(piece, str(path)) for piece in xml_pieces(path, "UnstructuredGrid")]
     return grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,7 +50,6 @@ GEOMETRIES = {"xyz": 3, "xy": 2, "x_y_z": 3, "x_y": 2}
 
 
 def read_xdmf(path: Path, time: float | None = None) -> UnstructuredGrid:
-    """Read a file at a time step."""
     where = str(path)
     root = read_xml(path, "XDMF")
     file, domain = _File(path, root), root.find("Domain")
@@ -242,7 +242,6 @@ class _File:
         return [(kind, corners - base) for kind, corners in blocks]
 
     def numbers(self, item: Element) -> NDArray[Any]:
-        """Return the numbers of a DataItem."""
         item = self._resolved(item)
         kind, words = item.get("ItemType", "Uniform").lower(), item.get("Dimensions", "").split()
         if not all(word.isdecimal() and len(word) < 16 for word in words):
@@ -279,8 +278,6 @@ class _File:
 
     def _dataset(self, text: str) -> NDArray[Any]:
         """Return a dataset of HDF5, named by file:path."""
-        import h5py
-
         name, _, place = text.rpartition(":")
         file = self.path.parent / name
         require_file(file, (b"\x89HDF\r\n\x1a\n",))

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.source import Index
+from clusterviz.data.source import Index, as_index
 
 Read = Callable[[Index, Index], NDArray[Any]]
 WEIGHTS = (-0.125, 0.25, 0.75)
@@ -29,8 +29,7 @@ WEIGHTS = (-0.125, 0.25, 0.75)
 
 def coarser(shape_zyx: Index) -> Index:
     """Return the samples of the next coarser level."""
-    z, y, x = ((side + 1) // 2 for side in shape_zyx)
-    return z, y, x
+    return as_index((side + 1) // 2 for side in shape_zyx)
 
 
 def low_pass(read: Read, shape_zyx: Index, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
@@ -46,7 +45,7 @@ def low_pass(read: Read, shape_zyx: Index, begin_zyx: Index, end_zyx: Index) -> 
     """
     lows = [max(0, 2 * b - 2) for b in begin_zyx]
     highs = [min(n, 2 * e + 1) for e, n in zip(end_zyx, shape_zyx, strict=True)]
-    samples = read((lows[0], lows[1], lows[2]), (highs[0], highs[1], highs[2]))
+    samples = read(as_index(lows), as_index(highs))
     mirrored = [
         _mirrored(np.arange(2 * b - 2, 2 * e + 1), n) - low
         for b, e, n, low in zip(begin_zyx, end_zyx, shape_zyx, lows, strict=True)

@@ -33,7 +33,7 @@ from clusterviz.data.bricks import Box
 from clusterviz.data.files import library
 from clusterviz.data.header import check_box
 from clusterviz.data.remote import CONNECTIONS, FilePath, Version, read_range
-from clusterviz.data.source import Index
+from clusterviz.data.source import Index, as_index
 from clusterviz.data.store import zfp
 from clusterviz.data.store.cache import CACHE, Owner, for_each
 from clusterviz.data.store.wavelet import (
@@ -312,7 +312,6 @@ class ShardedArray:
             file.write(index.tobytes() + checksum(index.tobytes()))
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        """Read the samples of a box; see `Source.read`."""
         return self.read_boxes([(begin_zyx, end_zyx)])[0]
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]]:
@@ -465,7 +464,6 @@ def description_checksum(attributes: Mapping[str, Any]) -> str:
 
 
 def read_json(path: FilePath) -> dict[str, Any]:
-    """Return what a JSON file holds."""
     try:
         found = json.loads(read_range(path)[0])
     except ValueError as error:
@@ -476,7 +474,6 @@ def read_json(path: FilePath) -> dict[str, Any]:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2))
@@ -490,8 +487,7 @@ def checksum(data: bytes) -> bytes:
 
 
 def _quotients(sides: Iterable[int], parts: Index) -> Index:
-    z, y, x = (-(-side // part) for side, part in zip(sides, parts, strict=True))
-    return z, y, x
+    return as_index(-(-side // part) for side, part in zip(sides, parts, strict=True))
 
 
 def _indices(counts: Index) -> list[Index]:

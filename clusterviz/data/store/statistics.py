@@ -71,7 +71,6 @@ def _arrays(values: Any) -> dict[str, Any]:
 
 
 def _checksum(arrays: Mapping[str, Any]) -> int:
-    """Return the checksum of arrays and their names."""
     parts = []
     for name, values in sorted((name, np.asarray(each)) for name, each in arrays.items() if name != "checksum"):
         parts += [f"{name} {values.dtype.str} {values.shape} ".encode(), values.tobytes()]

@@ -281,7 +281,6 @@ def _padded(count: int, width: int) -> int:
 
 
 def _split(numbers: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return the byte planes of numbers."""
     if numbers.itemsize == 1:
         return numbers.view(np.uint8)
     size, planes = max(4, numbers.itemsize), np.empty(numbers.nbytes, np.uint8)
@@ -300,7 +299,6 @@ def _joined(planes: NDArray[Any]) -> NDArray[Any]:
 
 
 def _space(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the space that a transform needs."""
     _, y, x = shape
     coarse = sum(math.prod(-(-side // apart) for side in shape) for apart in (2, 4))
     return _reused("space", coarse + 3 * y * (x + 1), dtype)

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box, BrickLayout, with_margin
 from clusterviz.data.series import Series
-from clusterviz.data.source import Grid, Index, Source
+from clusterviz.data.source import Grid, Index, Source, as_index
 from clusterviz.data.store.levels import Read, coarser, difference, is_within, largest_difference, low_pass
 from clusterviz.data.store.shards import (
     BrickCodec,
@@ -395,8 +395,7 @@ def _within(box: Box, begin: Index) -> tuple[slice, ...]:
 
 
 def _clipped(position: list[int], shape: Index) -> Index:
-    z, y, x = (min(p, n) for p, n in zip(position, shape, strict=True))
-    return z, y, x
+    return as_index(min(p, n) for p, n in zip(position, shape, strict=True))
 
 
 def _identity(name: str) -> list[Any]:

@@ -13,7 +13,7 @@ import numpy as np
 from zarr.abc.codec import ArrayBytesCodec
 from zarr.core.common import parse_named_configuration
 
-from clusterviz.data.source import Index
+from clusterviz.data.source import Index, as_index
 from clusterviz.data.store.wavelet import EFFORT, decode_brick, encode_brick
 from clusterviz.errors import DataError
 
@@ -61,5 +61,4 @@ def _three_axes(shape: tuple[int, ...]) -> Index:
     """Return a shape with axes z, y and x."""
     if any(side != 1 for side in shape[:-3]):
         raise DataError("not a brick", where=NAME, found=shape, allowed="chunks of 1 along all but the last three axes")
-    z, y, x = (1, 1, 1, *shape)[-3:]
-    return z, y, x
+    return as_index((1, 1, 1, *shape)[-3:])

@@ -253,19 +253,15 @@ class ZarrFiles(Store):
     async def get_partial_values(
         self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, Any]]
     ) -> list[Buffer | None]:
-        """Return the bytes of parts of files."""
         return list(await asyncio.gather(*(self.get(key, prototype, wanted) for key, wanted in key_ranges)))
 
     async def exists(self, key: str) -> bool:
-        """Return whether there is a file."""
         return await self.get(key, byte_range=RangeByteRequest(0, 1)) is not None
 
     async def set(self, key: str, value: Buffer) -> None:
-        """Refuse to write."""
         self._check_writable()
 
     async def delete(self, key: str) -> None:
-        """Refuse to write."""
         self._check_writable()
 
     def list(self) -> AsyncIterator[str]:
@@ -273,9 +269,7 @@ class ZarrFiles(Store):
         raise NotImplementedError("files of a server are not listed")
 
     def list_prefix(self, prefix: str) -> AsyncIterator[str]:
-        """Refuse to list files."""
         return self.list()
 
     def list_dir(self, prefix: str) -> AsyncIterator[str]:
-        """Refuse to list files."""
         return self.list()

@@ -1,10 +1,7 @@
 """Pyramid filters of pictures and grids, made of bilinear fetches, and what is built of them.
 
 contract.py   a filter as data: passes of one fetch a pixel
-basic/        filters that keep the size: box, Bartlett, Gauss
-analysis/     filters that halve it
-synthesis/    filters that double it
-filters.py    the table of all
+filters.py    the table of all: those that keep the size, halve it, and double it
 executor.py   any filter on CPU vectors or OpenGL
 blur.py       images blurred by any width
 interpolation.py  holes and scattered values: pull-push

@@ -29,10 +29,9 @@ import math
 import numpy as np
 
 from clusterviz.errors import InputError
-from clusterviz.image.pyramid.analysis.quadratic import QUADRATIC_4
 from clusterviz.image.pyramid.contract import Filter, Pass
 from clusterviz.image.pyramid.executor import LARGEST, Fetches, Floats, apply_filter, check_image
-from clusterviz.image.pyramid.synthesis.doo_sabin import DOO_SABIN
+from clusterviz.image.pyramid.filters import DOO_SABIN, QUADRATIC_4
 
 MOST_SIGMA = 1e6
 LEAST_ON_TOP = 0.5
@@ -48,7 +47,6 @@ def blur(image: Floats, sigma: float, fetches: Fetches | None = None) -> Floats:
     ----------
     image : float32 (h, w, c), c channels that are blurred alike; colours premultiplied by their opacity, of any range
     sigma : standard deviation in pixels, 0 to 1e6; 0 leaves the image as it is
-    fetches : counts
 
     Returns
     -------

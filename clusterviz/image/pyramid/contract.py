@@ -19,8 +19,7 @@ one, of `grid` filters at pixel 2 k + 1 (even masks have the one, odd masks the 
 alignment do not shift a picture. All filters keep constants exactly, and away from the border linear ramps up to
 rounding.
 
-To add a filter: a file in basic/, analysis/ or synthesis/ with its manual and a literal `Filter`, its entry in
-`filters.py`, and its mask in `clusterviz/reference/pyramid.py`.
+To add a filter: a literal `Filter` with its manual in `filters.py`, and its mask in `clusterviz/reference/pyramid.py`.
 """
 
 from __future__ import annotations
@@ -61,8 +60,6 @@ class Filter:
 
     Attributes
     ----------
-    name : in the table of filters
-    passes : in order
     alignment : of the coarse and the fine pixels; of a basic filter without meaning
     """
 

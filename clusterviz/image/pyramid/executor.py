@@ -89,7 +89,6 @@ def apply_filter(
     filter : basic, analysis or synthesis
     image : float32 (h, w, c) or (d, h, w, c), no side 0
     size : of a synthesis, (h, w) or (d, h, w) of its result, of which ⌈half⌉ are those of the image; default: twice
-    fetches : counts
 
     Returns
     -------

@@ -25,9 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.image.pyramid.analysis.box_4 import BOX_4
 from clusterviz.image.pyramid.executor import LARGEST, Fetches, Floats, apply_filter, check_image
-from clusterviz.image.pyramid.synthesis.doo_sabin import DOO_SABIN
+from clusterviz.image.pyramid.filters import BOX_4, DOO_SABIN
 
 
 def interpolate(values: Floats, weights: NDArray[Any], fetches: Fetches | None = None) -> Floats:

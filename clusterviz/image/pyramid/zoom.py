@@ -62,7 +62,6 @@ def zoom(image: Floats, size: tuple[int, int], edges: bool = True, fetches: Fetc
     image : float32 (h, w, c), c channels; colours premultiplied. The mean of the channels is the brightness.
     size : (h, w) of the result, at least those of the image; whole factors of two need no bilinear step
     edges : False: without moving the fetches, which is Doo-Sabin synthesis
-    fetches : counts
 
     Returns
     -------

@@ -40,7 +40,6 @@ class Light:
 
     Attributes
     ----------
-    name : shown to people
     wavelengths : float64 (m,), nm, ascending, within `VISIBLE`
     powers : float64 (m,), of the lines, not negative, with a sum of more than 0
     """

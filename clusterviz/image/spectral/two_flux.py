@@ -46,10 +46,6 @@ def stacked(first: Fluxes, second: Fluxes) -> Fluxes:
     ----------
     first, second : floats in [0, 1] with front + transmitted <= 1 and back + transmitted <= 1, broadcast
 
-    Returns
-    -------
-    fluxes : of the two together
-
     Notes
     -----
     1 − b₁ f₂ is the sum (1 − b₁) + b₁ (1 − f₂), each bracket at least the transmittance, as in exact arithmetic: light

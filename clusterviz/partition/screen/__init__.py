@@ -14,7 +14,7 @@ Rectangles count pixels, row 0 at the top. One group is sort-last; as many group
 
 from __future__ import annotations
 
-from clusterviz.partition.screen.cost_map import CostMap, blank_map, cost_map_of_blocks, cost_map_of_rects
+from clusterviz.partition.screen.cost_map import CostMap, cost_map_of_blocks, cost_map_of_rects
 from clusterviz.partition.screen.cuts import ScreenTree, build_cuts
 from clusterviz.partition.screen.estimated import COARSE, coarse_partition, coarse_plan
 from clusterviz.partition.screen.interleaved import interleaved_tiles
@@ -30,7 +30,6 @@ __all__ = [
     "ScreenPartition",
     "ScreenTree",
     "adapt",
-    "blank_map",
     "brick_rects",
     "build_cuts",
     "carried",

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.image.partial import Rect
 from clusterviz.partition.screen.tiles import Size, tile_counts
 
@@ -20,20 +19,10 @@ Counts = NDArray[np.uint32]
 
 @dataclass(frozen=True, eq=False)
 class CostMap:
-    """Cost of the cells of a grid over the screen.
+    """Cost of the cells of a grid over the screen."""
 
-    Attributes
-    ----------
-    size : (width, height) of the picture
-    cost : float64 (rows, columns), cost of squares of `CELL` pixels (cut at the far sides), uniform inside each
-    """
-
-    size: Size
-    cost: Costs
-
-    def __post_init__(self) -> None:
-        if self.cost.shape != tile_counts(self.size, CELL):
-            raise InputError("not over the picture", where="cost map", found=self.cost.shape, allowed=self.size)
+    size: Size  # (width, height) of the picture
+    cost: Costs  # float64 (rows, columns), cost of squares of `CELL` pixels (cut at the far sides), uniform inside each
 
     def profile(self, rect: Rect, axis: int) -> Costs:
         """Return the cumulative cost of a rectangle along an axis (0: rows), float64 (n + 1,)."""
@@ -51,18 +40,10 @@ class CostMap:
         return float(self.profile(rect, 0)[-1])
 
 
-def blank_map(size: Size) -> CostMap:
-    """Return a cost map of zeros."""
-    return CostMap(size, np.zeros(tile_counts(size, CELL)))
-
-
 def cost_map_of_rects(size: Size, rects: NDArray[np.int64], costs: Costs) -> CostMap:
     """Return the cost map of rectangles, the cost of each distributed evenly over it.
 
-    Parameters
-    ----------
-    rects : int64 (n, 4), x_begin, y_begin, x_end, y_end; empty ones are ignored
-    costs : float64 (n,), cost of each rectangle
+    `rects`: int64 (n, 4), x_begin, y_begin, x_end, y_end; empty ones are ignored.
 
     Notes
     -----
@@ -86,11 +67,9 @@ def cost_map_of_blocks(size: Size, blocks: Iterable[tuple[Rect, Counts]], scale:
 
     Parameters
     ----------
-    size : (width, height) of the picture
     blocks : rectangles of a picture `scale` times as coarse, with the counts (rows, columns) of its blocks from the
         rectangle's corner on; counts of overlapping blocks are added
     scale : pixels of the picture along the side of a coarse pixel; both pictures have the same centre
-    side : side of a block, in pixels of the coarse picture
     """
     cost = np.zeros(tile_counts(size, CELL))
     for rect, counts in blocks:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clusterviz.errors import InputError
 from clusterviz.image.partial import Rect
 from clusterviz.partition.screen.cost_map import CostMap, Costs
 from clusterviz.partition.screen.tiles import ScreenPartition, Size
@@ -30,18 +29,11 @@ ScreenNode = int | Cut
 
 @dataclass(frozen=True)
 class ScreenTree:
-    """The screen, cut for groups.
+    """The screen, cut for groups."""
 
-    Attributes
-    ----------
-    size : (width, height) of the picture
-    weights : which share of the cost each group is to get: its number of ranks
-    root : groups in order, the low side first
-    """
-
-    size: Size
-    weights: tuple[int, ...]
-    root: ScreenNode
+    size: Size  # (width, height) of the picture
+    weights: tuple[int, ...]  # which share of the cost each group is to get: its number of ranks
+    root: ScreenNode  # groups in order, the low side first
 
     def rects(self) -> tuple[Rect, ...]:
         """The rectangle of each group, some perhaps empty; all together hold every pixel once."""
@@ -65,18 +57,11 @@ def build_cuts(cost: CostMap, weights: tuple[int, ...]) -> ScreenTree:
     Each cut is where the dearer side has least for each of its ranks, across the longer side of what costs something
     unless the other is better by more than `LONG_SIDE`; in the middle of where it does not matter.
 
-    Raises
-    ------
-    InputError
-        No group, or one without a weight.
-
     References
     ----------
     B. Moloney, D. Weiskopf, T. Möller, M. Strengert: Scalable sort-first parallel direct volume rendering with dynamic
     load balancing, EGPGV 2007.
     """
-    if not weights or min(weights) < 1:
-        raise InputError("no ranks to draw", where="groups", found=list(weights), allowed="1 rank or more each")
     return ScreenTree(cost.size, weights, _grow(cost, Rect(0, 0, *cost.size), weights, 0))
 
 
@@ -121,17 +106,14 @@ def _grow(cost: CostMap, rect: Rect, weights: tuple[int, ...], first: int) -> Sc
     middle = _halfway(weights)
     share = sum(weights[:middle]) / sum(weights)
     profiles = [profile_of(cost, rect, axis) for axis in (0, 1)]
-    loads = [best_cut(profile, begin, share) for profile, begin in zip(profiles, _corner(rect), strict=True)]
+    corner = (rect.y_begin, rect.x_begin)
+    loads = [best_cut(profile, begin, share) for profile, begin in zip(profiles, corner, strict=True)]
     extents = [_extent(profile) for profile in profiles]
     long = int(extents[1] >= extents[0])
     axis = 1 - long if loads[1 - long][0] * LONG_SIDE < loads[long][0] else long
     at = loads[axis][1]
     low, high = halves(rect, axis, at)
     return Cut(axis, at, _grow(cost, low, weights[:middle], first), _grow(cost, high, weights[middle:], first + middle))
-
-
-def _corner(rect: Rect) -> tuple[int, int]:
-    return rect.y_begin, rect.x_begin
 
 
 def _halfway(weights: tuple[int, ...]) -> int:

@@ -6,7 +6,6 @@ from math import gcd
 
 import numpy as np
 
-from clusterviz.errors import InputError
 from clusterviz.partition.screen.tiles import ScreenPartition, Size, partition_of_tiles, tile_counts
 
 GOLDEN = 0.381966  # fraction of the groups by which a row of tiles is shifted against the one before
@@ -18,21 +17,8 @@ def interleaved_tiles(size: Size, groups: int, side: int) -> ScreenPartition:
     When to use: always possible at no cost; balanced if tiles are many and small. When not: small tiles make many
     rectangles, and each group needs nearly all data.
 
-    Parameters
-    ----------
-    size : (width, height) of the picture
-    groups : number of groups, 1 or more
-    side : side of a tile, in pixels
-
-    Returns
-    -------
-    mosaic : along rows the groups in turn; each row is shifted by a number without a common divisor with theirs, so
-        that they take turns along columns too, and neighbours are far apart in number
-
-    Raises
-    ------
-    InputError
-        `groups` or `side` below 1.
+    Along rows are the groups in turn; each row is shifted by a number without a common divisor with theirs, so that
+    they take turns along columns too, and neighbours are far apart in number.
 
     References
     ----------
@@ -40,8 +26,6 @@ def interleaved_tiles(size: Size, groups: int, side: int) -> ScreenPartition:
     1985; M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section
     5.2.3, static.
     """
-    if groups < 1:
-        raise InputError("no ranks to draw", where="groups", found=groups, allowed="1 or more")
     rows, columns = tile_counts(size, side)
     shift = next(n for n in range(max(1, round(GOLDEN * groups)), groups + 2) if gcd(n, groups) == 1)
     owner = (np.arange(columns) + shift * np.arange(rows)[:, None]) % groups

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.partition.screen.interleaved import interleaved_tiles
 from clusterviz.partition.screen.tiles import ScreenPartition, partition_of_tiles, tile_counts
 from clusterviz.plan.view import View
@@ -28,22 +27,12 @@ def pattern_tiles(
     When to use: no cost is known, and the volume fills little of the picture, or is seen from near. When not: with few
     repetitions it is as uneven as the volume; with many it equals interleaved tiles.
 
+    Tiles of which no asked ray meets the volume are interleaved.
+
     Parameters
     ----------
-    view : the camera
     extent : last sample of the volume in x, y, z
-    groups : number of groups, 1 or more
-    side : side of a tile, in pixels
     repetitions : repetitions of the pattern along each side of a face, 1 or more
-
-    Returns
-    -------
-    mosaic : tiles of which no asked ray meets the volume are interleaved
-
-    Raises
-    ------
-    InputError
-        Something below 1.
 
     References
     ----------
@@ -51,8 +40,6 @@ def pattern_tiles(
     static, and figure 5.3; P. Chang, R. Jain: A multi-processor system for hidden-surface-removal, Computer Graphics
     15(4), 1981.
     """
-    if repetitions < 1:
-        raise InputError("no pattern", where="repetitions", found=repetitions, allowed="1 or more")
     rows, columns = tile_counts(view.size, side)
     owner = np.full((rows, columns), -1)
     for down, across in PLACES:

@@ -22,14 +22,9 @@ from clusterviz.partition.screen.tiles import tile_counts, tile_rect
 def tile_queue(expected: CostMap, side: int) -> tuple[Rect, ...]:
     """Return the tiles of the picture in the order in which they are taken, the same on every rank.
 
-    Parameters
-    ----------
-    expected : expected cost; tiles without any cost are left out
-    side : side of a tile, in pixels
+    The most expensive come first; of equal ones the upper, then the left.
 
-    Returns
-    -------
-    tiles : the most expensive first; of equal ones the upper, then the left
+    `expected`: expected cost; tiles without any cost are left out.
     """
     rows, columns = tile_counts(expected.size, side)
     tiles = [tile_rect(expected.size, side, row, column) for row in range(rows) for column in range(columns)]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from clusterviz.errors import InputError
 from clusterviz.image.partial import Rect
 from clusterviz.partition.screen.cost_map import CostMap
 from clusterviz.partition.screen.cuts import Cut, ScreenNode, ScreenTree, best_cut, build_cuts, halves, profile_of
@@ -21,19 +20,9 @@ WORSE = 1.1  # cuts are made anew where moving them leaves the busiest this fact
 def adapt(tree: ScreenTree, last: CostMap) -> ScreenTree:
     """The screen's cuts for the next frame.
 
-    Parameters
-    ----------
-    tree : of the last frame
-    last : what that frame cost, or what the next one should cost after it
+    Returns the last tree with its cuts moved; new cuts where that is much better, as after a jump.
 
-    Returns
-    -------
-    tree : the last one with its cuts moved; new cuts where that is much better, as after a jump
-
-    Raises
-    ------
-    InputError
-        The costs are over another picture.
+    `last`: what that frame cost, or what the next one should cost after it.
 
     References
     ----------
@@ -41,8 +30,6 @@ def adapt(tree: ScreenTree, last: CostMap) -> ScreenTree:
     SIBGRAPI 2004; M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010,
     section 5.2.3, temporal adaption.
     """
-    if tree.size != last.size:
-        raise InputError("over another picture", where="cost map", found=last.size, allowed=tree.size)
     if not last.cost.any():
         return tree
     moved = ScreenTree(tree.size, tree.weights, _moved(tree.root, Rect(0, 0, *tree.size), tree.weights, last))
@@ -53,18 +40,8 @@ def adapt(tree: ScreenTree, last: CostMap) -> ScreenTree:
 def carried(last: CostMap, before: CostMap, now: CostMap) -> CostMap:
     """What the next frame should cost: the cost of the last one, and the change that a model expects.
 
-    Parameters
-    ----------
-    last : what the last frame cost
-    before, now : the model of the last frame, and of the next one; their scale is taken from `last`
-
-    Raises
-    ------
-    InputError
-        The maps are over different pictures.
+    `before`, `now`: the model of the last frame, and of the next one; their scale is taken from `last`.
     """
-    if not last.size == before.size == now.size:
-        raise InputError("over another picture", where="cost map", found=now.size, allowed=last.size)
     total = float(before.cost.sum())
     scale = float(last.cost.sum()) / total if total > 0 else 0.0
     found = np.maximum(0.0, last.cost + scale * (now.cost - before.cost))

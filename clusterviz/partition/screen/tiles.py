@@ -9,7 +9,6 @@ from itertools import groupby, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.errors import InputError
 from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
 
@@ -19,15 +18,10 @@ Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class ScreenPartition:
-    """Assignment of the picture's pixels to groups of ranks.
+    """Assignment of the picture's pixels to groups of ranks."""
 
-    Attributes
-    ----------
-    size : (width, height) of the picture
-    rects : rectangles of each group; together they contain every pixel once. A group may have none
-    """
-
-    size: Size
+    size: Size  # (width, height) of the picture
+    # rectangles of each group; together they contain every pixel once. A group may have none
     rects: tuple[tuple[Rect, ...], ...]
 
     @property
@@ -45,15 +39,7 @@ class ScreenPartition:
 
 
 def tile_counts(size: Size, side: int) -> tuple[int, int]:
-    """Return the (rows, columns) of square tiles that cover a picture.
-
-    Raises
-    ------
-    InputError
-        A side below 1.
-    """
-    if side < 1:
-        raise InputError("no tile", where="side", found=side, allowed="1 or more")
+    """Return the (rows, columns) of square tiles that cover a picture."""
     return -(-size[1] // side), -(-size[0] // side)
 
 
@@ -66,22 +52,8 @@ def tile_rect(size: Size, side: int, row: int, column: int) -> Rect:
 def partition_of_tiles(owner: Numbers, size: Size, side: int, groups: int) -> ScreenPartition:
     """Return the partition of a picture given by tiles; adjacent tiles of one group are joined into rectangles.
 
-    Parameters
-    ----------
-    owner : int64 (rows, columns), group of each tile
-    size : (width, height) of the picture
-    side : side of a tile, in pixels
-    groups : number of groups
-
-    Raises
-    ------
-    InputError
-        The number of tiles is not that of the picture, or a group does not exist.
+    `owner`: int64 (rows, columns), group of each tile.
     """
-    if owner.shape != tile_counts(size, side):
-        raise InputError("not the picture's tiles", where="owner", found=owner.shape, allowed=tile_counts(size, side))
-    if owner.min() < 0 or owner.max() >= groups:
-        raise InputError("no such group", where="owner", found=f"{owner.min()} … {owner.max()}", allowed=groups)
     rects: list[list[Rect]] = [[] for _ in range(groups)]
     above: dict[tuple[int, int, int], int] = {}
     for row, line in enumerate(owner.tolist()):
@@ -101,7 +73,6 @@ def partition_of_tiles(owner: Numbers, size: Size, side: int, groups: int) -> Sc
 
 
 def _runs(line: list[int]) -> list[tuple[int, int, int]]:
-    """Return (begin, end, value) of each run of equal values."""
     runs, begin = [], 0
     for value, same in groupby(line):
         end = begin + sum(1 for _ in same)
@@ -114,15 +85,7 @@ RankGroups = tuple[tuple[int, ...], ...]
 
 
 def rank_groups(ranks: int, groups: int) -> RankGroups:
-    """Return groups of neighbouring ranks, which are likely to share a node; sizes differ by at most one.
-
-    Raises
-    ------
-    InputError
-        Fewer groups than 1, or more than ranks.
-    """
-    if not 1 <= groups <= ranks:
-        raise InputError("groups without ranks", where="cluster.groups", found=groups, allowed=f"1 … {ranks}")
+    """Return groups of neighbouring ranks, which are likely to share a node; sizes differ by at most one."""
     edges = [number * ranks // groups for number in range(groups + 1)]
     return tuple(tuple(range(begin, end)) for begin, end in pairwise(edges))
 

@@ -19,7 +19,7 @@ from clusterviz.render.cpu.caster import VectorCaster
 GRID = Grid(SHAPE)
 
 
-@pytest.mark.cover
+@pytest.mark.cover("float64-adaptive")
 @pytest.mark.parametrize(
     ("dtype", "keys"),
     [

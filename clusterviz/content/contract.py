@@ -1,0 +1,118 @@
+"""Contract of a kind of content: what the stages of a frame need of it, so that none asks which kind an entry is.
+
+A scene lists entries in sections (`volumes`, `meshes`, …), which belong to kinds. `content.table` lists the kinds, one
+line each, in the order of drawing at equal depths; stages loop over the entries of a scene, and call what their kind
+has for them:
+
+    open -> complete -> draw -> describe
+
+- `open` reads what has to be known, on all ranks together, each its share, and returns an opened entry for each of the
+  kind's: at least `info`, facts that are the same on every rank.
+- `becomes` is for kinds that are drawn as entries of other kinds, as flows are: they are opened first, and what they
+  become is opened, completed and drawn like the scene's own entries. Such entries are marked by `of_flow`, belong to no
+  file, and are neither described nor written.
+- `complete` fills the keys that drawing needs from facts. It is pure and idempotent: ranks with equal facts get equal
+  entries, and completed entries stay as they are.
+- `corners` and `visible` are the boxes that the camera fits and annotations show.
+- The others describe entries to people: `summary` to readers of the terminal, `legend` to those of the picture, `panel`
+  to the viewer, `warnings` to those who see less than they expect.
+
+Functions of entries take the entry's section, and most the facts on it. All are pure but `open` and `becomes`, whose
+failures are agreed on by all ranks (`comm.agree`), as `InputError` or `DataError`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.content.facts import Facts
+from clusterviz.scene.transfer import TransferFunction
+from clusterviz.scene.transfer_2d import TransferTable
+
+if TYPE_CHECKING:
+    from clusterviz.frame.run import Run
+    from clusterviz.scene.values import Scene
+
+Corners = NDArray[np.float64]
+"""Points that span a box, float64 (n, 3), world; none of an entry that shows nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class LegendEntry:
+    """Entry as scalar bars and the legend show it.
+
+    Attributes
+    ----------
+    name : of the array, or of the file
+    colours : float64 (n, 3), straight, for the legend; (0, 3) if they are not known
+    transfer : transfer function; None without scalars, and if a shader gives the colours
+    surfaces : scalars and opacities of isosurfaces
+    has_opacity : whether opacity is a function of the scalars beside the surfaces
+    table : two-dimensional transfer function
+    shared : entries in which it is equal, and not None, are listed once
+    """
+
+    name: str
+    colours: NDArray[np.float64]
+    transfer: TransferFunction | None = None
+    surfaces: tuple[tuple[float, float], ...] = ()
+    has_opacity: bool = False
+    table: TransferTable | None = None
+    shared: object = None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Kind of content.
+
+    Attributes
+    ----------
+    name : of the attribute of a scene that has all entries of the kind
+    sections : keys of a scene that list its entries
+    facts : class of the information on an entry
+    opened : keys that all frames of a loop share; empty: all but `changing`
+    changing : keys that may differ between frames, since neither bricks nor what was read depend on them
+    open : (run, scene, sections with keys, what is given in place of each file) -> opened entries; collective
+    complete : (section, info) -> section with all keys
+    corners : (section, info) -> corners of the box around the whole entry
+    visible : (section, info) -> corners around what is visible of it
+    summary : (key, section) -> how it looks, in one line
+    legend : section -> how it is listed beside the picture
+    panel : (section, info) -> what clients of the viewer are told of it beside name and transfer function
+    warnings : (key, section, info, corners of each other entry) -> warnings about what is not visible, by subject
+    blank : (section, info) -> what to check where the whole picture is empty
+    becomes : (scene, infos) -> scene with the entries of other kinds that this one is drawn as
+    must_fit : all bricks have to fit into memory at once
+    """
+
+    name: str
+    sections: tuple[str, ...]
+    facts: type[Facts]
+    open: Callable[[Run, Scene, Sequence[tuple[str, Any]], Sequence[Any]], Sequence[Any]]
+    complete: Callable[[Any, Any], Any]
+    corners: Callable[[Any, Any], Corners]
+    visible: Callable[[Any, Any], Corners]
+    summary: Callable[[str, Any], str]
+    legend: Callable[[Any], LegendEntry]
+    panel: Callable[[Any, Any], Mapping[str, Any]]
+    warnings: Callable[[str, Any, Any, Sequence[Corners]], Mapping[str, str]]
+    blank: Callable[[Any, Any], str] = lambda *_: "check opacity, culling and clip"
+    opened: tuple[str, ...] = ()
+    changing: tuple[str, ...] = ()
+    becomes: Callable[[Scene, Sequence[Any]], Scene] | None = None
+    must_fit: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """Entry of a scene: its kind, its key such as `meshes[0]`, its section, and the facts on it, if it is opened."""
+
+    kind: Kind
+    key: str
+    section: Any
+    info: Any = None

@@ -1,0 +1,319 @@
+"""Entries of meshes, lines and points: facts that complete a scene, layers of a plan, and the primitives of bricks.
+
+Each rank opens the file of an entry, and finds of an equal share of the primitives what can be drawn, and in which
+bricks (`brick_search.py`). So all ranks know the same facts and counts. After a rank has read its bricks it forgets the
+file, which it reads again if bricks are missing later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Set
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clusterviz.comm import Channel, agree
+from clusterviz.content.brick_search import BrickSearch, brick_boxes
+from clusterviz.content.facts import range_around
+from clusterviz.content.geometry.section import (
+    GeometryInfo,
+    GeometrySection,
+    LinesSection,
+    MeshSection,
+    PointsSection,
+    is_arrows,
+    own_scalars,
+)
+from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
+from clusterviz.data.glyphs import ARROW_TRIANGLES, arrows
+from clusterviz.data.primitives import (
+    DistinctRows,
+    DrawnPrimitives,
+    drawn_primitives,
+    stored_normals,
+    transformed,
+    vertex_normals,
+)
+from clusterviz.data.source import Index
+from clusterviz.errors import InputError
+from clusterviz.plan.domain import BrickGrid, world_from_file
+from clusterviz.plan.geometry import GeometryLayer, Primitives
+from clusterviz.plan.segments import make_segments
+from clusterviz.plan.shading import make_geometry_shading
+from clusterviz.scene.background import background_rgb
+from clusterviz.scene.colormaps import colour_points
+from clusterviz.scene.transfer import TransferFunction, opacity_points
+from clusterviz.scene.values import Light
+
+Part = Mesh | Lines | Points
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.uint32]
+NOTHING: NDArray[np.float32] = np.empty((0, 3), np.float32)
+COMPONENTS = (1, 3, 4)
+
+
+@dataclass(frozen=True, eq=False)
+class Normals:
+    """Normals of some vertices.
+
+    Attributes
+    ----------
+    rows : int64 (k,), the vertices, ascending
+    along : float32 (k, 3), in the world, of any length
+    """
+
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    along: NDArray[np.float32] = field(default_factory=lambda: NOTHING)
+
+
+class KnownGeometry:
+    """Entry of meshes, lines or points; construction, `layer` and `read` are collective.
+
+    Parameters
+    ----------
+    section : as in the scene file
+    key : of the entry, such as meshes[0], for errors
+    load : reads the geometry
+    channel : to the other ranks
+
+    Attributes
+    ----------
+    info : facts on it
+
+    Raises
+    ------
+    InputError, DataError
+        The file cannot be read, or lacks an array that the section names.
+    """
+
+    def __init__(self, section: GeometrySection, key: str, load: Callable[[], Geometry], channel: Channel) -> None:
+        self._section, self._key, self._channel = section, key, channel
+        self._search = search = BrickSearch(lambda: self._drawn(load()), channel)
+        rank, ranks = channel.rank, channel.size
+        with agree(channel, 0, "open"):
+            geometry = load()
+            drawn = search.drawn = self._drawn(geometry)
+            arrays: dict[str, tuple[Literal["vertices", "primitives"], int]] = {}
+            self._colour_types: dict[str, np.dtype[Any]] = {}
+            for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items()):
+                arrays[name] = "vertices" if name in drawn.of_vertices else "primitives", _width(array)
+                self._colour_types[name] = array.dtype
+            values, scalars_name = np.empty(0), section.scalars or own_scalars(section, arrays)
+            if scalars_name is not None and _channels(section, arrays, key, scalars_name) == 1:
+                array = _array(drawn, scalars_name)
+                values = array[len(array) * rank // ranks : len(array) * (rank + 1) // ranks]
+            finite = values[np.isfinite(values)]
+            scalars = (float(finite.min()), float(finite.max())) if finite.size else None
+            mine = search.share()
+            found = len(mine), drawn.box(world_from_file(section), mine), scalars, finite.size < values.size
+        counts, boxes, ranges, invalid = zip(*channel.allgather(found), strict=True)
+        low, high = np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
+        known = [one for one in ranges if one]
+        self._kind, self._count = drawn.kind, sum(counts)
+        self._position_type = np.dtype(drawn.positions.dtype)
+        self.info = GeometryInfo(
+            np.stack([low, high]) if sum(counts) else np.empty((0, 3)),
+            sum(counts) // (ARROW_TRIANGLES if is_arrows(section) else 1),
+            drawn.left_out + len(drawn.corners) - sum(counts),
+            len(drawn.radii) > 0,
+            (min(one[0] for one in known), max(one[1] for one in known)) if known else None,
+            any(invalid),
+            arrays,
+            geometry.axes,
+            () if sum(counts) else tuple(n for n in ("mesh", "lines", "points") if getattr(geometry, n)),
+        )
+
+    def layer(self, section: GeometrySection, lights: tuple[Light, ...], grid: BrickGrid) -> GeometryLayer:
+        """Return the layer of a plan.
+
+        Parameters
+        ----------
+        section : completed
+        lights : of the scene
+        grid : of the plan
+        """
+        channels = _channels(section, self.info.arrays, self._key)
+        r, g, b = background_rgb(section.color) or (1.0, 1.0, 1.0)
+        opacity = section.opacity if isinstance(section.opacity, float) and channels != 1 else 1.0
+        transfer = geometry_transfer(section) if channels == 1 else None
+        edges = _edges(section, grid.domain.spacing)
+        hides = bool((transfer.opacities >= 1).all()) if transfer else opacity >= 1 and channels != 4
+        is_direction = isinstance(section, LinesSection) and section.color_by == "direction"
+        scalars = "" if is_direction or section.scalars is None else section.scalars
+        of = "" if not channels else "primitives" if is_direction else self.info.arrays[scalars][0]
+        return GeometryLayer(
+            self._kind,
+            self._count,
+            grid.index_from_file(section),
+            of,
+            channels,
+            (*((1.0, 1.0, 1.0) if transfer else (r, g, b)), opacity),
+            make_segments(transfer, 1.0) if transfer else None,
+            make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
+            _culled_side(section),
+            hides and not (transfer and self.info.has_invalid) and (edges is None or edges[3] >= 1),
+            section,
+            self._position_type,
+            section.shade and (getattr(section, "shading", "") == "smooth" or is_arrows(section)),
+            self._colour_types.get(scalars, np.dtype(np.float32)),
+            transfer.domain if transfer else (0.0, 1.0),
+            edges,
+            self._search.counted(section, grid),
+        )
+
+    def read(self, layer: GeometryLayer, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, Primitives]:
+        """Return the primitives of bricks by index, and forget the others; bricks without primitives are left out.
+
+        Parameters
+        ----------
+        layer, grid : of the plan
+        wanted : indices of bricks
+        """
+        section, found, normals = layer.section, dict[Index, Primitives](), Normals()
+        with agree(self._channel, 0, "load"):
+            some = sorted(index for index in wanted if layer.in_bricks[0][index])
+        if section is None or not self._channel.maximum(len(some)):
+            self._search.forget()
+            return found
+        flat = [int(np.ravel_multi_index(index, grid.layout.counts_zyx)) for index in some]
+        members = self._search.gathered(section, grid, flat)
+        if layer.has_normals:
+            normals = self._normals(section, grid, members)
+        with agree(self._channel, 0, "load"):
+            rows = DistinctRows(len(self._search.opened().positions) if some else 0)
+            for index, brick in zip(some, flat, strict=True):
+                found[index] = _cropped(members[brick], layer, self._search.opened(), normals, rows)
+            self._search.forget()
+        return found
+
+    def _drawn(self, geometry: Geometry) -> DrawnPrimitives:
+        section, part, radius = self._section, part_of(self._section, geometry), None
+        if isinstance(section, PointsSection) and isinstance(part, Points):
+            has_radius = section.radius in part.attributes or "radius" in section.model_fields_set
+            radius = section.radius if has_radius else None
+            if section.style == "arrows":
+                return arrows(part, section.direction or "", section.length, section.scale, radius, self._key)
+        return drawn_primitives(part, radius if isinstance(radius, str) else None, self._key)
+
+    def _normals(self, section: GeometrySection, grid: BrickGrid, members: Mapping[int, Numbers]) -> Normals:
+        """Return the normals of all vertices in some bricks; collective.
+
+        The triangles around a vertex are in the brick that the vertex is in, which may be one of another rank.
+        """
+        boxes = brick_boxes(section, grid, self._channel.size)
+        rows = others = np.empty(0, np.int64)
+        with agree(self._channel, 0, "load"):
+            if members:
+                drawn = self._search.opened()
+                is_wanted = np.zeros(len(drawn.positions), bool)
+                for numbers in members.values():
+                    is_wanted[drawn.corners[numbers]] = True
+                rows = np.flatnonzero(is_wanted)
+                has_all = len(members) == np.count_nonzero(self._search.counted(section, grid)[0])
+                if stored_normals(drawn) is None and not has_all:
+                    others = np.unique(boxes.flat(boxes.clipped(transformed(drawn.positions[rows], boxes.matrix))))
+        around = self._search.gathered(section, grid, [brick for brick in others.tolist() if brick not in members])
+        with agree(self._channel, 0, "load"):
+            if not members:
+                return Normals()
+            is_near = np.zeros(len(drawn.corners), bool)
+            for numbers in (*members.values(), *around.values()):
+                is_near[numbers] = True
+            found = vertex_normals(drawn, world_from_file(section), rows, np.flatnonzero(is_near))
+        return Normals(rows, found)
+
+
+def part_of(section: GeometrySection, geometry: Geometry) -> Part:
+    """Return the part of a file's geometry that a section shows; an empty one if the file has none.
+
+    Of a file without points of its own these are the vertices of its mesh, or the points of its lines.
+    """
+    mesh, lines, points = geometry.mesh, geometry.lines, geometry.points
+    if isinstance(section, MeshSection):
+        return mesh or Mesh("", NOTHING, np.empty((0, 3), np.uint32))
+    if isinstance(section, LinesSection):
+        return lines or Lines("", NOTHING, np.zeros(1, np.int64))
+    if points is None and mesh:
+        return Points(mesh.name, mesh.vertices, mesh.vertex_attributes)
+    if points is None and lines:
+        return Points(lines.name, lines.points, lines.point_attributes)
+    return points or Points("", NOTHING)
+
+
+def _culled_side(section: GeometrySection) -> Literal["none", "front", "back"]:
+    """Return `GeometryLayer.culling`; a reflection turns the order of the corners that the file's front has."""
+    side = section.culling if isinstance(section, MeshSection) else "none"
+    mirrors = bool(np.linalg.det(world_from_file(section)[:3, :3]) < 0)
+    other: dict[str, Literal["none", "front", "back"]] = {"front": "back", "back": "front"}
+    return other.get(side, side) if mirrors else side
+
+
+def _edges(section: GeometrySection, spacing: float) -> tuple[float, float, float, float, float] | None:
+    """Return `GeometryLayer.edges` of a completed section."""
+    edges = section.edges if isinstance(section, MeshSection) else None
+    if edges is None:
+        return None
+    return *(background_rgb(edges.color) or (0.0, 0.0, 0.0)), edges.opacity, 0.5 * (edges.width or 0.0) / spacing
+
+
+def geometry_transfer(section: GeometrySection) -> TransferFunction:
+    """Return the transfer function of a completed section's scalars."""
+    clim = section.clim or (0.0, 1.0)
+    domain = clim if clim[0] < clim[1] else range_around(clim[0])
+    return TransferFunction(
+        *colour_points(section.cmap, clim), *opacity_points(section.opacity, clim), unit_distance=1.0, domain=domain
+    )
+
+
+def _width(array: NDArray[Any]) -> int:
+    return 1 if array.ndim == 1 else array.shape[1]
+
+
+def _array(drawn: DrawnPrimitives, name: str) -> NDArray[Any]:
+    return np.asarray(drawn.of_vertices.get(name, drawn.of_cells.get(name)))
+
+
+def _channels(section: GeometrySection, arrays: Any, key: str, name: str | None = None) -> Literal[0, 1, 3, 4]:
+    """Return the components of the colours that primitives have, or of those that an array would give.
+
+    Raises
+    ------
+    InputError
+        There is no such array, or it has neither scalars nor colours.
+    """
+    if isinstance(section, LinesSection) and section.color_by == "direction":
+        return 3
+    name, where = name or section.scalars, f"{key}.scalars"
+    if name is None or (isinstance(section, LinesSection) and section.color_by == "color"):
+        return 0
+    if name not in arrays:
+        raise InputError("no such array", where=where, found=name, allowed=", ".join(arrays) or "none: there are none")
+    width: Any = arrays[name][1]
+    if width not in COMPONENTS:
+        raise InputError("neither scalars nor colours", where=where, found=f"{width} components", allowed="1, 3 or 4")
+    return width  # type: ignore[no-any-return]
+
+
+def _cropped(
+    numbers: Numbers, layer: GeometryLayer, drawn: DrawnPrimitives, normals: Normals, rows_of: DistinctRows
+) -> Primitives:
+    """Return some primitives with what belongs to them."""
+    rows, corners = rows_of.renumber(drawn.corners[numbers])
+    positions, section = drawn.positions[rows], layer.section
+    radii = np.empty(0, np.float32)
+    if layer.kind != "triangle":
+        radius = getattr(section, "radius", 0.0)
+        radii = drawn.radii[rows] if len(drawn.radii) else np.full(len(rows), radius, np.float32)
+    colours = np.empty((0, layer.channels), np.float32)
+    if isinstance(section, LinesSection) and section.color_by == "direction":
+        linear = world_from_file(section)[:3, :3]
+        begin, end = (positions[corner].astype(np.float64) for corner in corners[:, 1:3].T)
+        way = (end - begin) @ linear.T
+        colours = np.abs(way / np.linalg.norm(way, axis=1, keepdims=True)).astype(np.float32)
+    elif layer.colour_of and section is not None and section.scalars is not None:
+        chosen = rows if layer.colour_of == "vertices" else numbers if drawn.cells is None else drawn.cells[numbers]
+        colours = _array(drawn, section.scalars)[chosen].reshape(-1, layer.channels)
+    along = normals.along[np.searchsorted(normals.rows, rows)] if layer.has_normals else NOTHING
+    return Primitives(numbers, positions, corners, along, radii, colours)

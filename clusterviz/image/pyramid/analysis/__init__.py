@@ -1,1 +1,0 @@
-"""Filters that halve the size, one file each."""

@@ -1,1 +1,0 @@
-"""Filters that keep the size, one file each."""

@@ -1,1 +1,0 @@
-"""Filters that double the size, one file each."""

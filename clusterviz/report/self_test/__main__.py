@@ -1,5 +1,0 @@
-"""Make the stored pictures of the self-test again."""
-
-from clusterviz.report.self_test import store_pictures
-
-store_pictures()
