@@ -26,7 +26,7 @@ import pytest
 
 SLOW = Path(__file__).with_name("slow.txt")
 """Tests of which a row takes longer than `SLOW_SECONDS` in the mean, one a line."""
-SLOW_SECONDS = 0.25
+SLOW_SECONDS = 0.15
 
 
 def values_of(name: str, value: Any) -> Iterator[Hashable]:

@@ -11,9 +11,10 @@ from frame.views import ALL, CORE, HIDDEN, check_same, draw_all, on_ranks, pixel
 
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.mpi import MpiChannel
+from clusterviz.content.volume import opening
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import ClustervizError, DataError, InputError, RankError
-from clusterviz.frame import STEPS, Options, Rendered, compositing, opening, render_frame
+from clusterviz.frame import STEPS, Options, Rendered, compositing, render_frame
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
 from clusterviz.scene.blend_modes import BLEND_MODES, Blending

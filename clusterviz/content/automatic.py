@@ -18,8 +18,9 @@ from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.content.volume.presets import LIGHT, MAX_LABELS, PRESETS, PresetName, has_hounsfield_units
 from clusterviz.errors import SceneError
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.camera import View
 from clusterviz.scene.validation_messages import scene_error
-from clusterviz.scene.values import Scene, View, Volume
+from clusterviz.scene.values import Scene, Volume
 
 BACKGROUND = (0.09, 0.1, 0.12)
 BLACK = (0.0, 0.0, 0.0)

@@ -86,6 +86,7 @@ class Kind:
     panel : (section, info) -> what clients of the viewer are told of it beside name and transfer function
     warnings : (key, section, info, corners of each other entry) -> warnings about what is not visible, by subject
     blank : (section, info) -> what to check where the whole picture is empty
+    check : scene -> None; refuses what can be said of the kind's entries, but no renderer draws
     becomes : (scene, infos) -> scene with the entries of other kinds that this one is drawn as
     must_fit : all bricks have to fit into memory at once
     """
@@ -104,6 +105,7 @@ class Kind:
     blank: Callable[[Any, Any], str] = lambda *_: "check opacity, culling and clip"
     opened: tuple[str, ...] = ()
     changing: tuple[str, ...] = ()
+    check: Callable[[Scene], None] = lambda _: None
     becomes: Callable[[Scene, Sequence[Any]], Scene] | None = None
     must_fit: bool = False
 

@@ -45,6 +45,18 @@ def own_entries(scene: Scene, infos: Sequence[Facts] | None = None) -> list[Entr
     return [entry for entry in entries_of(scene, infos) if not entry.section.of_flow]
 
 
+def check_drawable(scene: Scene) -> None:
+    """Refuse what can be said in a scene, but no renderer draws.
+
+    Raises
+    ------
+    SceneError
+        The error names the key.
+    """
+    for kind in KINDS:
+        kind.check(scene)
+
+
 def infos_of(kind: Kind, infos: Iterable[Facts]) -> list[Any]:
     """Return the facts on entries of one kind, of its class."""
     return [info for info in infos if isinstance(info, kind.facts)]

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel
+from clusterviz.content.complete import complete_scene
 from clusterviz.content.diff import is_same_volume
-from clusterviz.content.grid.section import KBuffer
+from clusterviz.content.table import check_drawable
 from clusterviz.content.volume.opening import Bricks
 from clusterviz.data import ALL_STEPS, ONE_STEP
 from clusterviz.errors import ClustervizError, SceneError
@@ -29,7 +30,7 @@ from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.compositing import Compositing, open_async_compositing
 from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.driver import with_right_device
-from clusterviz.frame.opening import Given, Opened, complete, open_content, open_time_steps
+from clusterviz.frame.opening import Given, Opened, open_content, open_time_steps
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Image, Options, Progress, Run
 from clusterviz.frame.surface_lic import open_painter
@@ -79,28 +80,16 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
     if scene.quality.max_error is not None:
         bound, allowed = scene.quality.max_error, "null; give the settings that `render` chose"
         raise SceneError("no settings are chosen here", where="quality.max_error", found=bound, allowed=allowed)
-    if any(volume.refracts for volume in scene.volumes):
+    if scene.refracts:
         text, where = "only straight rays are measured here", "volumes[0].optics.refraction"
         raise SceneError(text, where=where, found=True, allowed="false")
-    _refuse_undrawn(scene)
+    check_drawable(scene)
     scene, opened, bricks = open_content(run, scene, source)
     reader = BrickReader(opened, bricks)
     drawing = Drawing(reader)
     work = FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene)
     drawing.release()
     return work, reader.load(run, work.plan, work.holds) if work.plan else {}
-
-
-def _refuse_undrawn(scene: Scene) -> None:
-    """Refuse settings of unstructured grids that no renderer draws."""
-    for number, grid in enumerate(scene.grids):
-        beside = [f"volumes[{n}]" for n in range(len(scene.volumes))] + list(scene.geometry_keys)
-        beside += [f"grids[{n}]" for n in range(len(scene.grids)) if n != number]
-        beside += ["image.layers"] if scene.image.layers else []
-        beside += [f"grids[{number}].shade"] if grid.shade else []
-        if isinstance(grid.visibility, KBuffer) and beside:
-            text, where = "a k-buffer draws one unstructured grid, and nothing else", f"grids[{number}].visibility"
-            raise SceneError(text, where=where, found=f"{{k: {grid.visibility.k}}} and {beside[0]}", allowed="exact")
 
 
 class FrameLoop:
@@ -127,7 +116,7 @@ class FrameLoop:
     ) -> None:
         run = self._run = Run(channel, options or Options())
         with run.local("open"):
-            _refuse_undrawn(scene)
+            check_drawable(scene)
             if run.options.annotate and not scene.annotations.is_empty:
                 from clusterviz.annotations import check_library
 
@@ -146,20 +135,23 @@ class FrameLoop:
         self._drawing = Drawing(self._reader)
         self._planner = FramePlanner(run, self._drawing, opened, self.scene, several)
 
-    def frame(self, scene: Scene | None = None, number: int = 0, *, alone: bool = False) -> Rendered:
+    def frame(
+        self, scene: Scene | None = None, number: int = 0, *, alone: bool = False, is_complete: bool = False
+    ) -> Rendered:
         """Draw one frame; the costs of the first include opening the volume. Raises as `render_frame`.
 
         After an error that all ranks have raised another frame may be drawn.
 
         Parameters
         ----------
-        scene : may differ from the loop's scene in camera, time steps, transfer function and quality; None: the loop's
-            scene
+        scene : may differ from the loop's scene in camera, time steps, transfer function and quality; None: that one
         number : of the frame, for errors and statistics
         alone : forget what earlier frames have taught, so that the picture has the same bits as that of `render_frame`
+        is_complete : the scene has been completed by the facts on this loop's content
         """
-        run, scene = self._run.numbered(number), scene or self.scene
+        run = self._run.numbered(number)
         self._run = run.restarted()
+        scene = self.scene if scene is None else scene if is_complete else self._completed(run, scene)
         if alone:
             self._planner.forget(run, scene)
             self._drawing.forget()
@@ -194,7 +186,7 @@ class FrameLoop:
             for number, scene in scenes:
                 run = self._run.numbered(number)
                 with run.clock.stage("total", f"frame {number}"):
-                    drawn = self._draw(run, scene)
+                    drawn = self._draw(run, self._completed(run, scene))
                     costs = run.channel.allgather(replace(drawn.counts, seconds=run.clock.seconds))
                     self._planner.auto_mode.learn(run, drawn.work, costs)
                     with run.clock.stage("wait"):
@@ -216,7 +208,13 @@ class FrameLoop:
         """Return whether a frame may show a completed scene; if not, its content has to be opened anew."""
         return is_same_volume(self.scene, scene) and (self._opened is None or self._opened.suits(scene))
 
+    def _completed(self, run: Run, scene: Scene) -> Scene:
+        """Complete a scene by what is known of the content, which is the same at all time steps."""
+        with run.local("plan", "plan"):
+            return scene if scene is self.scene else complete_scene(scene, self._infos)
+
     def _draw(self, run: Run, scene: Scene) -> DrawnFrame:
+        """Open what a completed scene shows anew, plan its frame, and draw this rank's part."""
         self._open_time_steps(run, scene)
         work, hooks = self._planner.plan(run, scene), self._planner.auto_mode.hooks
         if run.options.check:
@@ -245,7 +243,6 @@ class FrameLoop:
         counts : costs of all
         """
         count = scene.quality.lens.eye_points or 1
-        scene = complete(self._opened, scene)
         total: NDArray[np.float64] | None = None
         counts = list[RankFrame]()
         for one in eye_points(scene, count):

@@ -154,11 +154,6 @@ class OpenedContent:
 Opened = OpenedVolume | OpenedContent
 
 
-def complete(opened: Opened | None, scene: Scene) -> Scene:
-    """Complete a scene by what is known of its content; None: the scene has none."""
-    return complete_scene(scene, opened.infos if opened else ())
-
-
 def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened | None, Bricks]:
     """Open the entries of a scene, each rank its share of them, and complete the scene; collective.
 
@@ -177,7 +172,7 @@ def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     asked, scene = scene, without_flows(scene)
     if not scene.has_content:
         with run.local("plan", "plan"):
-            return complete(None, scene), None, {}
+            return complete_scene(scene, ()), None, {}
     with run.local("open", "load"):
         given = _given_by_key(scene, source)
     scene, found = _opened(run, scene, given)
@@ -186,7 +181,7 @@ def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         volumes = tuple(replace(volume, read_bricks={}) for volume in found["volumes"])
         several = OpenedContent(**{**found, "volumes": volumes}, ranks=run.channel.size)
         opened = several if is_mixed(scene) else volumes[0]
-        scene = complete(opened, scene)
+        scene = complete_scene(scene, opened.infos)
         if labelled := with_chosen_labels(asked, scene):
             return open_content(run, labelled, source)
         if not isinstance(opened, OpenedVolume):

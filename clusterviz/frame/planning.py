@@ -17,7 +17,7 @@ from clusterviz.content.diff import check_same_volume
 from clusterviz.distribution.contract import Distribution
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import Opened, complete
+from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import RankWork
 from clusterviz.gl.devices import prefers_cpu
@@ -48,7 +48,7 @@ class FramePlanner:
     """
 
     def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
-        self.opened, self._drawing, self._scene = opened, drawing, scene
+        self.opened, self._drawing = opened, drawing
         self._error_bound: ErrorBoundController | None = None
         self._last: RankWork | None = None
         self.auto_mode = AutoMode(run, drawing, opened, scene, several)
@@ -58,7 +58,7 @@ class FramePlanner:
 
         Parameters
         ----------
-        scene : may differ from the scenes of earlier frames in camera, transfer function and quality
+        scene : completed; may differ from those of earlier frames in camera, transfer function and quality
 
         Raises
         ------
@@ -66,7 +66,6 @@ class FramePlanner:
             The same on every rank.
         """
         with run.local("plan", "plan"):
-            scene = scene if scene is self._scene else complete(self.opened, scene)
             if self._last is not None:
                 check_same_volume(self._last.scene, scene)
             plan = self._plan(scene) if scene.quality.max_error is None else None

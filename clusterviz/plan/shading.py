@@ -26,7 +26,7 @@ from clusterviz.content.grid.section import GridSection
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.plan.encoding import in_units_of_clim
-from clusterviz.scene.checks import difference
+from clusterviz.scene.camera import difference
 from clusterviz.scene.transfer_2d import load_table
 from clusterviz.scene.values import Light, Volume
 

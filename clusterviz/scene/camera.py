@@ -1,4 +1,4 @@
-"""Camera completion: named views, rotations and fitting become position, focal_point and view_up.
+"""Camera: its keys, and its completion: named views, rotations and fitting become position, focal_point and view_up.
 
 Without a position the eye lies in the direction of `view`, by default (1, 1, 1) as in PyVista, at the smallest distance
 from which all visible corners are in the picture. `azimuth`, `elevation` and `roll` rotate as in VTK.
@@ -7,16 +7,32 @@ from which all visible corners are in the picture. `azimuth`, `elevation` and `r
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, model_validator
 
 from clusterviz.errors import SceneError
-from clusterviz.scene.checks import PARALLEL, InvalidValueError, check_camera, difference, sine
-from clusterviz.scene.values import Camera
+from clusterviz.scene.checks import InvalidValueError, to_builtin
+from clusterviz.scene.field_types import FINITE, NotNegative, Number, Positive, Section, Vector
 
-Vector = tuple[float, float, float]
+View = Literal[
+    "iso",
+    "front",
+    "back",
+    "left",
+    "right",
+    "top",
+    "bottom",
+    "anterior",
+    "posterior",
+    "superior",
+    "inferior",
+]
+PARALLEL = 1e-6
+"""Sine of the angle below which `view_up` counts as parallel to the direction of view."""
 Floats = NDArray[np.float64]
 DIRECTIONS: tuple[Vector, ...] = ((1.0, 1.0, 1.0), (1.0, 0.0, 0.0))
 """Default directions from the focal point to the eye; the first that is not parallel to view_up is used."""
@@ -44,6 +60,126 @@ EYE_SIDES = {
     "right": "R",
 }
 """Anatomical side of the eye, by the name of the view."""
+
+
+class Camera(Section):
+    """Camera as in VTK, or a named view; unset keys are chosen so that everything visible is in the picture."""
+
+    position: Vector | None = Field(
+        default=None,
+        description="Position of the eye, world units; default: the nearest in the direction of view that fits.",
+    )
+    focal_point: Vector | None = Field(
+        default=None, description="Point in the centre of the picture, world units; default: the centre of the scene."
+    )
+    view_up: Vector | None = Field(
+        default=None, description="The direction that is up in the picture; need not be a unit."
+    )
+    view_angle: Annotated[float, FINITE, Field(gt=0, lt=180), BeforeValidator(to_builtin)] = Field(
+        default=30.0, description="Vertical angle of view, degrees."
+    )
+    parallel_scale: Positive | None = Field(
+        default=None, description="Half the picture's height in world units: parallel projection; null: perspective."
+    )
+    window_center: Annotated[tuple[Number, Number], BeforeValidator(to_builtin)] = Field(
+        default=(0.0, 0.0),
+        examples=[[0.1, 0]],
+        description="Centre of the picture to the right of and above the direction of view, in halves of its width and "
+        "height, as VTK's WindowCenter: an off-axis frustum.",
+    )
+    aperture: NotNegative = Field(
+        default=0.0,
+        examples=[0.5],
+        description="Radius of a thin lens, world units: what is not at focal_distance is blurred; 0: a pinhole, all "
+        "is sharp. Perspective only.",
+    )
+    focal_distance: Positive | None = Field(
+        default=None,
+        description="Distance from the eye, along the direction of view, of the plane that is in focus, world units; "
+        "default: that of the focal point.",
+    )
+    view: View | None = Field(
+        default=None,
+        description="Side of the eye, instead of position: the side of the body if the file has an orientation (front "
+        "is anterior, top superior), else front -y, back +y, left -x, right +x, top +z, bottom -z; iso: right, front "
+        "and top of a body, else (1, 1, 1).",
+    )
+    azimuth: Number = Field(
+        default=0.0, description="Rotation of the eye about view_up to its right, degrees; as in VTK."
+    )
+    elevation: Number = Field(default=0.0, description="Rotation of the eye upwards, degrees; as in VTK.")
+    roll: Number = Field(
+        default=0.0,
+        description="Clockwise rotation of the camera about the direction of view, degrees; as in VTK.",
+    )
+    zoom: Positive = Field(default=1.0, description="Magnification by a narrower view angle.")
+    fit: Annotated[bool, Field(strict=True)] | Literal["orbit"] | None = Field(
+        default=None,
+        description="true: the eye moves along its direction of view so that everything visible just fits, as without "
+        "a position; orbit: so that it fits during an orbit.",
+    )
+
+    @model_validator(mode="after")
+    def _not_degenerate(self) -> Camera:
+        check_camera(self.position, self.focal_point, self.view_up)
+        check_view(self.view, self.position)
+        check_aperture(self.aperture, self.parallel_scale)
+        return self
+
+
+def check_camera(position: Vector | None, focal_point: Vector | None, view_up: Vector | None) -> None:
+    """Refuse degenerate cameras; values that are None are not checked."""
+    if view_up is not None and not any(view_up):
+        raise InvalidValueError(
+            "the zero vector has no direction", "a direction, such as [0, 0, 1]", key="view_up", found=list(view_up)
+        )
+    if position is None or focal_point is None:
+        return
+    if position == focal_point:
+        raise InvalidValueError(
+            "the same as position", "a point other than position", key="focal_point", found=list(position)
+        )
+    if view_up is not None and sine(difference(focal_point, position), view_up) < PARALLEL:
+        raise InvalidValueError(
+            "parallel to the direction of view", "any other direction", key="view_up", found=list(view_up)
+        )
+
+
+def check_aperture(aperture: float, parallel_scale: float | None) -> None:
+    """Refuse a lens with parallel projection, whose rays meet in no eye."""
+    if aperture and parallel_scale is not None:
+        text = "not with parallel_scale: a thin lens has perspective"
+        raise InvalidValueError(text, "0, or parallel_scale: null", key="aperture", found=aperture)
+
+
+def check_view(view: str | None, position: Vector | None) -> None:
+    """Refuse a named view together with a position."""
+    if view is not None and position is not None:
+        raise InvalidValueError("position says where the eye is", "one of the two keys", key="view", found=view)
+
+
+def difference(a: Vector, b: Vector) -> Vector:
+    """Return the direction of a − b with a largest component of 1, without under- or overflow.
+
+    Halves are subtracted, since the whole difference may overflow.
+    """
+    d = [p / 2 - q / 2 for p, q in zip(a, b, strict=True)]
+    if not any(d):
+        d = [p - q for p, q in zip(a, b, strict=True)]
+    return _scaled(d)
+
+
+def sine(a: Vector, b: Vector) -> float:
+    """Return the sine of the angle between two non-zero vectors of any magnitude."""
+    (ax, ay, az), (bx, by, bz) = _scaled(a), _scaled(b)
+    cross = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    return cross / (math.hypot(ax, ay, az) * math.hypot(bx, by, bz))
+
+
+def _scaled(vector: Sequence[float]) -> Vector:
+    largest = max(abs(v) for v in vector)
+    x, y, z = (v / largest for v in vector)
+    return x, y, z
 
 
 def fitted_camera(

@@ -5,7 +5,6 @@ Each raises an `InvalidValueError` with what was found and what is allowed.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
@@ -17,9 +16,6 @@ Bounds = tuple[float, float, float, float, float, float]
 
 ORTHONORMAL = 1e-3
 """Tolerance of the dot products of a direction's axes; numbers with four digits pass."""
-
-PARALLEL = 1e-6
-"""Sine of the angle below which `view_up` counts as parallel to the direction of view."""
 
 
 class InvalidValueError(ValueError):
@@ -221,61 +217,6 @@ def check_box(value: Bounds) -> Bounds:
         if value[2 * axis] > value[2 * axis + 1]:
             raise InvalidValueError(f"{name}min lies above {name}max", "[xmin, xmax, ymin, ymax, zmin, zmax]")
     return value
-
-
-def check_camera(position: Vector | None, focal_point: Vector | None, view_up: Vector | None) -> None:
-    """Refuse degenerate cameras; values that are None are not checked."""
-    if view_up is not None and not any(view_up):
-        raise InvalidValueError(
-            "the zero vector has no direction", "a direction, such as [0, 0, 1]", key="view_up", found=list(view_up)
-        )
-    if position is None or focal_point is None:
-        return
-    if position == focal_point:
-        raise InvalidValueError(
-            "the same as position", "a point other than position", key="focal_point", found=list(position)
-        )
-    if view_up is not None and sine(difference(focal_point, position), view_up) < PARALLEL:
-        raise InvalidValueError(
-            "parallel to the direction of view", "any other direction", key="view_up", found=list(view_up)
-        )
-
-
-def check_aperture(aperture: float, parallel_scale: float | None) -> None:
-    """Refuse a lens with parallel projection, whose rays meet in no eye."""
-    if aperture and parallel_scale is not None:
-        text = "not with parallel_scale: a thin lens has perspective"
-        raise InvalidValueError(text, "0, or parallel_scale: null", key="aperture", found=aperture)
-
-
-def check_view(view: str | None, position: Vector | None) -> None:
-    """Refuse a named view together with a position."""
-    if view is not None and position is not None:
-        raise InvalidValueError("position says where the eye is", "one of the two keys", key="view", found=view)
-
-
-def difference(a: Vector, b: Vector) -> Vector:
-    """Return the direction of a − b with a largest component of 1, without under- or overflow.
-
-    Halves are subtracted, since the whole difference may overflow.
-    """
-    d = [p / 2 - q / 2 for p, q in zip(a, b, strict=True)]
-    if not any(d):
-        d = [p - q for p, q in zip(a, b, strict=True)]
-    return _scaled(d)
-
-
-def sine(a: Vector, b: Vector) -> float:
-    """Return the sine of the angle between two non-zero vectors of any magnitude."""
-    (ax, ay, az), (bx, by, bz) = _scaled(a), _scaled(b)
-    cross = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
-    return cross / (math.hypot(ax, ay, az) * math.hypot(bx, by, bz))
-
-
-def _scaled(vector: Sequence[float]) -> Vector:
-    largest = max(abs(v) for v in vector)
-    x, y, z = (v / largest for v in vector)
-    return x, y, z
 
 
 def _is_sequence(value: Any) -> bool:

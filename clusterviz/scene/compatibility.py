@@ -5,7 +5,7 @@ Each check raises an `InvalidValueError` that names the key, the value found and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from itertools import compress
 from typing import Any
 
@@ -40,12 +40,7 @@ NOT_WITH_OPTICS = ("preset", "cmap", "clim", "opacity", "opacity_unit_distance")
 
 
 def check_optics(volume: Any, blending: Blending) -> None:
-    """Require optics for spectral modes only, and refuse a transfer function beside them.
-
-    Parameters
-    ----------
-    volume : section of a scene
-    """
+    """Require optics for spectral modes only, and refuse a transfer function beside them."""
     spectral = BLEND_MODES[blending].spectral
     if spectral and volume.optics is None:
         raise InvalidValueError("missing", f"materials or coefficients, for blending: {blending}", key="optics")
@@ -57,15 +52,10 @@ def check_optics(volume: Any, blending: Blending) -> None:
             raise InvalidValueError("not with optics", "null, or no optics", key=key, found=found)
 
 
-def check_spectral(volumes: Sequence[Any], quality: Any, background: Any) -> None:
-    """Refuse a transparent background of spectral volumes, which light passes back and forth, and an error bound.
-
-    Parameters
-    ----------
-    volumes, quality : sections of a scene
-    background : as in `image`
-    """
-    if any(BLEND_MODES[volume.blending].spectral for volume in volumes):
+def _check_spectral(scene: Any) -> None:
+    """Refuse a transparent background of spectral volumes, which light passes back and forth, and an error bound."""
+    quality, background = scene.quality, scene.image.background
+    if any(BLEND_MODES[volume.blending].spectral for volume in scene.volumes):
         if background_rgb(background) is None:
             text, allowed = "not with optics, which let through and reflect the background's light", "an opaque colour"
             raise InvalidValueError(text, allowed, key="image.background", found=background)
@@ -74,15 +64,11 @@ def check_spectral(volumes: Sequence[Any], quality: Any, background: Any) -> Non
             raise InvalidValueError(text, "null", key="quality.max_error", found=quality.max_error)
 
 
-def check_refraction(volumes: Sequence[Any], clip: Any, quality: Any, cluster: Any) -> None:
-    """Refuse with refraction what supposes straight rays, fields without a gradient, and data divided among ranks.
-
-    Parameters
-    ----------
-    volumes, clip, quality, cluster : sections of a scene
-    """
-    if not any(volume.refracts for volume in volumes):
+def _check_refraction(scene: Any) -> None:
+    """Refuse with refraction what supposes straight rays, fields without a gradient, and data divided among ranks."""
+    if not scene.refracts:
         return
+    volumes, clip, quality, cluster = scene.volumes, scene.clip, scene.quality, scene.cluster
     clipping = "planes or a box" if clip.planes or clip.box is not None else None
     whole, tiles = "rays bend, so that any rank may need any brick", "each rank draws its own part of the picture"
     rules: tuple[tuple[str, object, tuple[object, ...], str], ...] = (
@@ -136,20 +122,10 @@ def check_ambient_occlusion(blending: Blending, shade: bool, has_own_opacity: bo
         raise InvalidValueError(f"not with {problem}", allowed, key="ambient_occlusion")
 
 
-def check_several_volumes(
-    volumes: Sequence[Any],
-    geometry: Sequence[Any],
-    grids: Sequence[Any],
-    flows: Sequence[Any],
-    quality: Any,
-    cluster: Any,
-) -> None:
-    """Refuse projections and settings that support a single volume only, and nothing else.
-
-    Parameters
-    ----------
-    volumes, geometry, grids, flows, quality, cluster : sections of a scene; geometry: meshes, lines and points
-    """
+def _check_several_volumes(scene: Any) -> None:
+    """Refuse projections and settings that support a single volume only, and nothing else."""
+    volumes, geometry, grids, flows = scene.volumes, scene.geometry, scene.grids, scene.flows
+    quality, cluster = scene.quality, scene.cluster
     has_levels = any(volume.detail != "full" for volume in volumes)
     if len(volumes) < 2 and not geometry and not grids and not flows and not has_levels:
         return
@@ -182,39 +158,25 @@ VOLUMES_OF_LIC = 4
 """Volumes that line integral convolution becomes: its values, and the three components of the vectors."""
 
 
-def check_flows(volumes: Sequence[Any], flows: Sequence[Any]) -> None:
-    """Refuse more volumes, with those of flows, than a slab may be in.
-
-    Parameters
-    ----------
-    volumes, flows : sections of a scene
-    """
-    found = sum(flow.show == "lic" for flow in flows)
+def _check_flows(scene: Any) -> None:
+    """Refuse more volumes, with those of flows, than a slab may be in."""
+    volumes, found = scene.volumes, sum(flow.show == "lic" for flow in scene.flows)
     most = (MOST_VOLUMES - len(volumes)) // VOLUMES_OF_LIC
     if found > most:
         beside = f" beside {len(volumes)} volumes" * bool(volumes)
         raise InvalidValueError("too many with show: lic", f"at most {most}{beside}", key="flows", found=found)
 
 
-def check_renderer(quality: Any) -> None:
-    """Refuse jitter of slices, whose planes are those of all pixels.
-
-    Parameters
-    ----------
-    quality : section of a scene
-    """
-    if quality.renderer == "slices" and quality.jitter:
+def _check_renderer(scene: Any) -> None:
+    """Refuse jitter of slices, whose planes are those of all pixels."""
+    if scene.quality.renderer == "slices" and scene.quality.jitter:
         allowed = "raycast, or jitter: false"
         raise InvalidValueError("not with quality.jitter", allowed, key="quality.renderer", found="slices")
 
 
-def check_frame_coherence(volumes: Sequence[Any], quality: Any, cluster: Any) -> None:
-    """Refuse frame coherence with projections, which have no first hit, and where bricks are not drawn whole.
-
-    Parameters
-    ----------
-    volumes, quality, cluster : sections of a scene
-    """
+def _check_frame_coherence(scene: Any) -> None:
+    """Refuse frame coherence with projections, which have no first hit, and where bricks are not drawn whole."""
+    volumes, quality, cluster = scene.volumes, scene.quality, scene.cluster
     if not quality.frame_coherence:
         return
     groups = cluster.groups is not None and cluster.groups > 1
@@ -230,43 +192,42 @@ def check_frame_coherence(volumes: Sequence[Any], quality: Any, cluster: Any) ->
             raise InvalidValueError(f"not with {name}", "false", key="quality.frame_coherence", found=True)
 
 
-def check_pixel_format(volumes: Sequence[Any], pixel: str) -> None:
+def _check_pixel_format(scene: Any) -> None:
     """Refuse rounded pixels with projections, whose partial images hold scalars and sums instead of colours."""
-    for number, volume in enumerate(volumes):
+    pixel = scene.quality.pixel
+    for number, volume in enumerate(scene.volumes):
         if pixel != "float32" and not BLEND_MODES[volume.blending].composited:
             found = f"blending: {volume.blending} in volumes[{number}]"
             raise InvalidValueError(f"{pixel} holds colours only", "float32 with it", key="quality.pixel", found=found)
 
 
-def check_layers(volumes: Sequence[Any], grids: Sequence[Any], quality: Any, wanted: Mapping[str, Any]) -> None:
-    """Refuse layers with projections, which have no depth, with unstructured grids, and with slabs cut at bricks.
+def _wanted_layers(scene: Any) -> dict[str, Any]:
+    """Return the values that need a picture's layers, by their keys."""
+    found = {"image.layers": list(scene.image.layers)} if scene.image.layers else {}
+    return found | {f"flows[{n}].show": flow.show for n, flow in enumerate(scene.flows) if flow.show == "surface-lic"}
 
-    Parameters
-    ----------
-    volumes, grids, quality : sections of a scene
-    wanted : values that need layers, by their keys
-    """
-    problems = {"unstructured grids": "no grids"} if grids else {}
-    for one in volumes:
+
+def _check_layers(scene: Any) -> None:
+    """Refuse layers with projections, which have no depth, with unstructured grids, and with slabs cut at bricks."""
+    problems = {"unstructured grids": "no grids"} if scene.grids else {}
+    for one in scene.volumes:
         if BLEND_MODES[one.blending].surfaces == "refused":
             names = _names(mode.surfaces != "refused" for mode in BLEND_MODES.values())
             problems[f"blending: {one.blending}"] = f"blending: {names}"
-    problems |= {"borders: split": "borders: overlap"} if quality.borders == "split" else {}
-    for key, found in wanted.items():
+    problems |= {"borders: split": "borders: overlap"} if scene.quality.borders == "split" else {}
+    for key, found in _wanted_layers(scene).items():
         for name, remedy in problems.items():
             without = "[]" if key == "image.layers" else "another one"
             raise InvalidValueError(f"not with {name}", f"{without}, or {remedy}", key=key, found=found)
 
 
-def check_lens(volumes: Sequence[Any], grids: Sequence[Any], quality: Any, layered: Mapping[str, Any]) -> None:
-    """Refuse a lens where a pixel shows one depth, and where sub-images would not have an order or an opacity.
-
-    Parameters
-    ----------
-    volumes, grids, quality : sections of a scene
-    layered : values that need a picture's layers, by their keys
-    """
-    problems = {key: (found, "those of a pinhole, with aperture: 0") for key, found in layered.items()}
+def _check_lens(scene: Any) -> None:
+    """Refuse a lens where a pixel shows one depth, and where sub-images would not have an order or an opacity."""
+    if not scene.camera.aperture:
+        return
+    volumes, grids, quality = scene.volumes, scene.grids, scene.quality
+    allowed = "those of a pinhole, with aperture: 0"
+    problems = {key: (found, allowed) for key, found in _wanted_layers(scene).items()}
     for key in ("frame_coherence", "early_discarding", "max_error"):
         found = getattr(quality, key)
         if found is not None and found is not False:
@@ -286,17 +247,11 @@ def check_lens(volumes: Sequence[Any], grids: Sequence[Any], quality: Any, layer
         raise InvalidValueError("not with camera.aperture", allowed, key=key, found=found)
 
 
-def check_surface_lic(flows: Sequence[Any], surfaces: Sequence[str]) -> None:
-    """Refuse surface LIC on what has no surface, and two on one surface.
-
-    Parameters
-    ----------
-    flows : sections of a scene
-    surfaces : keys of its meshes, and of its volumes with isosurfaces
-    """
-    taken: dict[str, int] = {}
+def _check_surface_lic(scene: Any) -> None:
+    """Refuse surface LIC on what has no surface, and two on one surface."""
+    taken, surfaces = dict[str, int](), scene.surface_keys
     allowed = ", ".join(surfaces) or "a scene with meshes, or with volumes that have isosurfaces"
-    for number, flow in enumerate(flows):
+    for number, flow in enumerate(scene.flows):
         if flow.show != "surface-lic":
             continue
         key = f"flows[{number}].surfaces"
@@ -346,6 +301,26 @@ def check_mode(mode: str, tiling: str, distribution: str, compositing: str, tran
     if mode == "sort-first" and transport not in ("auto", "messages"):
         allowed = "messages, auto, or mode: sort-last or hybrid"
         raise InvalidValueError("sort-first sends tiles straight to rank 0", allowed, key="transport", found=transport)
+
+
+def check_together(scene: Any) -> None:
+    """Check the keys of a scene whose sections are valid."""
+    for check in CHECKS:
+        check(scene)
+
+
+CHECKS: tuple[Callable[[Any], None], ...] = (
+    _check_several_volumes,
+    _check_flows,
+    _check_renderer,
+    _check_frame_coherence,
+    _check_pixel_format,
+    _check_layers,
+    _check_surface_lic,
+    _check_spectral,
+    _check_lens,
+    _check_refraction,
+)
 
 
 def _names(chosen: Iterable[bool]) -> str:

@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from clusterviz.content.volume.optics import Optics
     from clusterviz.content.volume.section import AmbientOcclusion, Detail, Scattered, Volume
     from clusterviz.scene.annotations import Annotations
+    from clusterviz.scene.camera import Camera
     from clusterviz.scene.cluster import Cluster
     from clusterviz.scene.transfer_2d import Transfer2d
-    from clusterviz.scene.values import ABuffer, Camera, Clip, ImageSettings, LensQuality, Light, Quality
+    from clusterviz.scene.values import ABuffer, Clip, ImageSettings, LensQuality, Light, Quality
 
     Numbers = Sequence[float] | NDArray[Any]
     Rows = Sequence[Sequence[Any]] | NDArray[Any]

@@ -21,28 +21,15 @@ from clusterviz.content.geometry.section import (
 from clusterviz.content.grid.section import MOST_GRIDS, GridSection
 from clusterviz.content.volume.section import Volume as Volume
 from clusterviz.scene.annotations import Annotations
+from clusterviz.scene.camera import Camera as Camera
 from clusterviz.scene.checks import (
-    check_aperture,
     check_attenuation,
-    check_camera,
     check_light,
     check_one_key,
-    check_view,
     to_builtin,
 )
 from clusterviz.scene.cluster import Cluster as Cluster
-from clusterviz.scene.compatibility import (
-    check_flows,
-    check_frame_coherence,
-    check_layers,
-    check_lens,
-    check_pixel_format,
-    check_refraction,
-    check_renderer,
-    check_several_volumes,
-    check_spectral,
-    check_surface_lic,
-)
+from clusterviz.scene.compatibility import check_together
 from clusterviz.scene.field_types import (
     FINITE,
     Background,
@@ -51,8 +38,6 @@ from clusterviz.scene.field_types import (
     Fraction,
     Normal,
     NotNegative,
-    Number,
-    Positive,
     Section,
     Side,
     Vector,
@@ -67,85 +52,7 @@ PixelFormat = Literal["float32", "float16", "uint8"]
 Fill = Literal["auto", "fixed", "dynamic", "lists", "pages"]
 Resolve = Literal["auto", "static", "optimised", "peeling", "both"]
 Layer = Literal["depth", "normal", "opacity", "object"]
-View = Literal[
-    "iso",
-    "front",
-    "back",
-    "left",
-    "right",
-    "top",
-    "bottom",
-    "anterior",
-    "posterior",
-    "superior",
-    "inferior",
-]
 Attenuation = Annotated[tuple[NotNegative, NotNegative, NotNegative], BeforeValidator(to_builtin)]
-
-
-class Camera(Section):
-    """Camera as in VTK, or a named view; unset keys are chosen so that everything visible is in the picture."""
-
-    position: Vector | None = Field(
-        default=None,
-        description="Position of the eye, world units; default: the nearest in the direction of view that fits.",
-    )
-    focal_point: Vector | None = Field(
-        default=None, description="Point in the centre of the picture, world units; default: the centre of the scene."
-    )
-    view_up: Vector | None = Field(
-        default=None, description="The direction that is up in the picture; need not be a unit."
-    )
-    view_angle: Annotated[float, FINITE, Field(gt=0, lt=180), BeforeValidator(to_builtin)] = Field(
-        default=30.0, description="Vertical angle of view, degrees."
-    )
-    parallel_scale: Positive | None = Field(
-        default=None, description="Half the picture's height in world units: parallel projection; null: perspective."
-    )
-    window_center: Annotated[tuple[Number, Number], BeforeValidator(to_builtin)] = Field(
-        default=(0.0, 0.0),
-        examples=[[0.1, 0]],
-        description="Centre of the picture to the right of and above the direction of view, in halves of its width and "
-        "height, as VTK's WindowCenter: an off-axis frustum.",
-    )
-    aperture: NotNegative = Field(
-        default=0.0,
-        examples=[0.5],
-        description="Radius of a thin lens, world units: what is not at focal_distance is blurred; 0: a pinhole, all "
-        "is sharp. Perspective only.",
-    )
-    focal_distance: Positive | None = Field(
-        default=None,
-        description="Distance from the eye, along the direction of view, of the plane that is in focus, world units; "
-        "default: that of the focal point.",
-    )
-    view: View | None = Field(
-        default=None,
-        description="Side of the eye, instead of position: the side of the body if the file has an orientation (front "
-        "is anterior, top superior), else front -y, back +y, left -x, right +x, top +z, bottom -z; iso: right, front "
-        "and top of a body, else (1, 1, 1).",
-    )
-    azimuth: Number = Field(
-        default=0.0, description="Rotation of the eye about view_up to its right, degrees; as in VTK."
-    )
-    elevation: Number = Field(default=0.0, description="Rotation of the eye upwards, degrees; as in VTK.")
-    roll: Number = Field(
-        default=0.0,
-        description="Clockwise rotation of the camera about the direction of view, degrees; as in VTK.",
-    )
-    zoom: Positive = Field(default=1.0, description="Magnification by a narrower view angle.")
-    fit: Annotated[bool, Field(strict=True)] | Literal["orbit"] | None = Field(
-        default=None,
-        description="true: the eye moves along its direction of view so that everything visible just fits, as without "
-        "a position; orbit: so that it fits during an orbit.",
-    )
-
-    @model_validator(mode="after")
-    def _not_degenerate(self) -> Camera:
-        check_camera(self.position, self.focal_point, self.view_up)
-        check_view(self.view, self.position)
-        check_aperture(self.aperture, self.parallel_scale)
-        return self
 
 
 class Light(Section):
@@ -378,19 +285,7 @@ class Scene(Section):
 
     @model_validator(mode="after")
     def _can_be_mixed(self) -> Scene:
-        check_several_volumes(self.volumes, self.geometry, self.grids, self.flows, self.quality, self.cluster)
-        check_flows(self.volumes, self.flows)
-        check_renderer(self.quality)
-        check_frame_coherence(self.volumes, self.quality, self.cluster)
-        check_pixel_format(self.volumes, self.quality.pixel)
-        wanted = {"image.layers": list(self.image.layers)} if self.image.layers else {}
-        painting = {f"flows[{n}].show": flow.show for n, flow in enumerate(self.flows) if flow.show == "surface-lic"}
-        check_layers(self.volumes, self.grids, self.quality, wanted | painting)
-        check_surface_lic(self.flows, self.surface_keys)
-        check_spectral(self.volumes, self.quality, self.image.background)
-        if self.camera.aperture:
-            check_lens(self.volumes, self.grids, self.quality, wanted | painting)
-        check_refraction(self.volumes, self.clip, self.quality, self.cluster)
+        check_together(self)
         return self
 
     @field_serializer("volumes", "lines", "points", mode="wrap")

@@ -25,7 +25,8 @@ from pydantic import (
 from pydantic_core import from_json, to_json
 
 from clusterviz.errors import InputError
-from clusterviz.scene.checks import InvalidValueError, check_camera
+from clusterviz.scene.camera import check_camera
+from clusterviz.scene.checks import InvalidValueError
 from clusterviz.scene.validation_messages import scene_error
 
 PROTOCOL = 1

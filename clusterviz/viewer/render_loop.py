@@ -331,7 +331,8 @@ class RenderLoop:
         """Draw a frame; None if it was abandoned; collective."""
         scene = command.scene
         assert scene is not None, "there is something to draw"
-        if not self._loop.suits(scene):
+        is_complete = self._loop.suits(scene)  # else by facts on other content
+        if not is_complete:
             self._reopen(scene)
         if command.may_stop:
             self._abandoning.begin()
@@ -339,7 +340,7 @@ class RenderLoop:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # clients are told
-                rendered = self._loop.frame(scene, self._frames, alone=command.alone)
+                rendered = self._loop.frame(scene, self._frames, alone=command.alone, is_complete=is_complete)
         except Exception as error:
             is_answered = is_agreed(error) or self._channel.size == 1
             if command.may_stop and is_answered and self._abandoning.end():

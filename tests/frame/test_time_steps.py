@@ -10,13 +10,14 @@ import pytest
 from frame.views import check_same, move_at_random, on_ranks, pixels, so_far
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.volume import opening
 from clusterviz.data import open_source
 from clusterviz.data.axes import Subset
 from clusterviz.data.series import open_series
 from clusterviz.data.store.shards import BrickCodec
 from clusterviz.data.store.writer import write_store
 from clusterviz.errors import DataError, SceneError
-from clusterviz.frame import Options, opening, render_frame
+from clusterviz.frame import Options, render_frame
 from clusterviz.render.stored_brick import stamp_of
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.overrides import with_settings

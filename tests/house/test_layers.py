@@ -54,9 +54,20 @@ LEVELS = (
     ("__main__",),
 )
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
-KEYS = ("annotations", "background", "blend_modes", "checks", "cluster", "colormaps", "compatibility", "field_types")
+KEYS = (
+    "annotations",
+    "background",
+    "blend_modes",
+    "camera",
+    "checks",
+    "cluster",
+    "colormaps",
+    "compatibility",
+    "field_types",
+)
 PARTS = dict.fromkeys(
-    (f"scene.{name}" for name in (*KEYS, "materials", "transfer", "transfer_2d", "yaml_text")), "scene.keys"
+    (f"scene.{name}" for name in (*KEYS, "field_types", "materials", "transfer", "transfer_2d", "yaml_text")),
+    "scene.keys",
 )
 """Modules that have one entry: those of which the sections of a scene are made, of content and others."""
 LIBRARY_PACKAGES = {"mpi4py": {"comm"}, "moderngl": {"gl", "render"}, "glcontext": {"gl"}}

@@ -19,8 +19,7 @@ from clusterviz.content.volume.info import default_clim
 from clusterviz.content.volume.kind import default_unit_distance
 from clusterviz.errors import SceneError
 from clusterviz.scene import Scene, Volume, VolumeInfo
-from clusterviz.scene.camera import MARGIN, Vector, bounding_sphere, project_points
-from clusterviz.scene.checks import sine
+from clusterviz.scene.camera import MARGIN, Vector, bounding_sphere, project_points, sine
 
 NAN = math.nan
 

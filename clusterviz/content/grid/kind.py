@@ -10,11 +10,12 @@ from clusterviz.content.contract import Corners, Kind, LegendEntry
 from clusterviz.content.description import apart, bounds, legend_of_transfer, name_of, transfer_summary, unseen_scalars
 from clusterviz.content.facts import box_corners, range_around
 from clusterviz.content.grid.bricks import KnownCells
-from clusterviz.content.grid.section import GridInfo, GridSection
+from clusterviz.content.grid.section import GridInfo, GridSection, KBuffer
 from clusterviz.content.transfer import default_opacity, transfer_function
 from clusterviz.data import read_piece
 from clusterviz.data.grid_files import GridFile, grid_files
 from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.errors import SceneError
 from clusterviz.frame.run import Run
 from clusterviz.scene.values import Scene
 
@@ -75,6 +76,18 @@ def warnings(key: str, section: GridSection, info: GridInfo, others: Sequence[Co
     return found
 
 
+def check(scene: Scene) -> None:
+    """Refuse a k-buffer beside anything else."""
+    for number, grid in enumerate(scene.grids):
+        beside = [f"volumes[{n}]" for n in range(len(scene.volumes))] + list(scene.geometry_keys)
+        beside += [f"grids[{n}]" for n in range(len(scene.grids)) if n != number]
+        beside += ["image.layers"] if scene.image.layers else []
+        beside += [f"grids[{number}].shade"] if grid.shade else []
+        if isinstance(grid.visibility, KBuffer) and beside:
+            text, where = "a k-buffer draws one unstructured grid, and nothing else", f"grids[{number}].visibility"
+            raise SceneError(text, where=where, found=f"{{k: {grid.visibility.k}}} and {beside[0]}", allowed="exact")
+
+
 GRID = Kind(
     name="grids",
     sections=("grids",),
@@ -91,5 +104,6 @@ GRID = Kind(
     legend=legend,
     panel=lambda _, info: {"bounds": bounds(info.box)},
     warnings=warnings,
+    check=check,
     must_fit=True,
 )
