@@ -160,7 +160,7 @@ class ProfilingVectorCaster(VectorCaster):
 
     def _shown_by(self, plan: Plan, piece: Piece) -> Any:
         shown = super()._shown_by(plan, piece)
-        if not self.mode or not shown.variant:
+        if not self.mode:
             return shown
         assert shown.variant.cpu, "the variant is one of a CPU"
         cpu = replace(shown.variant.cpu, wide=BASES_BINDING in shown.buffers, far=False)

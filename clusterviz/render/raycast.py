@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from dataclasses import replace
 from functools import partial
-from operator import length_hint
 from time import perf_counter
 from typing import Any
 
@@ -27,10 +26,10 @@ from clusterviz.gl.context import is_llvmpipe, is_software
 from clusterviz.gl.device import Counts, Device
 from clusterviz.gl.driver_needs import compile_checked
 from clusterviz.gl.reals import ENVIRONMENT, EXTENSION, chosen_reals, has_doubles
-from clusterviz.image.partial import PartialImage, Rect, blank
+from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import BrickBox, Piece
 from clusterviz.plan.plan import Plan
-from clusterviz.render.abuffer.discarding import HIDDEN, HIDDEN_BINDING, HiddenPixels, LastEnds, prepare_discarding
+from clusterviz.render.abuffer.discarding import HIDDEN, HIDDEN_BINDING, HiddenPixels, prepare_discarding
 from clusterviz.render.abuffer.fills import ManyFragmentsError
 from clusterviz.render.abuffer.finder import FragmentFinder, Tiles
 from clusterviz.render.brick_atlas import BrickPool, capacity
@@ -38,19 +37,13 @@ from clusterviz.render.brick_tables import BricksApartError, BrickTables, Part, 
 from clusterviz.render.cells.table import walk_planes
 from clusterviz.render.content_bricks import store_as
 from clusterviz.render.frame_block import ONLY, frame_block
-from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
+from clusterviz.render.frame_coherence import BINDING, Starts, prepare_reprojection
 from clusterviz.render.march import FRAME, PIXELS, TILE, March, Step
 from clusterviz.render.packed_picture import PIXEL_BYTES, PictureReader
 from clusterviz.render.passes import Passes, is_reached
+from clusterviz.render.piece_loop import LastDraws, Rays, Task
 from clusterviz.render.refraction import CarriedRays, Paths, rays_block
-from clusterviz.render.render_result import (
-    PartOf,
-    Progress,
-    RenderResult,
-    footprint,
-    joined_bands,
-    no_progress,
-)
+from clusterviz.render.render_result import Progress, RenderResult, joined_bands, no_progress
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import Variant, of_size, variant_of
 from clusterviz.render.volume_layers import all_segments, content_tables, volume_blocks
@@ -66,7 +59,6 @@ progress reports, and so that no driver takes the device for lost."""
 MOST_TABLES = 64
 """Pieces whose tables are kept from view to view."""
 Index = tuple[int, int, int]
-Rays = Starts | CarriedRays
 
 
 class Raycaster:
@@ -108,14 +100,12 @@ class Raycaster:
         most = None if limit_bytes is None else limit_bytes // self.slot.bytes
         self.pool = BrickPool(context, self.slot, capacity(context, self.slot, block_bytes), most)
         self._programs, self._finder = self._compiled(plan), FragmentFinder(self._device, plan, raster)
-        self._last_frame, self._tables, self._has_run = LastFrame(), dict[bytes, BrickTables](), set[Variant]()
-        self.forget()
+        self._tables, self._has_run, self._last = dict[bytes, BrickTables](), set[Variant](), LastDraws()
 
     def forget(self) -> None:
         """Forget what earlier draws have found; it changes the dispatches of a draw."""
-        self._last_frame.forget()
+        self._last.forget()
         self._finder.forget()
-        self._last_ends = LastEnds()
 
     @property
     def counts(self) -> Counts:
@@ -196,7 +186,7 @@ class Raycaster:
         """
         if bricks:
             self._finder.forget_bricks()
-            self._last_frame.forget()
+            self._last.hits.forget()
         put = self.pool.put_later if waits_for_rays(plan) else self.pool.put
         put(bricks, store_as(plan, self.slot))
 
@@ -204,7 +194,7 @@ class Raycaster:
         """Drop bricks."""
         if bricks := set(bricks):
             self._finder.forget_bricks()
-            self._last_frame.forget()
+            self._last.hits.forget()
         self.pool.drop(bricks)
 
     def draw(
@@ -232,39 +222,7 @@ class Raycaster:
         """
         self.reader.next_frame(pixel)
         self._give_constants(plan)
-        drawn: list[RenderResult] = []
-        count = length_hint(pieces)
-        if not carried:
-            self._last_frame.next_frame()
-            self._last_ends.next_frame()
-        tables: BrickTables | None = None
-        last: Piece | None = None
-        for number, piece in enumerate(pieces):
-            rect, part = footprint(plan, piece), PartOf(progress, number, count)
-            part(0.0)
-            if not len(piece.members(plan.cost > 0)) or not rect.pixels:
-                drawn.append(RenderResult(blank()))
-                continue
-            starts: Rays | None = carried[number] if carried else None
-            if plan.march.frame_coherence is not None:
-                starts = Starts.of(self._last_frame, plan, piece, rect)
-            parts = passes.parts(piece) if passes else [piece]
-            if len(parts) > 1 and passes:
-                drawn.append(self._draw_parts(plan, rect, parts, starts, passes))
-            else:
-                if passes:
-                    passes.load(piece)
-                if tables is None or last is None or not piece.shows_bricks_of(last):
-                    tables, last = self._tables_of(plan, piece), piece
-                hidden = self._last_ends.begin(plan, piece, rect)
-                drawn.append(self._draw_bands(plan, rect, tables, starts, hidden, part))
-                if hidden:
-                    self._last_ends.finish(plan, piece, rect, hidden)
-                    counts = hidden.counts(drawn[-1].fragments)
-                    drawn[-1] = replace(drawn[-1], early_discarding=counts)
-            if isinstance(starts, Starts):
-                drawn[-1] = replace(drawn[-1], frame_coherence=starts.finish(drawn[-1].partial.rgba[..., 3]))
-        return drawn
+        return self._last.draw(plan, pieces, progress, carried, passes, self._draw_bands, self._draw_parts)
 
     def _tables_of(self, plan: Plan, piece: Piece) -> BrickTables:
         """Return the tables of a piece: those of an earlier view if they hold."""
@@ -292,17 +250,12 @@ class Raycaster:
         if len(plan.clip):
             give(3, plan.clip, "uniform")
 
-    def _draw_bands(
-        self,
-        plan: Plan,
-        rect: Rect,
-        tables: BrickTables,
-        starts: Rays | None,
-        hidden: HiddenPixels | None,
-        progress: Progress,
-    ) -> RenderResult:
+    def _draw_bands(self, plan: Plan, task: Task) -> RenderResult:
         """Draw a picture that takes long from top to bottom, in bands of about `BAND_SECONDS`."""
-        drawn: list[RenderResult] = []
+        rect, starts, hidden, drawn = task.rect, task.rays, task.hidden, list[RenderResult]()
+        if not task.repeats:
+            self._shown = self._tables_of(plan, task.piece)
+        tables = self._shown
         top, most, program = rect.y_begin, rect.pixels, self.variant_of(plan)
         while top < rect.y_end:
             began, rows = perf_counter(), -(-max(1, min(self._band_pixels, most)) // (TILE * rect.width)) * TILE
@@ -318,19 +271,20 @@ class Raycaster:
                 continue
             except BricksApartError:
                 continue
-            progress((band.y_end - rect.y_begin) / rect.height)
+            task.progress((band.y_end - rect.y_begin) / rect.height)
             top, seconds = band.y_end, perf_counter() - began
             if not self._has_fixed_bands and program in self._has_run:  # a driver may compile when it first runs
                 by_speed = int(band.pixels * BAND_SECONDS / seconds)
                 self._band_pixels = by_speed if seconds > BAND_SECONDS else max(by_speed, self._band_pixels)
             self._has_run.add(program)
-        return replace(joined_bands(rect, drawn), bricks=tables.reached, occluded=tables.occluded)
+        found = replace(joined_bands(rect, drawn), bricks=tables.reached, occluded=tables.occluded)
+        if isinstance(starts, Starts):
+            found = replace(found, frame_coherence=starts.finish(found.partial.rgba[..., 3]))
+        return found
 
-    def _draw_parts(
-        self, plan: Plan, rect: Rect, parts: Sequence[Piece], starts: Rays | None, passes: Passes
-    ) -> RenderResult:
+    def _draw_parts(self, plan: Plan, task: Task, parts: Sequence[Piece], passes: Passes) -> RenderResult:
         """Draw parts of a piece whose bricks are loaded one part after the other, without those that no ray reaches."""
-        loading, drawn_parts = passes.seconds, dict[BrickBox, BrickTables]()
+        rect, loading, drawn_parts = task.rect, passes.seconds, dict[BrickBox, BrickTables]()
 
         def loaded() -> Iterator[BrickTables]:
             for number, part in enumerate(parts):
@@ -342,7 +296,7 @@ class Raycaster:
                     yield tables
 
         try:
-            drawn = self._draw_piece(plan, rect, loaded, starts)
+            drawn = self._draw_piece(plan, rect, loaded, task.rays)
         except BricksApartError:
             raise FullDeviceError(f"{self.renderer} has no memory for the bricks of cluster.memory_limit") from None
         bricks = sum(tables.reached for tables in drawn_parts.values())

@@ -43,6 +43,8 @@ FRAGMENT, WORD, EARLY = 8, 4, 8
 are kept as they are counted."""
 PAGE_SHIFT: dict[Fill, int] = {"fixed": 31, "dynamic": 31, "lists": 0, "pages": 2}
 """Logarithm of the fragments of a page; 31: a list is in one piece."""
+KEYS, LISTS, LINKS = 8, 11, 16
+"""Bindings of fragments, of lists, and of links, as in stored.glsl."""
 HEAD = 4
 """Words in front of the pixels' lists, as in stored.glsl."""
 START = {"fixed": 4.0, "lists": 1.0, "pages": 0.5}

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from clusterviz.image.partial import Rect
 from clusterviz.plan.plan import Plan
-from clusterviz.render.abuffer.discarding import LEFT_OUT_BINDING
-from clusterviz.render.abuffer.fills import EARLY, Lists, Pass, Pools, store_fragments
+from clusterviz.render.abuffer.fills import EARLY, KEYS, LINKS, LISTS, Lists, Pass, Pools, store_fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import (
     COUNTED_BINDING,
@@ -24,12 +23,13 @@ from clusterviz.render.abuffer.program import (
     lit_layer,
 )
 from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BINDING, TileLists, make_lists, prepare_tiles
-from clusterviz.render.cells.table import CELLS_BINDING, GRIDS_BINDING, grids_block
+from clusterviz.render.cells.table import GRIDS_BINDING, grids_block
 from clusterviz.spmd.machine_code import addresses, compiled
 
 Blocks = dict[int, NDArray[Any]]
 ONE_GROUP = np.zeros(7, np.uint32)
-COUNTER, LISTS = 1, 11
+COUNTER, STATE = 1, 2
+"""Word of the counter of tiles in the state, and the binding of that."""
 Run = Callable[[Callable[[int], None], NDArray[np.uint64], NDArray[np.uint32], int], None]
 
 
@@ -89,23 +89,22 @@ def find_fragments(
     """
     fill = plan.content.fill
     own: Blocks = {GEOMETRY_BINDING: tiles.block}
-    buffers: Blocks = {12: tiles.vertices, 13: tiles.corners, 14: table.layers, 15: table.attributes}
+    buffers: Blocks = tiles.primitives(table)
     if table.cells:
         own[GRIDS_BINDING] = grids_block(plan.content, table.cells)
-        buffers[CELLS_BINDING] = table.cells.words
     if plan.content.kbuffer:
         counted = np.zeros((rect.pixels, 2), np.uint32)
         table_of_integrals = plan.content.cells[0].integrals
         buffers |= {} if table_of_integrals is None else {INTEGRALS_BINDING: table_of_integrals}
-        return own, buffers | {9: tiles.begins, 10: tiles.rows, COUNTED_BINDING: counted}
+        return own, buffers | tiles.lists | {COUNTED_BINDING: counted}
     variants = {variant.step: variant for variant in find_variants(plan, lanes)}
     links = np.empty((EARLY * rect.pixels if fill == "dynamic" else 1, 2), np.uint32)
 
     def run_pass(step: Pass, lists: Lists, fragments: int, pages: int) -> None:
         state = np.zeros(COUNTER + 1, np.uint32)
-        buffers[LISTS], buffers[8] = lists, np.empty((max(1, fragments), 2), np.uint32)
-        buffers[16] = np.empty(pages + 1, np.uint32) if pages else links
-        passed = given | buffers | {2: state, 9: tiles.begins, 10: tiles.rows, LEFT_OUT_BINDING: tiles.left_out}
+        buffers[LISTS], buffers[KEYS] = lists, np.empty((max(1, fragments), 2), np.uint32)
+        buffers[LINKS] = np.empty(pages + 1, np.uint32) if pages else links
+        passed = given | buffers | tiles.lists | {STATE: state}
         run(compiled_pass(variants[step]), addresses(uniforms | own, passed, ONE_GROUP), state, len(tiles.begins) - 1)
 
     store_fragments(fill, rect, pools, run_pass)

@@ -19,8 +19,19 @@ from clusterviz.gl.staging import Bytes
 from clusterviz.image.partial import Rect
 from clusterviz.plan.content import Content
 from clusterviz.plan.plan import Plan
-from clusterviz.render.abuffer.discarding import LEFT_OUT_BINDING
-from clusterviz.render.abuffer.fills import EARLY, FRAGMENT, HEAD, WORD, Lists, Pass, Pools, store_fragments
+from clusterviz.render.abuffer.fills import (
+    EARLY,
+    FRAGMENT,
+    HEAD,
+    KEYS,
+    LINKS,
+    LISTS,
+    WORD,
+    Lists,
+    Pass,
+    Pools,
+    store_fragments,
+)
 from clusterviz.render.abuffer.fragments import Fragments
 from clusterviz.render.abuffer.primitives import PrimitiveTable
 from clusterviz.render.abuffer.program import (
@@ -42,8 +53,6 @@ FIND_ITERATIONS, DRAW_ITERATIONS = 3, 16
 """Bounds for a primitive of a tile in each pass over them, and for a fragment of a pixel; each layer adds one."""
 FACE_ITERATIONS = 16
 """Bound for a face of a tile, without those over the entries of a k-buffer."""
-KEYS, LISTS, LINKS = 8, 11, 16
-"""Bindings."""
 COUNTED = 8
 """Bytes of what a k-buffer counts for a pixel."""
 Programs = dict[FindVariant, moderngl.ComputeShader]
@@ -133,18 +142,9 @@ def _bind_primitives(device: Device, plan: Plan, table: PrimitiveTable, tiles: T
     device.give(GEOMETRY_BINDING, tiles.block, "uniform")
     if shading := lit_layer(plan):
         device.give(LIGHTING_BINDING, shading.block(), "uniform")
-    given = {
-        9: tiles.begins,
-        10: tiles.rows,
-        12: tiles.vertices,
-        13: tiles.corners,
-        14: table.layers,
-        15: table.attributes,
-        LEFT_OUT_BINDING: tiles.left_out,
-    }
-    for binding, data in given.items():
-        device.give(binding, data)
     bind_cells(device, plan, table)
+    for binding, data in (tiles.lists | tiles.primitives(table)).items():
+        device.give(binding, data)
 
 
 def bind_cells(device: Device, plan: Plan, table: PrimitiveTable) -> None:

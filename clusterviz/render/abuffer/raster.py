@@ -38,7 +38,18 @@ from clusterviz.image.partial import Rect
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer import fills
-from clusterviz.render.abuffer.fills import FRAGMENT, HEAD, LEAST_SIDE, PAGE_SHIFT, SLACK, WORD, ManyFragmentsError
+from clusterviz.render.abuffer.fills import (
+    FRAGMENT,
+    HEAD,
+    KEYS,
+    LEAST_SIDE,
+    LINKS,
+    LISTS,
+    PAGE_SHIFT,
+    SLACK,
+    WORD,
+    ManyFragmentsError,
+)
 from clusterviz.render.abuffer.fragments import Fragments
 from clusterviz.render.abuffer.on_gl import DRAW_ITERATIONS, bind_cells, check_loops, sort_long
 from clusterviz.render.abuffer.primitives import PrimitiveTable
@@ -59,9 +70,7 @@ MOVE = np.dtype(
     [("right", "f8", 4), ("up", "f8", 4), ("forward", "f8", 4), ("unit", "f8", 4), ("words", "i4", 4), ("pad", "i4", 4)]
 )
 """As `Move` in raster_begin.glsl."""
-MOVES, WORDS, LISTS, VERTICES, CORNERS, LAYERS, ATTRIBUTES, LINKS, BOXES, OPAQUE, KEYS, LINKED = (
-    *(9, 10, 11, 12, 13, 14, 15, 16, 18, 25, 8, 26),
-)
+MOVES, WORDS, VERTICES, CORNERS, LAYERS, ATTRIBUTES, BOXES, OPAQUE, LINKED = 9, 10, 12, 13, 14, 15, 18, 25, 26
 """Bindings of storage buffers."""
 TAKEN, GROUP, ROW = 2, 64, 1 << 15
 """Word of the lists' head with the number of all fragments; invocations of a work group; work groups in x."""

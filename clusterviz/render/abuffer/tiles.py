@@ -6,6 +6,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from clusterviz.kernels.radix_sort import sorted_order
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
+from clusterviz.render.cells.table import CELLS_BINDING
 
 CPU_TILE, GPU_TILE = 4, 8  # pixels along the side of a tile: a packet of 16 lanes, and a work group
 SMALL = 16  # pixels of a primitive's box, below which each pixel is a tile
@@ -32,7 +34,7 @@ GEOMETRY = np.dtype(
         ("counts", "i4", 4),  # layers, tiles across, log2 of a tile's side in pixels, lights
     ]
 )
-GEOMETRY_BINDING = 8
+GEOMETRY_BINDING, LEFT_OUT_BINDING = 8, 18
 GEOMETRY_BLOCK = glsl_block("geometry", GEOMETRY_BINDING, GEOMETRY)
 Floats = NDArray[np.float64]
 _SOURCES = [Path(__file__).with_name("tile_kernel.py")]
@@ -80,6 +82,16 @@ class TileLists:
     corners: NDArray[np.int32]
     boxes: NDArray[np.float32]
     left_out: NDArray[np.float32]
+
+    @property
+    def lists(self) -> dict[int, NDArray[Any]]:
+        """The lists by their bindings, as in abuffer.glsl and discard.glsl."""
+        return {9: self.begins, 10: self.rows, LEFT_OUT_BINDING: self.left_out}
+
+    def primitives(self, table: PrimitiveTable) -> dict[int, NDArray[Any]]:
+        """Return the primitives of a table by their bindings, as in primitives.glsl and cell_segment.glsl."""
+        cells = {CELLS_BINDING: table.cells.words} if table.cells else {}
+        return {12: self.vertices, 13: self.corners, 14: table.layers, 15: table.attributes} | cells
 
 
 def prepare_tiles(plan: Plan) -> None:

@@ -14,7 +14,6 @@ import os
 from collections.abc import Callable, Iterable, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from operator import length_hint
 from time import perf_counter
 from typing import Any
 
@@ -26,9 +25,9 @@ from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.content import VolumeLayer
 from clusterviz.plan.plan import Plan
-from clusterviz.render.abuffer.discarding import HIDDEN_BINDING, HiddenPixels, LastEnds, prepare_discarding
-from clusterviz.render.abuffer.fills import LEAST_SIDE, ManyFragmentsError, Pools, with_fill
-from clusterviz.render.abuffer.on_cpu import LISTS, find_fragments, list_primitives, prepare_passes
+from clusterviz.render.abuffer.discarding import HIDDEN_BINDING, HiddenPixels, prepare_discarding
+from clusterviz.render.abuffer.fills import LEAST_SIDE, LISTS, ManyFragmentsError, Pools, with_fill
+from clusterviz.render.abuffer.on_cpu import find_fragments, list_primitives, prepare_passes
 from clusterviz.render.abuffer.primitives import PrimitiveTable, TableCache
 from clusterviz.render.abuffer.program import COUNTED_BINDING
 from clusterviz.render.abuffer.resolves import DRAWN_CLASS, classified, counts_of
@@ -38,9 +37,10 @@ from clusterviz.render.cpu.empty_space import skips_of
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.cpu.pieces import MOST, Pieces, pieces_of
 from clusterviz.render.cpu.tables import Blocks, brick_buffers, frame_of, textures, uniform_blocks
-from clusterviz.render.frame_coherence import BINDING, LastFrame, Starts, prepare_reprojection
+from clusterviz.render.frame_coherence import BINDING, Starts, prepare_reprojection
 from clusterviz.render.group_box import skips_in_box
 from clusterviz.render.passes import Passes, is_reached
+from clusterviz.render.piece_loop import LastDraws, Rays, Task
 from clusterviz.render.refraction import CarriedRays, rays_block
 from clusterviz.render.render_result import (
     SQUARE,
@@ -71,17 +71,15 @@ ONE_GROUP = np.zeros(7, np.uint32)  # the shader's system block: a thread is a w
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """The bricks that a piece shows in any window: their number, numbers, box, tables, program and primitives."""
+    """The bricks that a piece shows in any window: their number, box, tables, program and primitives."""
 
-    piece: Piece
     bricks: int
-    members: bytes
     box: BrickBox
     uniforms: Blocks
     buffers: Blocks
     textures: Blocks
-    variant: Variant | None = None
-    geometry: PrimitiveTable | None = None
+    variant: Variant
+    geometry: PrimitiveTable | None
 
 
 class VectorCaster:
@@ -106,7 +104,7 @@ class VectorCaster:
         self._pieces: dict[tuple[int, float], tuple[TransferFunction, Pieces | None]] = {}
         self._shown: tuple[Any, ...] | None = None
         self._tables, self._pools = TableCache(), Pools()
-        self._last_frame, self._last_ends = LastFrame(), LastEnds()
+        self._last = LastDraws()
         self.compile(plan)
 
     @property
@@ -148,14 +146,14 @@ class VectorCaster:
         """
         self._skips, self._tables = {}, TableCache()
         if bricks:
-            self._last_frame.forget()
+            self._last.hits.forget()
         self.pool.put(bricks, store_as(plan, self.slot))
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Give up bricks that are there."""
         if bricks := set(bricks):
             self._tables = TableCache()
-            self._last_frame.forget()
+            self._last.hits.forget()
         self.pool.drop(bricks)
 
     def draw(
@@ -168,44 +166,12 @@ class VectorCaster:
         pixel: str = "float32",
     ) -> list[RenderResult]:
         """Draw one frame's pieces. See `Raycaster.draw`; partial images are float32."""
-        drawn: list[RenderResult] = []
-        shown: _Shown | None = None
-        if not carried:
-            self._last_frame.next_frame()
-            self._last_ends.next_frame()
-        count = length_hint(pieces)
-        for number, piece in enumerate(pieces):
-            started, rect = perf_counter(), footprint(plan, piece)
-            part = PartOf(progress, number, count)
-            parts = passes.parts(piece) if passes and rect.pixels else []
-            if passes and len(parts) > 1:
-                drawn.append(self._draw_parts(plan, rect, parts, passes, part, carried[number] if carried else None))
-                continue
-            if passes and parts:
-                passes.load(piece)
-                shown = None
-            # Windows of the same bricks share their tables.
-            if shown is None or not piece.shows_bricks_of(shown.piece):
-                shown = self._shown_by(plan, piece)
-            blank_piece = shown.bricks == 0 or rect.pixels == 0
-            if blank_piece:
-                drawn.append(RenderResult(blank()))
-                continue
-            rays: Starts | CarriedRays | None = carried[number] if carried else None
-            if plan.march.frame_coherence is not None:
-                rays = Starts.of(self._last_frame, plan, piece, rect)
-            hidden = self._last_ends.begin(plan, piece, rect)
-            drawn.append(self._draw_rect(plan, rect, shown, (started, part), rays, hidden))
-            if hidden:
-                self._last_ends.finish(plan, piece, rect, hidden)
-                counts = hidden.counts(drawn[-1].fragments)
-                drawn[-1] = replace(drawn[-1], early_discarding=counts)
-        return drawn
+        return self._last.draw(plan, pieces, progress, carried, passes, self._draw_whole, self._draw_parts)
 
     def forget(self) -> None:
         """Forget what the last frame has found."""
-        self._last_frame.forget()
-        self._last_ends, self._pools = LastEnds(), Pools()
+        self._last.forget()
+        self._pools = Pools()
 
     def release(self) -> None:
         """Forget the bricks."""
@@ -239,8 +205,6 @@ class VectorCaster:
     def _shown_by(self, plan: Plan, piece: Piece) -> _Shown:
         """Return the bricks of a piece, as its windows show them."""
         bricks = piece.members(plan.cost > 0)
-        if len(bricks) == 0:
-            return _Shown(piece, 0, b"", piece.box, {}, {}, {})
         box = piece.box if plan.refraction else bounding_box(bricks)
         table = self.pool.table(box, bricks)
         buffers = brick_buffers(plan, table, self._skips_of(plan, box, bricks), self._pieces_of(plan))
@@ -250,9 +214,7 @@ class VectorCaster:
         far = variant.fetches_ahead and is_far_apart(plan, table.bytes)
         variant = replace(variant, cpu=replace(variant.cpu, wide=table.bases is not None, far=far))
         return _Shown(
-            piece,
             len(bricks),
-            bricks.tobytes(),
             box,
             uniforms,
             buffers,
@@ -261,16 +223,16 @@ class VectorCaster:
             self._tables.table(plan.content.layers, bricks, self.pool.primitives, self.pool.cells),
         )
 
-    def _draw_parts(
-        self,
-        plan: Plan,
-        rect: Rect,
-        parts: Sequence[Piece],
-        passes: Passes,
-        progress: Progress,
-        crossing: CarriedRays | None,
-    ) -> RenderResult:
+    def _draw_whole(self, plan: Plan, task: Task) -> RenderResult:
+        """Draw a piece whose bricks are there."""
+        report = perf_counter(), task.progress
+        if not task.repeats:
+            self._piece = self._shown_by(plan, task.piece)
+        return self._draw_rect(plan, task.rect, self._piece, report, task.rays, task.hidden)
+
+    def _draw_parts(self, plan: Plan, task: Task, parts: Sequence[Piece], passes: Passes) -> RenderResult:
         """Load and draw those parts of a piece that rays reach, from front to back, each in its footprint."""
+        rect, crossing = task.rect, task.rays if isinstance(task.rays, CarriedRays) else None
         sums = crossing.pixels if crossing else np.zeros((2, rect.height, rect.width, 4), np.float32)
         work = np.zeros((-(-rect.height // SQUARE), -(-rect.width // SQUARE)), np.uint32)
         drawn, occluded, is_opaque = list[RenderResult](), 0, False
@@ -290,7 +252,7 @@ class VectorCaster:
             following = (one for one in parts[number + 1 :] if is_open(one, expected))
             passes.load(part, following=next(following, part))
             inside = window.slices_in(rect)
-            report = perf_counter(), PartOf(progress, number, len(parts))
+            report = perf_counter(), PartOf(task.progress, number, len(parts))
             own = np.ascontiguousarray(sums[(slice(None), *inside)])
             rays = crossing.inside(rect, window) if crossing else None
             found = self._draw_piece(plan, window, self._shown_by(plan, part), report, rays, None, own)
@@ -316,7 +278,7 @@ class VectorCaster:
         rect: Rect,
         shown: _Shown,
         report: tuple[float, Progress],
-        rays: Starts | CarriedRays | None,
+        rays: Rays | None,
         hidden: HiddenPixels | None,
     ) -> RenderResult:
         """Draw a rectangle of pixels, or its halves if it has too many fragments."""
@@ -342,7 +304,7 @@ class VectorCaster:
         rect: Rect,
         shown: _Shown,
         report: tuple[float, Progress],
-        rays: Starts | CarriedRays | None,
+        rays: Rays | None,
         hidden: HiddenPixels | None,
         sums: NDArray[np.float32] | None = None,
     ) -> RenderResult:
@@ -363,7 +325,6 @@ class VectorCaster:
             sums = rays.pixels if isinstance(rays, CarriedRays) else np.zeros(shape, np.float32)
         pixels = sums[0]
         buffers, fragments = shown.buffers | {1: sums, 2: state}, np.zeros((0, 0), np.int32)
-        assert shown.variant, "there are bricks"
         variants, kbuffer = [shown.variant], plan.content.kbuffer
         tiles: TileLists | None = None
         if hidden:
