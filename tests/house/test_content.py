@@ -34,7 +34,6 @@ frame/surface_lic.py
 plan/accuracy.py
 plan/blend_mode.py
 plan/content.py
-plan/geometry_bricks.py
 plan/layers.py
 plan/plan.py
 plan/ray_sampling.py
