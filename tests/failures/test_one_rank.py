@@ -48,8 +48,8 @@ STAGES = [
 
 @pytest.mark.cover(
     "output-0-clusterviz.cli.render:check_writable",
-    "open-1-clusterviz.frame.opening:open_first_parts",
-    "summarise-1-clusterviz.frame.opening:summarise",
+    "open-1-clusterviz.content.volume.opening:open_first_parts",
+    "summarise-1-clusterviz.content.volume.opening:summarise",
     "shaders-1-clusterviz.render.raycast:Raycaster.__init__",
     "upload-1-clusterviz.render.raycast:Raycaster.load",
     "composite-1-clusterviz.composite.compositor:share_images",
