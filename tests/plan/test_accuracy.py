@@ -213,7 +213,7 @@ def test_a_bound_that_a_ray_can_break_behind_a_jump_is_refused_before_anything_i
     opacity = ((0.0, 0.0), (0.5, 0.0), (0.5, 0.99), (1.0, 0.99))
     volume = Volume(path="a.nrrd", cmap="bone", clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=0.3)
     with pytest.raises(
-        SceneError, match="0.0035 is out of reach.*a jump of opacity or colour of a.nrrd.*at least 0.13"
+        SceneError, match=r"0.0035 is out of reach.*a jump of opacity or colour of a.nrrd.*at least 0.13"
     ):
         make_aim(Scene(volumes=(volume,), quality=Quality(max_error=0.0035)), 1.0)
 
