@@ -20,7 +20,7 @@ import numpy as np
 from measuring import Row, beside_orbit, options, positional, sample, show, write
 
 from clusterviz.cli.arguments import parse_device
-from clusterviz.report.frame_coherence import FrameCoherence, together
+from clusterviz.report.counts import FrameCoherence, all_counts
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.overrides import with_settings
 
@@ -81,7 +81,7 @@ def measured(head: str, folder: str, asked: Any) -> Iterator[Row]:
         ways = [with_settings(Scene.model_validate(data), {"frame_coherence": one}) for one in (False, True)]
         frames = list(beside_orbit(ways, None, degrees, FRAMES, noted, device=asked.device))
         apart = [np.abs(plain["image"] - own["image"]).max(axis=2) for plain, own in frames]
-        told = together(own["told"] for _, own in frames) or FrameCoherence()
+        told = all_counts(own["told"] for _, own in frames) or FrameCoherence()
         samples, fewer = (median(each[n]["samples"] for each in frames) for n in (0, 1))
         yield {
             "scene": name,

@@ -90,9 +90,7 @@ def adjacent_front_faces(shares: Floats, front: NDArray[np.bool_]) -> NDArray[np
 def grid_lines(ticks: Sequence[Floats], front: NDArray[np.bool_]) -> Floats:
     """Return lines across all faces that are turned away, as shares, float64 (n, 2, 3).
 
-    Parameters
-    ----------
-    ticks : shares of each edge at which lines begin
+    `ticks`: shares of each edge at which lines begin.
     """
     lines = []
     for axis, end in np.argwhere(~front):

@@ -26,13 +26,7 @@ SHORTEST = 3
 
 
 def check_library() -> None:
-    """Check early that text can be drawn.
-
-    Raises
-    ------
-    ClustervizError
-        matplotlib is not installed.
-    """
+    """Check early that text can be drawn. Raises ClustervizError: matplotlib is not installed."""
     try:
         import matplotlib  # noqa: F401
     except ImportError:
@@ -67,9 +61,7 @@ class Overlay:
 class Canvas:
     """Canvas of a picture's size; positions are pixels from the top left corner, y down.
 
-    Parameters
-    ----------
-    size : width and height, pixels
+    `size`: width and height, pixels.
     """
 
     def __init__(self, size: tuple[int, int]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from clusterviz.comm import Channel
 from clusterviz.frame.run import Image
+from clusterviz.frame.work import Planning
 from clusterviz.plan.accuracy import (
     COARSEST,
     SAFETY,
@@ -57,8 +58,8 @@ class SmallPicture:
     volumes: int = 1
 
 
-Draw = Callable[[Scene], SmallPicture]
-"""Draws the picture of a scene whose settings are given; collective."""
+Draw = Callable[[Scene], Planning[SmallPicture]]
+"""Asks for the picture of a scene whose settings are given; collective."""
 
 
 REPEATS = 3
@@ -72,7 +73,7 @@ class TextureUnit:
     ----------
     small : scene of a small picture, with all settings
     channel : to the other ranks
-    draw : draws a small picture
+    draw : asks for a small picture
 
     Attributes
     ----------
@@ -85,24 +86,27 @@ class TextureUnit:
         self._channel, self._draw = channel, draw
         self.samples = 0
 
-    def error(self, aim: Aim) -> float:
+    def error(self, aim: Aim) -> Planning[float]:
         """Estimate the error that the texture unit adds to the whole picture."""
-        exact, textured = (self._drawn(scene).image for scene in self._scenes)
+        exact, textured = (yield from self._drawn(0)).image, (yield from self._drawn(1)).image
         added = 0.0
         if exact is not None and textured is not None:
             added = largest(difference(exact, textured), aim.pixels) * (2 * SAFETY if aim.jumps else SAFETY)
         return self._channel.broadcast(added)
 
-    def share(self) -> float:
+    def share(self) -> Planning[float]:
         """Return its time relative to that of exact weights, on the slowest rank."""
         fastest = []
-        for scene in self._scenes:
-            self._drawn(scene)  # compiles shaders, and stores bricks for this filter
-            fastest.append(min(self._drawn(scene).seconds for _ in range(REPEATS)))
+        for number in range(len(self._scenes)):
+            yield from self._drawn(number)  # compiles shaders, and stores bricks for this filter
+            seconds = list[float]()
+            for _ in range(REPEATS):
+                seconds.append((yield from self._drawn(number)).seconds)
+            fastest.append(min(seconds))
         return fastest[1] / max(fastest[0], 1e-9)
 
-    def _drawn(self, scene: Scene) -> SmallPicture:
-        drawn = self._draw(scene)
+    def _drawn(self, number: int) -> Planning[SmallPicture]:
+        drawn = yield from self._draw(self._scenes[number])
         self.samples += drawn.samples
         return drawn
 
@@ -152,7 +156,9 @@ class _Verdict(NamedTuple):
     covered: float
 
 
-def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Calibration | None = None) -> Calibration:
+def calibrate(
+    scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Calibration | None = None
+) -> Planning[Calibration]:
     """Find the settings that keep a scene's error bound; collective.
 
     Parameters
@@ -160,17 +166,17 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
     scene : completed, with a volume and `quality.max_error`
     aim : error bound and allowed settings
     channel : to the other ranks
-    draw : draws the picture of a scene; collective
+    draw : asks for the picture of a scene
     followed : earlier calibration whose filter is kept; None: compare all settings
     """
     samples, covered = 0, followed.covered if followed else 1.0
     if followed is None:
-        first = draw(_small(scene, Trial("post", COARSEST), FIRST_SIDE / max(scene.image.size)))
+        first = yield from draw(_small(scene, Trial("post", COARSEST), FIRST_SIDE / max(scene.image.size)))
         samples, covered = first.samples, channel.broadcast(_covered(first.image))
     scale, pictures = math.sqrt(_share(aim, covered)), dict[Trial, Image]()
     trial, choice = next_trial(pictures, aim), None
     while trial is not None:
-        small = draw(_small(scene, trial, scale))
+        small = yield from draw(_small(scene, trial, scale))
         samples += small.samples
         if small.image is not None:
             pictures[trial] = small.image
@@ -183,14 +189,15 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
     elif why := why_exact(small.filter, small.volumes, small.is_textured):
         picked = Picked("exact", reason=why)
     else:
-        picked, choice, taken = _picked(_small(scene, choice.trial, scale), pictures, choice, aim, channel, draw)
+        scaled = _small(scene, choice.trial, scale)
+        picked, choice, taken = yield from _picked(scaled, pictures, choice, aim, channel, draw)
         samples += taken
     pixels = math.prod(_small(scene, choice.trial, scale).image.size)
     worse = 1.0
     if aim.jumps or not followed:
         left = replace(aim, bound=aim.bound - (0.0 if followed else picked.error))
         choice = replace(choice, error=choice.error - picked.error)
-        choice, worse, taken = _verified(scene, choice, left, channel, draw, is_first=not followed)
+        choice, worse, taken = yield from _verified(scene, choice, left, channel, draw, is_first=not followed)
         choice, samples = replace(choice, error=choice.error + picked.error), samples + taken
     return Calibration(scene, choice, covered, pixels, samples, picked, aim.jumps or not followed, worse)
 
@@ -208,12 +215,12 @@ def chosen(scene: Scene, trial: Trial, early_termination: float, filter: str = "
 
 def _picked(
     small: Scene, pictures: dict[Trial, Image], choice: Choice, aim: Aim, channel: Channel, draw: Draw
-) -> tuple[Picked, Choice, int]:
+) -> Planning[tuple[Picked, Choice, int]]:
     """Pick the filter, timed only if its error fits the bound; returns it, the adapted choice, and samples taken."""
     unit = TextureUnit(small, channel, draw)
-    error = unit.error(aim)
+    error = yield from unit.error(aim)
     less = reduced(aim, error)
-    share = unit.share() if less else None
+    share = (yield from unit.share()) if less else None
     instead = channel.broadcast(choose(pictures, less) if less and pictures else None)
     picked, choice = pick_filter(Probe(error, share), choice, instead, aim)
     return picked, choice, unit.samples
@@ -221,7 +228,7 @@ def _picked(
 
 def _verified(
     scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Draw, *, is_first: bool
-) -> tuple[Choice, float, int]:
+) -> Planning[tuple[Choice, float, int]]:
     """Verify a choice, or shorten its step, by whole pictures.
 
     Needed because a sample of pixels misses the errors of single pixels, which are far larger than all others where
@@ -238,7 +245,7 @@ def _verified(
     # Below a sixteenth of the bound a quotient says nothing of errors near the bound.
     estimated = max(choice.error - aim.residual, aim.target / 16)
     while True:
-        drawn = draw(_small(scene, trial, 1.0))
+        drawn = yield from draw(_small(scene, trial, 1.0))
         samples += drawn.samples
         if drawn.image is not None:
             pictures.append(drawn.image)

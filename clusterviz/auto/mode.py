@@ -12,7 +12,7 @@ have the same counts, and rank 0 decides for all.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -24,13 +24,10 @@ from clusterviz.composite.model.network import Network, default_network
 from clusterviz.composite.model.prediction import place_ranks, predict
 from clusterviz.content.table import entries_of
 from clusterviz.data.source import Index
-from clusterviz.distribution.contract import DistributionHooks, distribution_of, groups_of, sharing_of
+from clusterviz.distribution.contract import Distribution, DistributionHooks, distribution_of, groups_of, sharing_of
 from clusterviz.distribution.memory_budget import MemoryBudget, memory_budget_of
-from clusterviz.distribution.sort_first import SortFirst
-from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
-from clusterviz.frame.work import RankWork
+from clusterviz.frame.work import DrawnFrame, Planning
 from clusterviz.image.partial import EMPTY
 from clusterviz.partition import build_tree, leaf_pieces, owners_of
 from clusterviz.partition.screen import rank_groups
@@ -47,14 +44,17 @@ DOUBT = 0.05  # uncertainty of the time of drawing, on an idle machine
 LEAST_GAIN_AGAIN = 0.8  # part of the present mode's predicted time, below which it changes: bricks may have to be read
 
 
+HooksOf = Callable[[Distribution], DistributionHooks | None]
+
+
 class AutoMode:
     """Present mode and its distribution; the same on every rank.
 
     Parameters
     ----------
     run : of the opening
-    drawing : that draws a cost probe, and keeps its bricks
-    opened : volumes, if any
+    hooks_of : makes the hooks of a distribution, if it has some
+    is_open : whether there is something to draw
     scene : completed
     several : True if more than one frame may come
 
@@ -70,8 +70,8 @@ class AutoMode:
         As `groups_of` does; the same on every rank.
     """
 
-    def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
-        self._drawing, self._opened, self._several = drawing, opened, several
+    def __init__(self, run: Run, hooks_of: HooksOf, is_open: bool, scene: Scene, several: bool) -> None:
+        self._hooks_of, self._several = hooks_of, several
         self._cluster, self._ranks = scene.cluster, run.channel.size
         with run.local("plan", "plan"):
             self._candidates = groups_of(scene, self._ranks, several)
@@ -79,7 +79,7 @@ class AutoMode:
         with run.collective("plan", "plan"):
             has_surfaces = any(entry.kind.must_fit for entry in entries_of(scene))
             self._budget = memory_budget_of(run, self._cluster, shares_screen, has_surfaces)
-        self._is_open = opened is not None and len(self._candidates) > 1
+        self._is_open = is_open and len(self._candidates) > 1
         self._groups = self._candidates[0] if not self._is_open else None
         self._seconds_per_sample: float | None = None
         self._held_cost: object = None
@@ -94,7 +94,7 @@ class AutoMode:
         plan: Plan,
         holds: frozenset[Index] = frozenset(),
         accuracy: Accuracy | None = None,
-    ) -> None:
+    ) -> Planning[None]:
         """Choose the mode before a frame, if it is due; collective.
 
         Parameters
@@ -110,7 +110,7 @@ class AutoMode:
         found: tuple[Forecast, ...] = ()
         if len(fitting) > 1 and plan.cost.any():
             pixels = {groups: self._pixel(scene, plan, groups, accuracy) for groups in fitting}
-            found = self._forecasts(run, scene, plan, pixels, holds)
+            found = yield from self._forecasts(run, scene, plan, pixels, holds)
         present, self._frames = self._groups if self._groups in fitting else None, 0
         chosen = choose(found, present) if found else present or (fitting or self._candidates)[0]
         if chosen != self._groups:
@@ -119,14 +119,14 @@ class AutoMode:
             self.sharing = sharing_of(self.distribution, found)
         self._groups = chosen
 
-    def learn(self, run: Run, work: RankWork, costs: Sequence[RankFrame]) -> None:
+    def learn(self, run: Run, drawn: DrawnFrame, costs: Sequence[RankFrame]) -> None:
         """Learn from the cost of a drawn frame on each rank; collective."""
-        if work.plan is None:
+        if drawn.work.plan is None:
             return
-        self.distribution.learn(work.plan, costs)
+        self.distribution.learn(drawn.work.plan, costs)
         self._record(costs)
         if self.hooks:
-            self.hooks.after(run, work, costs)
+            self.hooks.after(run, drawn, costs)
 
     def close(self) -> None:
         """Free the resources of the hooks; collective."""
@@ -161,22 +161,8 @@ class AutoMode:
         """Make the distribution and hooks for a number of groups."""
         self.close()
         self.distribution = distribution_of(self._cluster, self._ranks, groups, self._budget, self._several)
-        self.hooks = self._hooks()
+        self.hooks = self._hooks_of(self.distribution)
         self.sharing = sharing_of(self.distribution, found)
-
-    def _hooks(self) -> DistributionHooks | None:
-        """Return the hooks of the distribution, or None; bricks migrate only if more than one frame may come."""
-        if isinstance(self.distribution, SortFirst):
-            from clusterviz.distribution.tile_scheduler import TileScheduler
-
-            return TileScheduler(self._drawing, self.distribution)
-        if self._several and self._opened is not None and self._cluster.distribution == "dynamic":
-            from clusterviz.distribution.dynamic import Dynamic
-            from clusterviz.migration.driver import MigrationDriver
-
-            if isinstance(self.distribution, Dynamic):
-                return MigrationDriver(self.distribution, self._drawing, self._opened.range_type)
-        return None
 
     def _pixel(self, scene: Scene, plan: Plan, groups: int, accuracy: Accuracy | None) -> str:
         if accuracy is None:
@@ -187,7 +173,7 @@ class AutoMode:
 
     def _forecasts(
         self, run: Run, scene: Scene, plan: Plan, pixels: Mapping[int, str], holds: frozenset[Index]
-    ) -> tuple[Forecast, ...]:
+    ) -> Planning[tuple[Forecast, ...]]:
         """Predict the time of each number of groups; empty if the cost probe does not fit into memory."""
         channel = run.channel
         with run.collective("plan", "plan"):
@@ -197,7 +183,7 @@ class AutoMode:
             held = len(bricks) * int(self._budget.brick_bytes(plan).max())
         if self._groups is not None and not self._fits(channel.maximum(held)):
             return ()
-        probe = probe_cost(run, self._drawing, scene, plan, holds, self._seconds_per_sample)
+        probe = yield from probe_cost(run, scene, plan, holds, self._seconds_per_sample)
         result: tuple[tuple[Forecast, ...], float] = (), UNKNOWN
         with run.local("plan", "choose"):
             if probe is not None:

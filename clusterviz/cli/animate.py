@@ -46,8 +46,7 @@ from clusterviz.frame.picture_file import write_picture
 from clusterviz.image.files import LAYERED, check_writable, read_image
 from clusterviz.image.movie import check_encoder, write_movie
 from clusterviz.image.replace import check_replaceable, replacing
-from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
-from clusterviz.report.frame_coherence import FrameCoherence, together
+from clusterviz.report.counts import EarlyDiscarding, FrameCoherence, all_counts
 from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
@@ -139,13 +138,7 @@ class FrameFiles:
         return list(range(frames))
 
     def write(self, image: NDArray[np.float32], scene: Scene, made: Provenance) -> None:
-        """Write one picture.
-
-        Raises
-        ------
-        OutputError
-            The picture cannot be written; earlier ones are kept.
-        """
+        """Write one picture. Raises OutputError: the picture cannot be written; earlier ones are kept."""
         write_picture(self.path(made.number), image, scene, made)
 
     def finish(self, frames: int, frames_per_second: float) -> None:
@@ -374,10 +367,7 @@ def frame_count(
 ) -> int:
     """Return the number of frames.
 
-    Raises
-    ------
-    InputError
-        Nothing moves: there are no orbit, path and time steps; or an orbit alone without `--frames`.
+    Raises InputError: nothing moves, as there are no orbit, path and time steps; or an orbit alone without `--frames`.
     """
     if orbit is not None and not math.isfinite(orbit):
         raise InputError("not finite", where="--orbit", found=orbit, allowed="degrees, as in 360")
@@ -416,7 +406,7 @@ class _Animation:
                 if following:
                     progress(following)
                 self._tracing.add(rendered.spans)
-                self.frame_coherence = together((self.frame_coherence, rendered.statistics.frame_coherence))
+                self.frame_coherence = all_counts((self.frame_coherence, rendered.statistics.frame_coherence))
                 self.early_discarding = all_counts((self.early_discarding, rendered.statistics.early_discarding))
                 if self._keep and self._channel.rank == 0:
                     self.statistics.append(rendered.statistics)

@@ -41,8 +41,8 @@ from clusterviz.image.picture import Image as Picture
 from clusterviz.image.picture import layers_of
 from clusterviz.render.crossing import named_layers
 from clusterviz.render.render_result import finish_projection
+from clusterviz.report.counts import all_counts
 from clusterviz.report.decisions import Change
-from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from clusterviz.content.volume.opening import Bricks
 from clusterviz.data.source import Index
 from clusterviz.data.store.cache import CACHE, CACHE_BYTES
+from clusterviz.distribution.memory_budget import READING
 from clusterviz.frame.brick_reader import BrickReader, bytes_of
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.plan import Plan
@@ -41,25 +42,7 @@ if TYPE_CHECKING:
 
 SLOTS, DECODED = 3 / 8, 1 / 4
 """Shares of a limit, if not all bricks fit; the rest is for samples. Without stores nothing is decoded."""
-READING = 2
-"""Bytes for a byte of samples that is read: the box that spans several bricks lies beside these."""
 Batch = tuple[Future[Bricks], frozenset[Index], int]
-
-
-def has_passes(plan: Plan) -> bool:
-    """Return True if bricks of a plan may be drawn in passes: those of volumes only, and each ray once."""
-    march = plan.march
-    return not plan.content.layers and march.frame_coherence is None and march.discard_margin is None
-
-
-def least_bytes(sizes: NDArray[np.int64], plan: Plan) -> int:
-    """Return the least limit with which bricks can be drawn in passes: that of a single brick.
-
-    Parameters
-    ----------
-    sizes : int64 (bz, by, bx), bytes of their slots
-    """
-    return int(sizes.max()) + READING * slot_of(plan).sample_bytes if sizes.any() else 0
 
 
 @dataclass(frozen=True)

@@ -53,13 +53,7 @@ def replacing_folder(path: str | os.PathLike[str], known_by: str) -> Iterator[Pa
 
 
 def check_folder(path: str | os.PathLike[str], known_by: str) -> None:
-    """Check before measuring that `replacing_folder` can begin.
-
-    Raises
-    ------
-    OutputError
-        See `replacing_folder`.
-    """
+    """Check before measuring that `replacing_folder` can begin. Raises OutputError: see `replacing_folder`."""
     remove_temporary(_create(behind_links(Path(path).absolute()), known_by))
 
 
@@ -97,10 +91,7 @@ def _rename(temporary: Path, target: Path) -> None:
 def check_libraries() -> None:
     """Check before measuring that the libraries of pages are installed.
 
-    Raises
-    ------
-    ClustervizError
-        matplotlib or Jinja2 is not installed.
+    Raises ClustervizError: matplotlib or Jinja2 is not installed.
     """
     try:
         import jinja2  # noqa: F401

@@ -95,10 +95,7 @@ class AdaptiveStep:
 def make_adaptive_step(volume: Volume, quality: Quality, grid: Grid, transfer: TransferFunction) -> AdaptiveStep | None:
     """Return the adaptive step of `quality.adaptive`; None if it is 0.
 
-    Raises
-    ------
-    SceneError
-        The error has no bound, since the volume is lit, for example, or not composited.
+    Raises SceneError: the error has no bound, since the volume is lit, for example, or not composited.
     """
     if not quality.adaptive:
         return None
@@ -129,9 +126,7 @@ def what_has_no_bound(volume: Volume, quality: Quality) -> str:
 class _Terms:
     """Bounds of the transfer function over intervals of scalars.
 
-    Attributes
-    ----------
-    least, most : float64 (n,), extinction per unit distance
+    `least`, `most`: float64 (n,), extinction per unit distance.
     """
 
     def __init__(self, transfer: TransferFunction, low: Floats, high: Floats) -> None:

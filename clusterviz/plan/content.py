@@ -256,10 +256,7 @@ def make_lone_content(
 ) -> tuple[Content, NDArray[np.float64]]:
     """Return the content of a completed scene with one volume alone, and the cost of its bricks, as `make_content`.
 
-    Raises
-    ------
-    InputError
-        The layout's margin is too small, so that pictures would depend on the bricks.
+    Raises InputError: the layout's margin is too small, so that pictures would depend on the bricks.
     """
     (volume,), quality, layout = scene.volumes, scene.quality, bricks.layout
     how, around = (quality.classification, quality.borders), occlusion_reach(volume, known.grid)

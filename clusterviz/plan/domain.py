@@ -78,9 +78,7 @@ class Domain:
 def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()) -> Domain:
     """Return the domain of volumes and geometry; around nothing at all, a small box.
 
-    Parameters
-    ----------
-    boxes : low and high corners of the boxes around geometry and unstructured grids, float64 (2, 3) or (0, 3)
+    `boxes`: low and high corners of the boxes around geometry and unstructured grids, float64 (2, 3) or (0, 3).
     """
     volumes, geometry = np.concatenate([EMPTY, *(grid.corners for grid in grids)]), np.concatenate([EMPTY, *boxes])
     if not len(volumes) + len(geometry):

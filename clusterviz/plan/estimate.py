@@ -108,9 +108,7 @@ def left_of(pictures: Pictures, classification: Classification, levels: list[int
 def still_missing(last: float, earlier: float) -> float:
     """Estimate the error left after two halvings of the step.
 
-    Parameters
-    ----------
-    last, earlier : change by the last halving, and by the one before
+    `last`, `earlier`: change by the last halving, and by the one before.
     """
     share = min(max(last / max(earlier, 1e-30), FASTEST), SLOWEST)
     return last * share / (1 - share)

@@ -141,6 +141,12 @@ class Plan:
         return "linear" if self.content.mixed else self.volume.filter
 
     @property
+    def has_passes(self) -> bool:
+        """Whether its bricks may be drawn in passes: those of volumes only, and each ray once."""
+        march = self.march
+        return not self.content.layers and march.frame_coherence is None and march.discard_margin is None
+
+    @property
     def pictures(self) -> int:
         """Number of pictures that are drawn: one, or one for each wavelength, or for each sub-image of a lens."""
         several = self.spectrum or self.lens
@@ -222,9 +228,7 @@ class Plan:
 def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     """Return True if a plan shows a brick that was hidden when bricks were assigned to ranks.
 
-    Parameters
-    ----------
-    assigned_cost : the cost of bricks by which they were assigned; 0 for a hidden one; None: all were hidden
+    `assigned_cost`: the cost of bricks by which they were assigned; 0 for a hidden one; None: all were hidden.
     """
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 

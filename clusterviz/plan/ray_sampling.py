@@ -94,9 +94,7 @@ BULGE = 2  # slabs
 def make_frame_coherence(scene: Scene, grids: Sequence[Grid], step_world: float) -> int | None:
     """Return the slabs between a ray's start and the last frame's hit; None without frame coherence.
 
-    Parameters
-    ----------
-    grids : of the scene's volumes
+    `grids`: of the scene's volumes.
     """
     if not scene.quality.frame_coherence:
         return None

@@ -66,9 +66,7 @@ class Segments:
 def make_segments(transfer: TransferFunction, slab_units: float) -> Segments:
     """Cut a transfer function into segments, with constant ones before the first control point and after the last.
 
-    Parameters
-    ----------
-    slab_units : length of a slab in opacity unit distances
+    `slab_units`: length of a slab in opacity unit distances.
     """
     records, starts = outline(transfer)
     records = _refined(records, slab_units)

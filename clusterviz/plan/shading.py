@@ -157,9 +157,7 @@ def make_shading(
 def make_geometry_shading(section: GeometrySection | GridSection, lights: Sequence[Light], grid: Grid) -> Shading:
     """Return the lighting of geometry by normals, or of unstructured grids by gradients, in the world.
 
-    Parameters
-    ----------
-    grid : of the domain, in whose index space lights have places
+    `grid`: of the domain, in whose index space lights have places.
     """
     lamps = tuple(_lamp(light, grid) for light in lights or (HEADLIGHT,))
     return Shading(_material(section), lamps, _rows(np.eye(3)), _rows(np.eye(3)), np.zeros((0, 8)), np.zeros((0, 4)))

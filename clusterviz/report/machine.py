@@ -52,12 +52,7 @@ class FeatureOutcome:
 
 @dataclass(frozen=True)
 class SelfTest:
-    """Self-test of one device.
-
-    Attributes
-    ----------
-    ranks : that draw on it; the first one has tested it
-    """
+    """Self-test of one device. `ranks`: that draw on it; the first one has tested it."""
 
     host: str
     egl_device: int
@@ -132,9 +127,7 @@ class MachineReport:
 def memory(root: Path = Path("/")) -> Memory:
     """Return this node's memory, or the limit of this process or of its control group, set by a scheduler or container.
 
-    Parameters
-    ----------
-    root : folder in which `proc` and `sys` are mounted
+    `root`: folder in which `proc` and `sys` are mounted.
     """
     total, available = _node_memory(root)
     for limit, used in (_group_memory(root), _process_memory(root)):

@@ -54,9 +54,7 @@ def software_versions() -> dict[str, str]:
 def stated_error(provenance: Provenance, quality: dict[str, Any]) -> dict[str, Any]:
     """Return what is known of the error of a picture, of a full scale of 1, as JSON values.
 
-    Parameters
-    ----------
-    quality : keys of the scene's `quality`, as JSON values
+    `quality`: keys of the scene's `quality`, as JSON values.
     """
     exact = {key: value for key, value in EXACT.items() if key in quality}
     found: dict[str, Any] = {

@@ -9,10 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 from typing import Any
 
+from clusterviz.report.counts import EarlyDiscarding, FrameCoherence, KBufferCounts, all_counts
 from clusterviz.report.decisions import Accuracy, Change, Detail, Sharing
-from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
-from clusterviz.report.frame_coherence import FrameCoherence, together
-from clusterviz.report.kbuffer_counts import KBufferCounts
 from clusterviz.report.trace import Span
 
 STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "collect", "finish")
@@ -169,7 +167,7 @@ class FrameStatistics:
     @property
     def frame_coherence(self) -> FrameCoherence | None:
         """Statistics of frame coherence on all ranks; None if quality.frame_coherence is false."""
-        return together(rank.frame_coherence for rank in self.per_rank)
+        return all_counts(rank.frame_coherence for rank in self.per_rank)
 
     @property
     def early_discarding(self) -> EarlyDiscarding | None:

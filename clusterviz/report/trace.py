@@ -136,9 +136,7 @@ def composition_spans(begin: float, end: float, compositing: Mapping[str, Any]) 
     Only durations are known: stages are placed one after the other, and so are packing, waiting and blending within a
     stage, although these alternate.
 
-    Parameters
-    ----------
-    begin, end : seconds of this rank's clock
+    `begin`, `end`: seconds of this rank's clock.
     """
     if not compositing:
         return
@@ -163,12 +161,7 @@ def composition_spans(begin: float, end: float, compositing: Mapping[str, Any]) 
 
 
 def trace_file(ranks: Sequence[RankTrace]) -> dict[str, Any]:
-    """Return the contents of a `--trace` file.
-
-    Parameters
-    ----------
-    ranks : index = rank
-    """
+    """Return the contents of a `--trace` file. `ranks`: index = rank."""
     events: list[dict[str, Any]] = []
     starts = [rank.on_clock_of_rank_0(span.begin) for rank in ranks for span in rank.spans]
     origin = min(starts, default=0.0)
@@ -208,10 +201,7 @@ def _event(number: int, row: int, span: Span, rank: RankTrace, origin: float) ->
 def write_trace(path: Path, ranks: Sequence[RankTrace]) -> None:
     """Write the trace of all ranks; the file appears whole or not at all.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    Raises OutputError: the file cannot be written.
     """
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(trace_file(ranks)) + "\n")

@@ -36,10 +36,7 @@ FILTER = "quadratic 4 x 4"
 def drawn(feature: Feature, device: Device) -> Picture:
     """Return the picture of a feature as a device draws it, float32.
 
-    Raises
-    ------
-    ClustervizError
-        The device cannot draw it.
+    Raises ClustervizError: the device cannot draw it.
     """
     if feature.content in FIELDS:
         with on_device(devices_of(None if device is None else [device])[0]):

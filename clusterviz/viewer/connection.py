@@ -54,12 +54,7 @@ class RateLimit:
 
 
 class ClosedError(Exception):
-    """End of a connection by the server.
-
-    Parameters
-    ----------
-    reason : short text for the client
-    """
+    """End of a connection by the server. `reason`: short text for the client."""
 
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)

@@ -48,20 +48,14 @@ class Limits:
     def admit(self, data: dict[str, Any]) -> dict[str, Any]:
         """Return scene data of a client with absolute paths.
 
-        Raises
-        ------
-        InputError
-            A file is not one that clients may name.
+        Raises InputError: a file is not one that clients may name.
         """
         return change_paths(data, self._admitted)
 
     def check(self, scene: Scene) -> None:
         """Check a scene before it is completed.
 
-        Raises
-        ------
-        SceneError
-            Its picture is too large, or its entries are not those that are open.
+        Raises SceneError: its picture is too large, or its entries are not those that are open.
         """
         size = scene.image.size
         if max(size) > self._largest_side:

@@ -67,12 +67,7 @@ SMALLEST_SIDE = 16
 
 
 class Pace:
-    """Choice of the level from frame to frame.
-
-    Attributes
-    ----------
-    level : index in `LEVELS` of the next frame
-    """
+    """Choice of the level from frame to frame. `level`: index in `LEVELS` of the next frame."""
 
     def __init__(self, budget_seconds: float) -> None:
         self._seconds = DRAWING_SHARE * budget_seconds
@@ -97,9 +92,7 @@ class Pace:
     def learn(self, pixels: int, seconds: float, fixed_seconds: float) -> None:
         """Learn from a frame of the present level.
 
-        Parameters
-        ----------
-        fixed_seconds : of these, those that do not depend on the picture's size
+        `fixed_seconds`: of these, those that do not depend on the picture's size.
         """
         self._costs.append(max(1e-6, seconds - fixed_seconds) / (LEVELS[self.level].cost * pixels))
         self._fixed.append(fixed_seconds)

@@ -72,9 +72,7 @@ class Abandoning:
 
     Rank 0 sends each rank one message a frame: while it draws, if there is newer input, else at the end.
 
-    Parameters
-    ----------
-    has_input : on rank 0, whether there is newer input
+    `has_input`: on rank 0, whether there is newer input.
     """
 
     def __init__(self, channel: Channel, has_input: Callable[[], bool]) -> None:
@@ -92,10 +90,7 @@ class Abandoning:
     def poll(self) -> None:
         """Abandon the frame if there is reason to; called while a rank draws.
 
-        Raises
-        ------
-        AbandonedError
-            Rank 0 has decided so.
+        Raises AbandonedError: rank 0 has decided so.
         """
         if not self._is_open or self.abandoned:
             return

@@ -69,10 +69,7 @@ class _Answers:
 class SceneClient:
     """Client of a session that reads and changes the scene from Python.
 
-    Raises
-    ------
-    ClustervizError
-        The session has ended before it began.
+    Raises ClustervizError: the session has ended before it began.
     """
 
     def __init__(self, session: NotebookSession) -> None:

@@ -74,10 +74,7 @@ REFUSED = 400
 def open_socket(host: str, port: int) -> socket.socket:
     """Return a socket that listens; port 0 takes a free port.
 
-    Raises
-    ------
-    InputError
-        The port is in use or not allowed, or the host is not of this machine.
+    Raises InputError: the port is in use or not allowed, or the host is not of this machine.
     """
     try:
         if not 0 <= port <= MAX_PORT:  # the system's functions take it modulo 65536
@@ -192,9 +189,7 @@ class Waiting:
 class Guard:
     """ASGI middleware that serves only those who know the token, under an own name and to pages of an own origin.
 
-    Attributes
-    ----------
-    waiting : connections that have not shown the token
+    `waiting`: connections that have not shown the token.
     """
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int, origins: Sequence[str]) -> None:

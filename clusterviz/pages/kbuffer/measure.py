@@ -28,8 +28,7 @@ from clusterviz.frame import FrameLoop, Options
 from clusterviz.gl.devices import Device
 from clusterviz.pages.kbuffer.analysis import KBufferNeeds, analyse, comparisons
 from clusterviz.plan.domain import world_from_file
-from clusterviz.report.early_discarding import all_counts
-from clusterviz.report.kbuffer_counts import KBufferCounts
+from clusterviz.report.counts import KBufferCounts, all_counts
 from clusterviz.scene.camera import fitted_camera, point_along
 from clusterviz.scene.values import Camera, Scene
 

@@ -78,12 +78,7 @@ class PredictedFrame:
 
 @dataclass(frozen=True)
 class Machine:
-    """Machine of a forecast.
-
-    Attributes
-    ----------
-    near, far : network constants for jobs on one node, and on several
-    """
+    """Machine of a forecast. `near`, `far`: network constants for jobs on one node, and on several."""
 
     near: Network
     far: Network

@@ -150,9 +150,7 @@ def _checked(truth: GroundTruth, renderer: Draw, reference: Draw, small: Scene, 
 def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[Draw | None, str]:
     """Return the float64 reference as a function of scene and step, or None and the reason.
 
-    Parameters
-    ----------
-    most_seconds : that it may take for a picture of a few pixels, which large meshes take whole
+    `most_seconds`: that it may take for a picture of a few pixels, which large meshes take whole.
     """
     if why := why_unchecked(scene):
         return None, f"the reference {why}"

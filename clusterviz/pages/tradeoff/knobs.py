@@ -124,13 +124,7 @@ def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tu
 
 
 def parse_knobs(text: str | None) -> list[str]:
-    """Parse a list of settings such as "step,filter"; None is all.
-
-    Raises
-    ------
-    InputError
-        A name is unknown.
-    """
+    """Parse a list of settings such as "step,filter"; None is all. Raises InputError: a name is unknown."""
     known = [knob.name for knob in KNOBS]
     names = [name.strip() for name in text.split(",")] if text else known
     unknown = [name for name in names if name not in known]
@@ -153,13 +147,7 @@ def value_of(scene: Scene, name: str) -> Any:
 
 
 def changed(scene: Scene, setting: Setting) -> Scene:
-    """Return the scene with the changes of a setting.
-
-    Raises
-    ------
-    SceneError
-        The changes are invalid for this scene.
-    """
+    """Return the scene with the changes of a setting. Raises SceneError: the changes are invalid for this scene."""
     return with_settings(scene, setting.changes)
 
 

@@ -126,9 +126,7 @@ def rate(setting: Setting, cost: Cost, image: Image, truth: GroundTruth, backgro
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
     """Return which points are on the Pareto front of two costs.
 
-    Parameters
-    ----------
-    points : pairs of costs, smaller is better; equal points are all on the front
+    `points`: pairs of costs, smaller is better; equal points are all on the front.
     """
     return [
         not any(a <= x and b <= y and (a < x or b < y) for a, b in points)

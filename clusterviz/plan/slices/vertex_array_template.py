@@ -43,9 +43,7 @@ class Moves:
 def moves_of(cuts: Cuts, beyond: float = 0.0) -> Moves:
     """Return the planes of a template for planes in boxes of its size.
 
-    Parameters
-    ----------
-    beyond : length by which the template's box is larger on all sides, as rasterisers round
+    `beyond`: length by which the template's box is larger on all sides, as rasterisers round.
     """
     normal = np.broadcast_to(cuts.normal, cuts.low.shape)
     ahead = normal / (normal**2).sum(axis=1, keepdims=True)  # one distance
