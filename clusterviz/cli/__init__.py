@@ -24,16 +24,11 @@ from clusterviz.errors import DataWarning, without_secrets
 
 
 class Command(NamedTuple):
-    """Entry of the command table.
-
-    Attributes
-    ----------
-    example : a command line shown in the help; "" for none
-    """
+    """Entry of the command table."""
 
     module: str
     help: str
-    example: str = ""
+    example: str = ""  # a command line shown in the help; "" for none
 
 
 COMMANDS: dict[str, Command] = {
@@ -176,12 +171,7 @@ def main() -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command.
-
-    Parameters
-    ----------
-    arguments : the command line without the program's name
-    """
+    """Run one command. `arguments`: the command line without the program's name."""
     flags, arguments = _without_flags(arguments)
     debug = "--debug" in flags
     set_verbosity(Verbosity(("--verbose" in flags) - ("--quiet" in flags)))

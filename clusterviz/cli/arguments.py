@@ -60,10 +60,7 @@ def overrides_of(define: list[str] | None, size: str | None, layers: str | None 
 def parse_size(text: str) -> tuple[int, int]:
     """Parse a size such as 800x600 into (width, height).
 
-    Raises
-    ------
-    InputError
-        The text has another form, or a side is 0 or too large.
+    Raises InputError: the text has another form, or a side is 0 or too large.
     """
     from clusterviz.scene.field_types import LARGEST_SIDE
 
@@ -78,13 +75,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_device(text: str | None) -> Device:
-    """Parse `--device`: the index of an EGL device, "cpu", or None.
-
-    Raises
-    ------
-    InputError
-        The text is something else.
-    """
+    """Parse `--device`: the index of an EGL device, "cpu", or None. Raises InputError: the text is something else."""
     if text is None or text == "cpu":
         return text  # type: ignore[return-value]
     if not text.isdecimal():
@@ -93,13 +84,7 @@ def parse_device(text: str | None) -> Device:
 
 
 def parse_names(text: str, known: list[str], where: str) -> list[str]:
-    """Parse a list of names such as "serial,tree".
-
-    Raises
-    ------
-    InputError
-        A name is unknown, or the list is empty.
-    """
+    """Parse a list of names such as "serial,tree". Raises InputError: a name is unknown, or the list is empty."""
     names = [name.strip() for name in text.split(",")]
     unknown = [name for name in names if name not in known]
     if unknown:
@@ -110,10 +95,7 @@ def parse_names(text: str, known: list[str], where: str) -> list[str]:
 def parse_counts(text: str, least: int, where: str) -> list[int]:
     """Parse a list of whole numbers such as "1,2,4".
 
-    Raises
-    ------
-    InputError
-        An item is not a whole number, or is too small.
+    Raises InputError: an item is not a whole number, or is too small.
     """
     numbers = [number.strip() for number in text.split(",")]
     wrong = [number for number in numbers if not number.isdecimal() or int(number) < least]

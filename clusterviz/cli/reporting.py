@@ -51,9 +51,7 @@ def run_measuring(
 ) -> tuple[Any, NDArray[np.float32]]:
     """Let a job of a command do an order, see `do_order`; return its result and the picture.
 
-    Parameters
-    ----------
-    folder : of files that are exchanged with the job
+    `folder`: of files that are exchanged with the job.
     """
     task = folder / "job.json"
     task.write_text(json.dumps(order))
@@ -64,9 +62,7 @@ def run_measuring(
 def do_order(task: Path, folder: Path, work: Callable[[Channel, Any], tuple[Any, NDArray[np.float32] | None]]) -> None:
     """Do an order of `run_measuring` on each rank; rank 0 writes the result and the picture.
 
-    Parameters
-    ----------
-    work : collective; returns the result, as JSON, and the picture, or None if it is written already
+    `work`: collective; returns the result, as JSON, and the picture, or None if it is written already.
     """
     channel = open_channel()
     limit_threads(channel.placement())

@@ -154,17 +154,11 @@ def _environment(ranks: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class MpirunJob:
-    """Drawing of scenes in MPI jobs; see `survey.Job`.
-
-    Attributes
-    ----------
-    threads : threads of each rank; "" to use the environment's
-    folder : folder for files exchanged with the jobs
-    """
+    """Drawing of scenes in MPI jobs; see `survey.Job`."""
 
     frames: int
-    threads: str
-    folder: Path
+    threads: str  # threads of each rank; "" to use the environment's
+    folder: Path  # folder for files exchanged with the jobs
 
     def __call__(self, scene: Scene, ranks: int, orbit: bool = False) -> tuple[Measured, Image]:
         """Draw one scene; errors are those of `run_job`."""

@@ -76,15 +76,10 @@ def command(
 
 @dataclass(frozen=True)
 class MpirunJob:
-    """Drawing of scenes in MPI jobs; see `survey.Job`.
-
-    Attributes
-    ----------
-    folder : folder for files exchanged with the jobs
-    """
+    """Drawing of scenes in MPI jobs; see `survey.Job`."""
 
     ranks: int
-    folder: Path
+    folder: Path  # folder for files exchanged with the jobs
 
     def __call__(self, scene: Scene, frames: int, warm_up: int = 1) -> Measured:
         """Draw one scene; errors are those of `run_job`."""

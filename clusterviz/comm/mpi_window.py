@@ -10,10 +10,8 @@ Counters are raised by one-sided MPI_Fetch_and_op, without a call by rank 0. Wit
 adapters support it, an access takes microseconds. A library that does it in software does it when rank 0 next calls
 MPI, so rank 0 should take work from the queue too, in items that are not long.
 
-References
-----------
-MPI Forum: MPI, a message-passing interface standard, version 3.1, sections 11.3.4 (MPI_Fetch_and_op) and 11.5.3
-(MPI_Win_lock_all).
+Reference: MPI Forum: MPI, a message-passing interface standard, version 3.1, sections 11.3.4 (MPI_Fetch_and_op) and
+11.5.3 (MPI_Win_lock_all).
 """
 
 from __future__ import annotations

@@ -13,10 +13,8 @@ Cost: between ranks of one node that of a copy; between nodes a message both way
 rows are not contiguous, and parts in files, only while their owner calls MPI; a job that computes for long then delays
 others (MPICH: MPICH_ASYNC_PROGRESS=1 adds a thread for them).
 
-References
-----------
-J. Nieplocha, R. Harrison, R. Littlefield: Global Arrays, Supercomputing 1994. MPI Forum: MPI, a message-passing
-interface standard, version 4.1, chapter 12.
+Reference: J. Nieplocha, R. Harrison, R. Littlefield: Global Arrays, Supercomputing 1994. MPI Forum: MPI, a
+message-passing interface standard, version 4.1, chapter 12.
 """
 
 from __future__ import annotations

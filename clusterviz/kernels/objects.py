@@ -117,10 +117,7 @@ def machine(effort: int = 3) -> Any:
 def cpu() -> tuple[str, str]:
     """Return LLVM's name and features of the CPU for which code is made.
 
-    Raises
-    ------
-    InputError
-        CLUSTERVIZ_CPU is neither "generic", nor "native" or empty.
+    Raises InputError: CLUSTERVIZ_CPU is neither "generic", nor "native" or empty.
     """
     import llvmlite.binding as llvm
 

@@ -89,12 +89,7 @@ def scatter_items(items, shift, places, target):  # type: ignore[no-untyped-def]
 
 
 def scatter_numbers(items, shift, places, target):  # type: ignore[no-untyped-def]
-    """Write the numbers of items in the order of a digit.
-
-    Parameters
-    ----------
-    target : uint32 (whole,)
-    """
+    """Write the numbers of items in the order of a digit. `target`: uint32 (whole,)."""
     shift = _u64(shift)
     for n in range(len(items)):
         _put(items[n], numba.uint32(items[n]), shift, places, target)

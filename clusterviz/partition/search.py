@@ -94,11 +94,9 @@ def move_planes(tree: BspTree, cost: Costs) -> BspTree:
 
     `cost`: as in `build_tree`.
 
-    References
-    ----------
-    S. Marchesin, C. Mongenet, J.-M. Dischler: Dynamic load balancing for parallel volume rendering, EGPGV 2006;
-    C. Müller, M. Strengert, T. Ertl: Optimized volume raycasting for graphics-hardware-based cluster systems, EGPGV
-    2006.
+    Reference: S. Marchesin, C. Mongenet, J.-M. Dischler: Dynamic load balancing for parallel volume rendering, EGPGV
+    2006; C. Müller, M. Strengert, T. Ertl: Optimized volume raycasting for graphics-hardware-based cluster systems,
+    EGPGV 2006.
     """
     table = CostTable.of(cost)
     return BspTree(tree.shape_zyx, tree.ranks, _moved(table, tree.root, BrickBox((0, 0, 0), tree.shape_zyx)))

@@ -2,10 +2,8 @@
 
 Slabs between a pixel's samples are integrated exactly, by quadrature between the control points.
 
-References
-----------
-M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 4.3.1,
-figure 4.12.
+Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section
+4.3.1, figure 4.12.
 """
 
 from __future__ import annotations

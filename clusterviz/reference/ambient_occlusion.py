@@ -22,13 +22,10 @@ def ambient_light(volume: Volume, voxels: NDArray[Any], point: Floats, scene: Sc
     from four samples each, and averaged. A step at a face of the volume, or at a clipping plane, counts by the part
     inside of a step across that face.
 
-    Parameters
-    ----------
-    point : float64 (n, 3), (x, y, z) in samples
+    `point`: float64 (n, 3), (x, y, z) in samples.
 
-    References
-    ----------
-    F. Hernell, P. Ljung, A. Ynnerman: Local ambient occlusion in direct volume rendering, IEEE TVCG 16(4), 2010.
+    Reference: F. Hernell, P. Ljung, A. Ynnerman: Local ambient occlusion in direct volume rendering, IEEE TVCG 16(4),
+    2010.
     """
     if volume.ambient_occlusion is None:
         return np.full((len(point), 1), volume.ambient)

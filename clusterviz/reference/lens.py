@@ -3,10 +3,8 @@
 All rays of a pixel meet in one point of the plane in focus, so that what is there is sharp. The error of the mean falls
 as the number of points grows, at about its power −1 for smooth scenes, −3/4 at edges.
 
-References
-----------
-P. Haeberli, K. Akeley: The accumulation buffer: hardware support for high-quality rendering, SIGGRAPH 1990, 4.
-H. Vogel: A better way to construct the sunflower head, Mathematical Biosciences 44, 1979.
+Reference: P. Haeberli, K. Akeley: The accumulation buffer: hardware support for high-quality rendering, SIGGRAPH 1990,
+4. H. Vogel: A better way to construct the sunflower head, Mathematical Biosciences 44, 1979.
 """
 
 from __future__ import annotations

@@ -3,10 +3,8 @@
 It uses no tables: each slab is cut at the control points of the transfer function, and each piece, which is smooth, is
 integrated by Gaussian quadrature, with attenuation.
 
-References
-----------
-K. Engel, M. Kraus, T. Ertl: High-quality pre-integrated volume rendering using hardware-accelerated pixel shading,
-Graphics Hardware 2001, section 3.1.
+Reference: K. Engel, M. Kraus, T. Ertl: High-quality pre-integrated volume rendering using hardware-accelerated pixel
+shading, Graphics Hardware 2001, section 3.1.
 """
 
 from __future__ import annotations

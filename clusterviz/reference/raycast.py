@@ -81,6 +81,14 @@ def render_reference(
     modes. The volume is transparent next to NaN and infinite voxels (in the cells that they touch; for `nearest`, where
     they are the nearest), and where a midpoint is clipped.
 
+    Returns float64 (h, w, 4), premultiplied, before the background; transparent if the box has no thickness along an
+    axis. It converges with order step² where voxels and transfer function are smooth along the ray. Raises InputError:
+    the shape of `voxels` is not the grid's, the step is not positive, the camera is degenerate or not complete, or
+    there are not as many grids as volumes.
+
+    Reference: N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4 (absorption plus
+    emission).
+
     Parameters
     ----------
     scene : complete (every default filled in)
@@ -91,21 +99,6 @@ def render_reference(
     geometry : meshes, lines and points with their sections, in the order of the scene
     cells : unstructured grids in the world, with their transfer functions
     lens_point : from which the scene is seen, see `camera_rays` and `lens.py`
-
-    Returns
-    -------
-    rgba : float64 (h, w, 4), premultiplied, before the background; transparent if the box has no thickness along
-        an axis. It converges with order step² where voxels and transfer function are smooth along the ray.
-
-    Raises
-    ------
-    InputError
-        The shape of `voxels` is not the grid's, the step is not positive, the camera is degenerate or not complete,
-        or there are not as many grids as volumes.
-
-    References
-    ----------
-    N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4 (absorption plus emission).
     """
     if (geometry or cells) and isinstance(grid, Grid):
         grid, voxels = [grid], [np.asarray(voxels)]

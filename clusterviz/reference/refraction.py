@@ -3,9 +3,7 @@
 The ray of each pixel and wavelength is followed by itself. It is in the world, with the gradient there, where the
 renderer has momenta in index space and steps in bricks. `plan/refraction.py` has the equations.
 
-References
-----------
-E. Hairer, C. Lubich, G. Wanner: Geometric numerical integration, 2006, section I.1 (leapfrog).
+Reference: E. Hairer, C. Lubich, G. Wanner: Geometric numerical integration, 2006, section I.1 (leapfrog).
 """
 
 from __future__ import annotations
@@ -50,9 +48,7 @@ def snell(momentum: Floats, normal: Floats, change: float) -> tuple[Floats, bool
 class Medium:
     """Volume at one wavelength: scalars, gradients and refractive index at points in the world.
 
-    Parameters
-    ----------
-    number : of the wavelength
+    `number`: of the wavelength.
     """
 
     volume: Volume

@@ -25,14 +25,9 @@ MOVED = 1e-6
 
 @dataclass(frozen=True)
 class LicLine:
-    """Lines and noise; keys as of the scene's `lic`, lengths in pixels.
+    """Lines and noise; keys as of the scene's `lic`, lengths in pixels."""
 
-    Attributes
-    ----------
-    weights : float64 (2n + 1,), of samples from the begin of a line to its end
-    """
-
-    weights: Floats
+    weights: Floats  # float64 (2n + 1,), of samples from the begin of a line to its end
     step: float = 0.5
     integrator: str = "rk4"
     grain: float = 1.5
@@ -68,9 +63,7 @@ class SurfacePicture:
     def directions(self, vectors: Floats) -> Floats:
         """Return unit vectors on the screen, (h, w, 2), to the right and down; zeros where there is none.
 
-        Parameters
-        ----------
-        vectors : (h, w, 3), in the world; NaN where there is none
+        `vectors`: (h, w, 3), in the world; NaN where there is none.
         """
         n = self.normals
         with np.errstate(invalid="ignore", divide="ignore"):

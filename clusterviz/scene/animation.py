@@ -4,13 +4,10 @@ An orbit rotates the eye about view_up through the focal point. Between key fram
 Catmull-Rom curves, directions are interpolated and normalised, and numbers follow monotone cubics. Values that a key
 frame leaves out are the scene's.
 
-References
-----------
-F. N. Fritsch, J. Butland: A method for constructing local monotone piecewise cubic interpolants, SIAM Journal on
-Scientific and Statistical Computing 5(2), 1984.
-C. Yuksel, S. Schaefer, J. Keyser: On the parameterization of Catmull-Rom curves, SPM 2009: centripetal knots give
-segments without cusps and loops.
-P. Barry, R. Goldman: A recursive evaluation algorithm for a class of Catmull-Rom splines, SIGGRAPH 1988.
+Reference: F. N. Fritsch, J. Butland: A method for constructing local monotone piecewise cubic interpolants, SIAM
+Journal on Scientific and Statistical Computing 5(2), 1984. C. Yuksel, S. Schaefer, J. Keyser: On the parameterization
+of Catmull-Rom curves, SPM 2009: centripetal knots give segments without cusps and loops. P. Barry, R. Goldman: A
+recursive evaluation algorithm for a class of Catmull-Rom splines, SIGGRAPH 1988.
 """
 
 from __future__ import annotations
@@ -172,10 +169,7 @@ class KeyFrames(Section):
     def frames(self, frames_per_second: float, where: str = "path") -> int:
         """Return the number of frames from the first to the last key frame, both included.
 
-        Raises
-        ------
-        SceneError
-            There are more than `MAX_FRAMES`.
+        Raises SceneError: there are more than `MAX_FRAMES`.
         """
         begin, end = self.times
         count = (end - begin) * frames_per_second
@@ -191,10 +185,7 @@ KEY_FRAME_TYPES: dict[str, type[KeyFrame]] = {"camera": CameraKeyFrame, "transfe
 def load_path(path: str | os.PathLike[str]) -> KeyFrames:
     """Read key frames from a YAML or JSON file.
 
-    Raises
-    ------
-    SceneError
-        The file cannot be read, or holds an unknown key or an invalid value.
+    Raises SceneError: the file cannot be read, or holds an unknown key or an invalid value.
     """
     where = os.fspath(path)
     with guard(SceneError, where):
@@ -254,6 +245,8 @@ def scenes_along(
 ) -> list[Scene]:
     """Return the scenes of all frames, at equal time steps from the first to the last key frame.
 
+    Raises SceneError: key frames are incompatible, or an interpolated camera is degenerate.
+
     Parameters
     ----------
     scene : a completed scene
@@ -262,11 +255,6 @@ def scenes_along(
     keys : key frames; without camera key frames if there is an orbit
     where : the file named in errors
     time_steps : number of time steps of each volume that shows all of them, by its number; they last equally long
-
-    Raises
-    ------
-    SceneError
-        Key frames are incompatible, or an interpolated camera is degenerate.
     """
     keys = keys or KeyFrames()
     if keys.camera and degrees is not None:

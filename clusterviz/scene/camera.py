@@ -193,6 +193,9 @@ def fitted_camera(
 ) -> Camera:
     """Return a camera with position, focal point and view_up; values that are set are kept.
 
+    Returns a non-degenerate camera without named view, rotations, zoom or fit. Raises SceneError: the given values are
+    degenerate, such as a view_up along the direction of view.
+
     Parameters
     ----------
     camera : the camera of a scene file
@@ -202,15 +205,6 @@ def fitted_camera(
     orientation : anatomical directions of x, y and z of the world, such as "RAS"; "" if unknown
     margin : around the points, as a share of half the picture's sides
     axes : directions of x, y and z for data without an orientation, such as "RSA" where y is up
-
-    Returns
-    -------
-    camera : a non-degenerate camera without named view, rotations, zoom or fit
-
-    Raises
-    ------
-    SceneError
-        The given values are degenerate, such as a view_up along the direction of view.
     """
     if is_completed(camera):
         return camera
@@ -257,10 +251,7 @@ WORDS = ("view", "azimuth", "elevation", "roll", "zoom", "fit")
 def camera_vectors(camera: Camera) -> tuple[Vector, Vector, Vector]:
     """Return position, focal point and view_up of a completed camera.
 
-    Raises
-    ------
-    ValueError
-        The camera is not completed.
+    Raises ValueError: the camera is not completed.
     """
     if camera.position is None or camera.focal_point is None or camera.view_up is None:
         raise ValueError("a view needs a completed camera; call complete_scene first")

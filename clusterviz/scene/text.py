@@ -47,9 +47,7 @@ def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
 def picture_metadata(scene: Scene, folder: Path) -> str:
     """Return the YAML text embedded in a picture: all sections but `cluster`, on which pictures do not depend.
 
-    Parameters
-    ----------
-    folder : of the picture, absolute; see `portable_path`
+    `folder`: of the picture, absolute; see `portable_path`.
     """
     data = public_data(scene, {"cluster"})
     return write_yaml(change_paths(data, lambda path: portable_path(path, folder)))

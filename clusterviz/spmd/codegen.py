@@ -22,15 +22,12 @@ CHEAP = 80  # operations that are done without asking if a lane needs them
 class Generator(Calls):
     """Code of the function `main` of a program.
 
+    Raises InputError: the program has no function `main`, or calls a function that CPUs do not have.
+
     Parameters
     ----------
     lanes : of a vector: 4, 8 or 16
     intrinsics : what replaces functions of the program, by name: from the generator and the arguments to the value
-
-    Raises
-    ------
-    InputError
-        The program has no function `main`, or calls a function that CPUs do not have.
     """
 
     def __init__(
@@ -42,10 +39,7 @@ class Generator(Calls):
     def text(self, name: str) -> str:
         """Return the LLVM module with a function of this name, which takes the address of the blocks' addresses.
 
-        Raises
-        ------
-        InputError
-            The program is nested too deeply.
+        Raises InputError: the program is nested too deeply.
         """
         try:
             while True:

@@ -29,15 +29,10 @@ class Cell:
 
 
 class Variables:
-    """Active lanes, and the memory of variables.
-
-    Attributes
-    ----------
-    mask : lanes that are active; None: all
-    """
+    """Active lanes, and the memory of variables."""
 
     emit: Emitter
-    mask: Part | None
+    mask: Part | None  # lanes that are active; None: all
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes

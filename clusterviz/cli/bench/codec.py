@@ -54,10 +54,7 @@ def command(
 def images_in(folder: Path, size: tuple[int, int]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the pictures of a folder: raw RGBA8 as they are, .npy as uint8, float16 and float32.
 
-    Raises
-    ------
-    DataError
-        There is no picture, or one has the wrong size.
+    Raises DataError: there is no picture, or one has the wrong size.
     """
     paths = sorted([*folder.glob("img_*.rgba"), *folder.glob("*.npy")])
     if not paths:

@@ -53,18 +53,11 @@ ANSWER_TAG = 1000
 
 @dataclass(frozen=True)
 class LinkTimes:
-    """Seconds of each repetition on one link.
+    """Seconds of each repetition on one link."""
 
-    Attributes
-    ----------
-    by_size : bytes -> seconds of one message
-    by_swap : bytes of each -> seconds of one message each way at once, as in compositing
-    by_count : number -> seconds of a burst of small messages in one direction
-    """
-
-    by_size: dict[int, list[float]]
-    by_swap: dict[int, list[float]]
-    by_count: dict[int, list[float]]
+    by_size: dict[int, list[float]]  # bytes -> seconds of one message
+    by_swap: dict[int, list[float]]  # bytes of each -> seconds of one message each way at once, as in compositing
+    by_count: dict[int, list[float]]  # number -> seconds of a burst of small messages in one direction
 
     def fit(self) -> Link:
         """Return the constants of this link."""

@@ -129,19 +129,12 @@ RANDOM_PIXELS = 1 << 18  # random pixels, which the pool repeats
 
 @dataclass(frozen=True)
 class Variant:
-    """Variant of the over operator.
+    """Variant of the over operator."""
 
-    Attributes
-    ----------
-    call : blends set number k
-    copies : number of images in a copy of the same bytes
-    slow : whether to time a few repetitions only
-    """
-
-    call: Callable[[int], object]
+    call: Callable[[int], object]  # blends set number k
     sets: int
-    copies: float = 1.0
-    slow: bool = False
+    copies: float = 1.0  # number of images in a copy of the same bytes
+    slow: bool = False  # whether to time a few repetitions only
 
 
 @dataclass(frozen=True)

@@ -40,13 +40,8 @@ def command(
 def measure(scene: Scene, frames: int, device: Device = None) -> dict[str, Any]:
     """Draw a scene several times.
 
-    Parameters
-    ----------
-    frames : number of timed frames, after one warm-up frame
-
-    Returns
-    -------
-    report : median_s and min_s of drawing, readback_median_s, samples of one frame, and the options
+    `frames`: number of timed frames, after one warm-up frame. Returns median_s and min_s of drawing, readback_median_s,
+    samples of one frame, and the options.
     """
     share, bricks = prepare(Run(LoopbackChannel(), Options()), scene)
     if share.plan is None:

@@ -57,10 +57,8 @@ def build_cuts(cost: CostMap, weights: tuple[int, ...]) -> ScreenTree:
     Each cut is where the dearer side has least for each of its ranks, across the longer side of what costs something
     unless the other is better by more than `LONG_SIDE`; in the middle of where it does not matter.
 
-    References
-    ----------
-    B. Moloney, D. Weiskopf, T. Möller, M. Strengert: Scalable sort-first parallel direct volume rendering with dynamic
-    load balancing, EGPGV 2007.
+    Reference: B. Moloney, D. Weiskopf, T. Möller, M. Strengert: Scalable sort-first parallel direct volume rendering
+    with dynamic load balancing, EGPGV 2007.
     """
     return ScreenTree(cost.size, weights, _grow(cost, Rect(0, 0, *cost.size), weights, 0))
 

@@ -4,10 +4,8 @@ When to use: the cost is not known, or ranks differ in speed; the balance is exa
 hold the data of all tiles, and the network needs fast atomic counters. Expensive tiles come first, so that the last
 ones, for which the other ranks wait, are cheap.
 
-References
-----------
-M. Kaplan, D. Greenberg: Parallel processing techniques for hidden surface removal, SIGGRAPH 1979; R. Graham: Bounds on
-multiprocessing timing anomalies, SIAM Journal on Applied Mathematics 17(2), 1969 (the longest first).
+Reference: M. Kaplan, D. Greenberg: Parallel processing techniques for hidden surface removal, SIGGRAPH 1979; R. Graham:
+Bounds on multiprocessing timing anomalies, SIAM Journal on Applied Mathematics 17(2), 1969 (the longest first).
 """
 
 from __future__ import annotations
