@@ -234,7 +234,6 @@ def _not_imported() -> None:
 
 
 def _without_flags(arguments: Sequence[str]) -> tuple[set[str], list[str]]:
-    """Return the `FLAGS` given, and the arguments without them."""
     end = list(arguments).index("--") if "--" in arguments else len(arguments)
     meant = {spelling: flag for flag, spellings in FLAGS.items() for spelling in spellings}
     kept = [argument for argument in arguments[:end] if argument not in meant]

@@ -51,7 +51,6 @@ def command(
 
 
 def _swatch(name: str, count: int) -> list[str]:
-    """Return colours #rrggbb from one end of a map to the other."""
     import numpy as np
 
     from clusterviz.scene.colormaps import named_colour_points

@@ -143,7 +143,6 @@ def _start_session(scene: Scene, watches: list[str], pixels: list[Pixel], ranks:
 
 
 def _summary(watched: Watched, pixels: Sequence[Pixel], histogram: bool) -> dict[str, Any]:
-    """Return what is printed of a watch."""
     found: dict[str, Any] = {"expression": watched.text, "type": watched.type, "pixels": int(watched.reached.sum())}
     found["at"] = []
     for pixel in pixels:
@@ -193,7 +192,6 @@ def _write(path: Path, watched: Watched, limits: tuple[float, float] | None, cma
 
 
 def _pixel(text: str, scene: Scene) -> Pixel:
-    """Parse a pixel of the picture."""
     found, (width, height) = re.fullmatch(r"(\d{1,9}),(\d{1,9})", text.replace(" ", "")), scene.image.size
     if not found or not (int(found[1]) < width and int(found[2]) < height):
         allowed = f"X,Y from 0,0 to {width - 1},{height - 1}, from the upper left"
@@ -214,7 +212,6 @@ def _split(text: str) -> list[str]:
 
 
 def _against(text: str | None) -> dict[str, int]:
-    """Parse what is subtracted."""
     found = re.fullmatch(r"(visit|rank)=(\d{1,9})", text or "visit=1")
     if not found:
         raise InputError("nothing to subtract", where="--against", found=text, allowed="visit=N or rank=R")
@@ -222,7 +219,6 @@ def _against(text: str | None) -> dict[str, int]:
 
 
 def _range(text: str | None) -> tuple[float, float] | None:
-    """Parse the range of false colours."""
     if text is None:
         return None
     try:

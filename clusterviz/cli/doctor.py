@@ -205,7 +205,6 @@ def _print_tables(report: MachineReport) -> None:
 
 
 def _shared_rows(report: MachineReport) -> dict[str, list[str]]:
-    """Return facts shared by ranks: name -> lines."""
     nodes = {machine.host: machine.egl_devices for machine in report.ranks}
     opengl = dict.fromkeys(machine.opengl for machine in report.ranks if machine.opengl)
     return {

@@ -112,7 +112,6 @@ def _vectors_of(file: str, array: str | None) -> dict[str, Any]:
 
 
 def _arrays_of(geometry: Geometry) -> dict[str, Any]:
-    """Return all arrays of meshes, lines and points by name."""
     mesh, lines, points = geometry.mesh, geometry.lines, geometry.points
     found: dict[str, Any] = {}
     for part in (
@@ -324,7 +323,6 @@ def _indices(counts: tuple[int, int, int]) -> list[tuple[int, int, int]]:
 
 
 def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts in the order of output."""
     z, y, x = found["shape_zyx"]
     bricks, percentiles = found["bricks"], found["percentiles"]
     counts = " × ".join(str(n) for n in bricks["counts_zyx"][::-1])
@@ -360,7 +358,6 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _geometry_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts in the order of output."""
     rows = [("name", found["name"]), ("format", found["format"])]
     for kind in ("mesh", "lines", "points"):
         part = found.get(kind)
@@ -390,7 +387,6 @@ def _geometry_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _grid_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts in the order of output."""
     from clusterviz.data.tetrahedra import COUNTS
 
     grid = found["grid"]
@@ -415,7 +411,6 @@ def _grid_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _array(name: str, array: dict[str, Any]) -> str:
-    """Return an array in one line."""
     components = f" × {array['components']}" if array["components"] > 1 else ""
     within = "nothing finite" if array["minimum"] is None else f"{array['minimum']:g}  to  {array['maximum']:g}"
     invalid = f", {array['not_finite']} not finite" if array["not_finite"] else ""
@@ -427,7 +422,6 @@ def _vector(values: list[float]) -> str:
 
 
 def _size(count: float) -> str:
-    """Return a number of bytes with a binary unit."""
     for unit in ("bytes", "KiB", "MiB", "GiB", "TiB"):
         if count < 1024 or unit == "TiB":
             return f"{count:.0f} {unit}" if unit == "bytes" else f"{count:.1f} {unit}"

@@ -125,7 +125,6 @@ def make_report(name: str, scene: Scene, frames: int, threads: str, found: Surve
 
 
 def _machine(network: str | None, ranks_per_node: int | None) -> Machine:
-    """Return the machine to predict for, with the named network or else this machine's."""
     each = ranks_per_node or len(granted_cores())
     if network:
         named = open_network(network)

@@ -69,7 +69,6 @@ def _parse_factors(text: str) -> tuple[int, ...]:
 
 
 def _text(result: Simulation) -> str:
-    """Return the result as text."""
     lines = {
         "algorithm": f"{result.algorithm}, {result.ranks:,} ranks, {result.size[0]}x{result.size[1]}, "
         f"{result.footprints}",

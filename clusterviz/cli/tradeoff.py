@@ -90,7 +90,6 @@ class MpirunJob:
 
 
 def _draw(channel: Channel, order: dict[str, Any]) -> tuple[dict[str, Any], Image | None]:
-    """Do one job; collective."""
     measured = measure(Scene.model_validate(order["scene"]), channel, order["frames"], order["warm_up"])
     found = {"cost": measured.cost.as_json(), "scene": measured.scene.model_dump(mode="json")}
     return found | {"renderer": measured.renderer}, measured.image

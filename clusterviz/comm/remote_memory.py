@@ -181,7 +181,6 @@ class RemoteMemory:
         return far
 
     def _array(self, box: RemoteBox, dtype: np.dtype[Any]) -> NDArray[Any] | None:
-        """Return a view of the array in which a box lies; None if its part has no view."""
         part = self._parts.view(box.rank)
         return None if part is None else np.ndarray(box.shape, dtype, part, box.offset)
 

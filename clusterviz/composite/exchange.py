@@ -74,7 +74,6 @@ class RangeMerge:
         return Fragment(self._result, pixels)
 
     def _in_place(self, front: Layer, back: Layer) -> Fragment | None:
-        """Merge two dense layers in the memory of one of them, if that is possible."""
         types = {front.pixels.dtype, back.pixels.dtype}
         if front.runs is not None or back.runs is not None or types != {self._dtype}:
             return None
@@ -176,8 +175,6 @@ def run_exchange(
 
 @dataclass
 class _Stage:
-    """One stage in progress on one rank."""
-
     traffic: StageTraffic
     endpoint: Endpoint
     tag: int
@@ -264,7 +261,6 @@ class _Stage:
 
 
 def _finished(merge: Merge, running: RangeMerge) -> HeldZone:
-    """Return the zone after its merge: one layer, or none."""
     merged = merge.merged
     return HeldZone(merged.begin, {part.depth: running.finish() for part in merged.parts})
 

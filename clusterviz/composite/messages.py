@@ -74,7 +74,6 @@ def own_fragments(images: Sequence[PartialImage], footprints: Footprints, rank: 
 
 
 def _pixels(image: PartialImage) -> np.ndarray:
-    """Return the pixels (n, 4) of the caller's image, contiguous and read-only."""
     pixels = np.require(image.rgba, requirements=["C", "A"]).reshape(-1, 4).view()
     pixels.setflags(write=False)
     return pixels

@@ -145,7 +145,6 @@ def _file_of(name: str, sources: Iterable[bytes]) -> str:
 
 
 def _find(file: str) -> tuple[Path, bytes | None]:
-    """Return the path and the content of a file that is kept; without a file the path for it, and None."""
     for each in folders():
         content = read_code(each / file)
         if content is not None:

@@ -107,7 +107,6 @@ def _best_plane(cost: Costs, low_ranks: int, high_ranks: int) -> tuple[int, int]
 
 
 def _planes(cost: Costs, axis: int, low_ranks: int, high_ranks: int) -> Iterator[_Plane]:
-    """Return all planes across an axis, by running sums over the layers."""
     others = tuple(other for other in range(3) if other != axis)
     layer_costs, layer_bricks = cost.sum(axis=others), np.count_nonzero(cost, axis=others)
     low_costs, high_costs = np.cumsum(layer_costs), np.cumsum(layer_costs[::-1])[::-1]
@@ -119,6 +118,5 @@ def _planes(cost: Costs, axis: int, low_ranks: int, high_ranks: int) -> Iterator
 
 
 def _least(planes: list[_Plane], measure: Callable[[_Plane], float]) -> list[_Plane]:
-    """Return the planes with the smallest measure, up to rounding."""
     limit = min(map(measure, planes)) * (1 + SAME_COST)
     return [plane for plane in planes if measure(plane) <= limit]

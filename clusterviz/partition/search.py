@@ -108,7 +108,6 @@ def busiest(node: Node) -> float:
 
 
 def _best(table: CostTable, box: BrickBox, first_rank: int, ranks: int, limit: float) -> Node | None:
-    """Return the best tree of a box, or None if its largest cost is not below a limit."""
     if ranks == 1:
         leaf = make_leaf(table.cost, box, first_rank)
         return leaf if leaf.cost < limit else None

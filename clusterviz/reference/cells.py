@@ -348,7 +348,6 @@ class _Course:
         return found
 
     def _place(self, ray: Indices, t: Floats) -> Indices:
-        """Return the numbers of cuts."""
         keys = np.empty(len(self.ray), [("ray", "i8"), ("t", "f8")])
         keys["ray"], keys["t"] = self.ray, self.t
         wanted = np.empty(len(ray), keys.dtype)
@@ -418,7 +417,6 @@ class _Course:
 
 
 def _within(counts: Indices) -> Indices:
-    """Return 0, 1, … for each of some counts, one after another."""
     return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 

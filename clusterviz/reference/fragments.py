@@ -174,7 +174,6 @@ def _of_geometry(
 
 
 def _to_edges(triangles: Primitives, hits: Hits) -> Floats:
-    """Return the distances (k,) of intersections to the nearest edge of their triangle."""
     assert isinstance(triangles, Triangles)
     corners = triangles.vertices[triangles.corners[hits.primitive]]
     point, found = (corners * hits.weights[:, :, None]).sum(axis=1), np.full(len(hits.t), np.inf)

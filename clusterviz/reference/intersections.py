@@ -249,7 +249,6 @@ class Segments:
 
 
 def _axis(begin: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """Return unit vectors and lengths."""
     length = np.linalg.norm(end - begin, axis=-1)
     return (end - begin) / length[..., None], length
 

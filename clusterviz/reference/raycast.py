@@ -223,7 +223,6 @@ def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid
 
 
 def _slab_length(step: float, grid: Grid) -> float:
-    """Return the slab length h in world units."""
     if not (step > 0 and math.isfinite(step)):
         raise InputError("no step", where="step", found=step, allowed="above 0")
     return step * min(grid.spacing)

@@ -171,7 +171,6 @@ def _given(vector: tuple[float, float, float] | None, key: str) -> Floats:
 
 
 def _unit(vector: Floats, key: str) -> Floats:
-    """Return the unit vector, also if the square of its length would underflow or overflow."""
     largest = np.abs(vector).max()
     if not largest > 0:
         raise InputError("gives no direction", where=f"camera: {key}", found=vector.tolist())

@@ -65,7 +65,6 @@ def nearest_voxel(voxels: NDArray[Any], point: Floats) -> NDArray[np.int64]:
 
 
 def _cell(position: Floats, samples: int) -> tuple[NDArray[np.int64], Floats]:
-    """Return the cell of a position, and the position in it."""
     cell = np.clip(np.floor(position), 0, samples - 2).astype(np.int64)
     # Rounding may put the ends of a ray an ulp outside the box.
     return cell, np.clip(position - cell, 0, 1)
@@ -140,12 +139,10 @@ def _apart(taps: Floats) -> tuple[Floats, Floats, float]:
 
 
 def _weights(t: Floats) -> Floats:
-    """Return the weights of the four B-splines in a cell, (n, 4)."""
     weights = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
     return np.stack(weights, axis=1) / 6
 
 
 def _slopes(t: Floats) -> Floats:
-    """Return the derivatives of the weights."""
     slopes = [-3 * (1 - t) ** 2, 9 * t**2 - 12 * t, -9 * t**2 + 6 * t + 3, 3 * t**2]
     return np.stack(slopes, axis=1) / 6

@@ -183,7 +183,6 @@ def _lattice_noise(places: Floats, level: Pixels, line: LicLine) -> Floats:
 
 
 def _mixed_bits(bits: Pixels) -> Pixels:
-    """Return a hash of the lower 32 bits (the finalizer of MurmurHash3)."""
     bits = bits & 0xFFFFFFFF
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         product = (bits ^ (bits >> shift)).astype(np.uint64) * np.uint64(factor)

@@ -121,7 +121,6 @@ class RayField:
         value: Floats,
         rises: NDArray[np.bool_],
     ) -> Floats:
-        """Return where the field crosses values, each in one of the pieces."""
         low, high = between
         for _ in range(HALVINGS if len(of) else 0):
             middle = low + (high - low) / 2

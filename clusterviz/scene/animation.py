@@ -102,7 +102,6 @@ def centripetal(times: Floats, points: Floats, time: float) -> Floats:
 
 
 def _barry_goldman(points: tuple[Floats, ...], knots: tuple[float, ...], t: float) -> Floats:
-    """Evaluate a Catmull-Rom segment by repeated linear interpolation."""
     level = list(points)
     for width, spans in ((1, 3), (2, 2)):
         level = [
@@ -315,7 +314,6 @@ def _transfer_at(scene: Scene, keys: Sequence[TransferKeyFrame], time: float, wh
 
 
 def _between(times: Floats, each: Sequence[Any], time: float, where: str) -> Any:
-    """Interpolate numbers and control points between key frames; names must be the same in all."""
     if all(value == each[0] for value in each):
         return each[0]
     shapes = {np.shape(value) if not isinstance(value, str) else value for value in each}

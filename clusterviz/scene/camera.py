@@ -321,7 +321,6 @@ def is_completed(camera: Camera) -> bool:
 
 
 def _named_direction(camera: Camera, orientation: str, axes: str) -> tuple[Vector, Vector | None]:
-    """Return the direction to the eye for `view`, and its view_up."""
     letters = orientation or axes
 
     def axis(letter: str) -> Floats:
@@ -360,7 +359,6 @@ def _apply_rotations(camera: Camera, position: Vector, focal_point: Vector, up: 
 
 
 def _rotated(vector: Floats, axis: Floats, degrees: float) -> Floats:
-    """Return a vector rotated about a unit axis by Rodrigues' formula."""
     angle = math.radians(degrees)
     turned: Floats = vector * math.cos(angle) + np.cross(axis, vector) * math.sin(angle)
     return turned + axis * (axis @ vector) * (1 - math.cos(angle))
@@ -380,7 +378,6 @@ def _view_coordinates(
 def _view_angle_for(
     position: Vector, focal_point: Vector, view_up: Vector | None, corners: Floats, size: tuple[int, int]
 ) -> float:
-    """Return the vertical view angle, degrees, at which all corners are seen from a position."""
     _, up = _apply_rotations(Camera(), position, focal_point, view_up)
     ahead, aside = _view_coordinates(position, focal_point, position, up, corners)
     if (ahead <= 0).any():

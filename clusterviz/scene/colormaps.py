@@ -302,7 +302,6 @@ def scene_cmap(colormap: Any) -> str | list[list[float]]:
 
 @cache
 def _named(name: str) -> Any:
-    """Return the map of the `cmap` package with a name, or None."""
     for candidate in (f"matplotlib:{name}", name):
         try:
             return _cmap_package().Colormap(candidate)
@@ -322,7 +321,6 @@ def _cmap_package() -> Any:
 
 
 def _control_points(colormap: Any) -> Colours:
-    """Return the control points of a map of the `cmap` package; flat colours become steps."""
     stops = np.asarray(colormap.color_stops, np.float64)
     places, colours = stops[:, 0], stops[:, 1:4]
     if colormap.interpolation == "nearest":

@@ -127,7 +127,6 @@ def features_of(scene: Scene, has_invalid: bool) -> list[str]:
 
 
 def _values(value: Any, path: Sequence[str]) -> Iterator[Any]:
-    """Yield what is at a path of keys; a list without a number stands for each of its items."""
     if isinstance(value, tuple) and path and not path[0].isdecimal():
         for item in value:
             yield from _values(item, path)

@@ -150,7 +150,6 @@ def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _sections(data: Any, where: str) -> dict[str, Any]:
-    """Return the sections of a scene without those that are empty."""
     allowed = f"the sections {', '.join(Scene.model_fields)}; a scene with nothing in it is volumes: []"
     if data is None:
         raise SceneError("the scene file is empty", where=where, allowed=allowed)

@@ -93,7 +93,6 @@ def _full_path(name: str) -> KeyPath:
 
 
 def _remove(data: Any, key: KeyPath) -> None:
-    """Remove a key or an item from raw scene data, if it is there."""
     for part in key[:-1]:
         is_there = isinstance(part, int) and isinstance(data, list) and part < len(data)
         data = data.get(part) if isinstance(data, dict) else data[part] if is_there else None
@@ -156,7 +155,6 @@ def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tu
 
 
 def _resolve(data: dict[str, Any], override: Override) -> KeyPath:
-    """Return the full path of an override's key."""
     name, *items = override.key
     if name in Scene.model_fields:
         return override.key

@@ -108,7 +108,6 @@ def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats
 
 @lru_cache(maxsize=2)
 def _loaded(path: str, changed: int, size: int) -> NDArray[Any]:
-    """Return the file's array; it is cached until the file changes."""
     table = np.array(np.lib.format.open_memmap(path, mode="r"))  # refuses a truncated file
     table.setflags(write=False)
     return table

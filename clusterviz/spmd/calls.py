@@ -96,15 +96,12 @@ class Calls(Expressions):
     # Calls
 
     def _number_of(self, *key: Any) -> int:
-        """Return the number of a call, which tells its variables from those of others."""
         return self._paths.setdefault(key, len(self._paths) + 1)
 
     def _inline(self, function: Function, bindings: Sequence[Binding], at: int) -> Parts:
-        """Generate a function's body in place of a call."""
         return self._body(function, bindings, self._number_of(self._path, at, id(function)))
 
     def _body(self, function: Function, bindings: Sequence[Binding], path: int) -> Parts:
-        """Generate a function's body, and return its value."""
         assert function.body is not None
         emit, last = self.emit, function.body.statements[-1] if function.body.statements else None
         simple = self._facts.returns_last(function.body)
@@ -202,7 +199,6 @@ class Calls(Expressions):
         return found
 
     def _assigned_cells(self, function: Function, used: Sequence[Variable]) -> list[Cell]:
-        """Return the globals that a function may assign."""
         assigned = self._facts.assigned_by(function)
         cells = [each for variable in used if id(variable) in assigned for each in self._bindings[id(variable)]]
         return [each for each in cells if isinstance(each, Cell) and _pointer(each) is None]

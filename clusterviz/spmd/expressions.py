@@ -58,7 +58,6 @@ class Expressions(Blocks):
         raise TypeError(type(node))
 
     def _picked(self, node: ir.Expression, numbers: Sequence[int]) -> Parts:
-        """Return some of the scalars of a value, without loading the others."""
         if isinstance(node, ir.Pick):
             return self._picked(node.base, [node.numbers[n] for n in numbers])
         if isinstance(node, ir.Name):
@@ -72,7 +71,6 @@ class Expressions(Blocks):
         return [parts[n] for n in numbers]
 
     def _system(self, name: str, number: int) -> Part:
-        """Return a number of the invocation."""
         emit, offset = self.emit, {"gl_WorkGroupID": 0, "gl_NumWorkGroups": 3, "gl_LocalInvocationIndex": 6}[name]
         block = emit.new(f"load ptr, ptr {emit.new(f'getelementptr ptr, ptr %blocks, i64 {ir.SYSTEM_BLOCK}')}")
         place = emit.new(f"getelementptr i32, ptr {block}, i64 {offset + number}")

@@ -393,7 +393,6 @@ class Interpreter:
         return view, self._inside(node.at, (address + offset) // view.itemsize, len(view), mask)
 
     def _inside(self, at: int, index: Array, size: int, mask: Mask) -> Array:
-        """An index, or the last one that exists."""
         if index.min() >= 0 and index.max() < size:
             return index
         wrong = np.flatnonzero(mask & ((index < 0) | (index >= size)))
@@ -493,8 +492,6 @@ def _fma(a: Array, b: Array, c: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class _Lanes:
-    """Array in place of a part of generated code."""
-
     values: Array
     varying = False
     constant = None

@@ -31,7 +31,6 @@ class Blocks(Variables):
         self._load_addresses()
 
     def _load_addresses(self) -> None:
-        """Load the addresses of all blocks at the begin of a function."""
         self._addresses: dict[int, str] = {}
         for block in self._program.blocks:
             number = block.binding + TABLE[block.kind]

@@ -210,7 +210,6 @@ class Shader:
         return bisect_left(self._tokens, statement.at, key=lambda token: token.at)
 
     def _after(self, statement: Statement) -> int:
-        """Position behind a statement."""
         first = self._token_at(statement)
         if isinstance(statement, Block):
             return self._tokens[closing(self._tokens, first)].at + 1
@@ -219,7 +218,6 @@ class Shader:
         return self._after(statement.body) if isinstance(statement, Loop) else self._tokens[self._end(first)].at + 1
 
     def _end(self, number: int) -> int:
-        """The next semicolon outside of brackets."""
         while self._tokens[number].text != ";":
             number = closing(self._tokens, number) + 1
         return number

@@ -43,7 +43,6 @@ class Variables:
         return Emitter(name, self.lanes, caller)
 
     def _begin(self, name: str) -> None:
-        """Begin a function of this name, in which all lanes are active."""
         self.emit, self.mask = self._emitter(name), None
         self._mask_id = self._masks = 0
         self._bindings: dict[int, Binding] = {}

@@ -293,7 +293,6 @@ def measure(channel: Channel, frames: int) -> tuple[Network, dict[str, Any]]:
 
 
 def _pairs(nodes: Sequence[Sequence[int]]) -> dict[str, tuple[int, int]]:
-    """Return two ranks for each kind of link."""
     largest = max(nodes, key=len)
     two_image_variants = {INSIDE: (largest[0], largest[1])} if len(largest) > 1 else {}
     return two_image_variants | ({BETWEEN: (nodes[0][0], nodes[1][0])} if len(nodes) > 1 else {})
@@ -310,7 +309,6 @@ def _by_node(granted: list[tuple[int, frozenset[int]]]) -> list[list[tuple[int, 
 
 
 def _lines(network: Network, report: dict[str, Any]) -> list[str]:
-    """Return the constants as text."""
     lines = [f"{network.name}: {network.source}"]
     for name, link in report["links"].items():
         lines.append(

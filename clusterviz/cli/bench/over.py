@@ -97,7 +97,6 @@ def _measure(variants: dict[str, Variant], frames: int, copy: dict[str, float] |
 
 
 def _time(variant: Variant, frames: int) -> list[float]:
-    """Return seconds of each call, after one warm-up call."""
     seconds = []
     with one_core():
         for number in range(1 + frames):

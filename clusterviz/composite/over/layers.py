@@ -86,7 +86,6 @@ def _numbers(patch: Patch) -> NDArray[np.int64]:
 
 
 def _active(layer: Layer) -> NDArray[np.int64]:
-    """Return the canvas numbers of the pixels that a layer stores."""
     numbers = _numbers(layer.patch)
     if layer.runs is None:
         return numbers

@@ -139,7 +139,6 @@ def find_cells(footprints: Rectangles, owner: Indices) -> Cells:
 
 
 def _ranges(begin: Indices, end: Indices) -> tuple[Indices, Indices]:
-    """Return all numbers of several ranges: the index of the range, and the number."""
     count = end - begin
     row = np.repeat(np.arange(len(count)), count)
     return row, np.arange(len(row)) - np.repeat(count.cumsum() - end, count)

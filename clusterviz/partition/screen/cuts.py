@@ -115,13 +115,11 @@ def _grow(cost: CostMap, rect: Rect, weights: tuple[int, ...], first: int) -> Sc
 
 
 def _halfway(weights: tuple[int, ...]) -> int:
-    """How many groups make up half the weight, at least one on each side."""
     before = np.cumsum(weights)[:-1]
     return int(np.argmin(np.abs(before - sum(weights) / 2))) + 1
 
 
 def _extent(profile: Costs) -> int:
-    """Over how many pixels the cost grows."""
     inside = np.flatnonzero(np.diff(profile) > 0)
     return int(inside[-1] - inside[0]) if len(inside) else 0
 
