@@ -79,11 +79,7 @@ def _segment_bytes(own_bytes: int) -> int:
 class MpiWindow:
     """Shared memory of one node, as one rank sees it.
 
-    Parameters
-    ----------
-    comm : the ranks of the node
-    members : their ranks in the channel
-    part_bytes : size of each member's part
+    `comm`: the ranks of the node; `members`: their ranks in the channel; `part_bytes`: size of each member's part.
     """
 
     def __init__(self, mpi: Any, comm: Any, members: tuple[int, ...], part_bytes: Sequence[int]) -> None:

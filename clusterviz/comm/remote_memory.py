@@ -104,11 +104,7 @@ class Parts(Protocol):
 class RemoteMemory:
     """Remote memory of one rank; `Channel.remote_memory` makes it.
 
-    Parameters
-    ----------
-    rank : of this process
-    parts : memory of all ranks
-    counters : two for each lock
+    `rank`: of this process; `parts`: memory of all ranks; `counters`: two for each lock.
     """
 
     def __init__(self, rank: int, parts: Parts, counters: Counters) -> None:

@@ -16,12 +16,8 @@ from clusterviz.comm.channel import Channel
 class WorkQueue:
     """Work queue of one rank; construction, `start` and `free` are collective.
 
-    Parameters
-    ----------
-    channel : to the other ranks
-    most : largest number of items
-    group, groups : index of this rank's group, and number of groups
-    alone : whether every group is one rank
+    `channel`: to the other ranks; `most`: largest number of items; `group`, `groups`: index of this rank's group, and
+    number of groups; `alone`: whether every group is one rank.
     """
 
     def __init__(self, channel: Channel, most: int, group: int, groups: int, alone: bool) -> None:

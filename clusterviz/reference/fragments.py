@@ -120,10 +120,7 @@ def place(section: GeometrySection, geometry: Mesh | Lines | Points) -> PlacedGe
 def find_fragments(rays: Rays, geometry: Sequence[PlacedGeometry], scene: Scene) -> Fragments:
     """Return the fragments of rays in the world that are not clipped.
 
-    Parameters
-    ----------
-    geometry : in the order of the scene
-    scene : for its lights and clipping
+    `geometry`: in the order of the scene; `scene`: for its lights and clipping.
     """
     parts = [_of_geometry(rays, each, number, scene) for number, each in enumerate(geometry)]
     keys = np.concatenate([np.empty((0, 3), np.int64), *(part[0] for part in parts)])

@@ -76,10 +76,7 @@ class HalfOpacity:
 def gradient_normals(points: Floats, field: Field) -> Callable[[Indices], Floats]:
     """Return a function that gives the normals of a field at some of the points.
 
-    Parameters
-    ----------
-    points : float64 (m, 3), (x, y, z) in samples
-    field : the volume
+    `points`: float64 (m, 3), (x, y, z) in samples; `field`: the volume.
     """
     volume, voxels, grid = field
     matrix = grid.world_from_index[:3, :3]
@@ -97,11 +94,7 @@ def layers_of(met: HalfOpacity, rgba: Floats, forward: Floats) -> dict[str, Floa
     Returns depth, float64 (h, w), along the view; normal, float64 (h, w, 3); opacity, float64 (h, w); object, int64 (h,
     w).
 
-    Parameters
-    ----------
-    met : of all pixels
-    rgba : float64 (h, w, 4)
-    forward : float64 (3,), unit vector of the view's direction
+    `met`: of all pixels; `rgba`: float64 (h, w, 4); `forward`: float64 (3,), unit vector of the view's direction.
     """
     shape = rgba.shape[:2]
     depth = met.length * (met.directions @ forward)

@@ -30,11 +30,8 @@ def disc_points(count: int) -> Floats:
 def render_lens(scene: Scene, grid: Any, voxels: Any, *, points: Floats, **more: Any) -> Floats:
     """Return the picture of a scene with `camera.aperture`, float64 (h, w, 4), premultiplied.
 
-    Parameters
-    ----------
-    scene : complete
-    grid, voxels, more : as of `render_reference`
-    points : float64 (n, 2), of the lens, in its radii
+    `scene`: complete; `grid`, `voxels`, `more`: as of `render_reference`; `points`: float64 (n, 2), of the lens, in its
+    radii.
     """
     total: Floats = np.zeros((*scene.image.size[::-1], 4))
     for point in points:

@@ -39,12 +39,8 @@ def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
 
     Differences are central, and one-sided where a neighbour lies outside of the volume or is invalid.
 
-    Returns float64 (n, 3), (x, y, z); undefined where a corner is invalid.
-
-    Parameters
-    ----------
-    voxels : (z, y, x)
-    point : float64 (n, 3), (x, y, z) in samples, inside the box, in cells without an invalid corner
+    `voxels`: (z, y, x); `point`: float64 (n, 3), (x, y, z) in samples, inside the box, in cells without an invalid
+    corner. Returns float64 (n, 3), (x, y, z); undefined where a corner is invalid.
     """
     cell, fraction = trilinear_cell(voxels, point)
     corners = np.array(list(np.ndindex(2, 2, 2)))[:, None]
@@ -120,10 +116,8 @@ def lit_line(
     Reference: M. Zöckler, D. Stalling, H.-C. Hege: Interactive visualization of 3D-vector fields using illuminated
     stream lines, IEEE Visualization 1996, section 3.
 
-    Parameters
-    ----------
-    vector : float64 (n, 3), along the lines, in the world
-    colour, point, ray, volume, scene, grid : as in `lit`
+    `vector`: float64 (n, 3), along the lines, in the world; `colour`, `point`, `ray`, `volume`, `scene`, `grid`: as in
+    `lit`.
     """
     world_from_index = grid.world_from_index[:3, :3]
     tangent, toward_eye = unit(vector), -unit(ray @ world_from_index.T)

@@ -66,14 +66,8 @@ def line_integral_convolution(
 ) -> Floats:
     """Return the mean of the noise along the line through each sample.
 
-    Returns float64 (z, y, x); NaN at samples without vectors.
-
-    Parameters
-    ----------
-    noise : (z, y, x)
-    weight : of the sample n steps downstream, −steps to steps
-    steps : of half a line
-    step : in units of the smallest spacing
+    `noise`: (z, y, x); `weight`: of the sample n steps downstream, −steps to steps; `steps`: of half a line; `step`: in
+    units of the smallest spacing. Returns float64 (z, y, x); NaN at samples without vectors.
     """
     shape = lines.grid.shape_zyx
     index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)[:, ::-1].astype(float)

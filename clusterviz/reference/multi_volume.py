@@ -305,10 +305,7 @@ def _as_fragments(slab: Slab, surface: Layer, rays: int) -> Fragments:
 class FragmentQueue:
     """Fragments of rays, of which each slab takes those in front of its end; `next` is the first of each ray left.
 
-    Parameters
-    ----------
-    first : number of the first entry of geometry as an object
-    met : written by `composite_rest`
+    `first`: number of the first entry of geometry as an object; `met`: written by `composite_rest`.
     """
 
     def __init__(self, fragments: Fragments, first: int = 0, met: HalfOpacity | None = None) -> None:

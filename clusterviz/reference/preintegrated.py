@@ -96,10 +96,7 @@ def ramp(
 
     An end without a scalar has that of the middle; without it, or where a slab is not seen, it is transparent.
 
-    Parameters
-    ----------
-    places : begin, middle and end of the slabs, (n, 3), in samples
-    way : float64 (n,), their lengths in the world
+    `places`: begin, middle and end of the slabs, (n, 3), in samples; `way`: float64 (n,), their lengths in the world.
     """
     volume, voxels, grid = field
     (front, has_front), (middle, known), (back, has_back) = (
@@ -120,15 +117,12 @@ def integrate(
 ) -> tuple[Floats, Floats]:
     """Return emission and optical depth of slabs along which the scalar changes linearly from front to back.
 
+    Returns `colour`, float64 (n, 3), premultiplied; `depth`, float64 (n,).
+
     Parameters
     ----------
     front, back, length : float64 (n,)
     attenuated : whether emission is attenuated within the slab; else the integral of κc is returned
-
-    Returns
-    -------
-    colour : float64 (n, 3), premultiplied
-    depth : float64 (n,)
     """
     # Less than they are where a difference of two scalars overflows.
     small = 1.0 if np.abs([front, back]).max(initial=0.0) < 4e307 else 0.25

@@ -135,10 +135,7 @@ def inside(rays: Rays, last: Floats) -> tuple[Floats, Floats]:
 
     Reference: T. Kay, J. Kajiya: Ray tracing complex scenes, SIGGRAPH 1986 (slabs).
 
-    Parameters
-    ----------
-    rays : rays in index space
-    last : (x, y, z) of the last sample
+    `rays`: rays in index space; `last`: (x, y, z) of the last sample.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         to_first = (0 - rays.start) / rays.direction

@@ -30,11 +30,8 @@ MOST_DIAGONALS, MOST_REFLECTIONS, HALVINGS = 16, 256, 20
 def snell(momentum: Floats, normal: Floats, change: float) -> tuple[Floats, bool]:
     """Return the momentum (3,) behind a face, and whether it is refracted rather than reflected.
 
-    Parameters
-    ----------
-    momentum : (3,), its length the refractive index
-    normal : (3,), of any length but 0
-    change : n² behind the face less n² before it
+    `momentum`: (3,), its length the refractive index; `normal`: (3,), of any length but 0; `change`: n² behind the face
+    less n² before it.
     """
     unit = normal / np.linalg.norm(normal)
     across = float(momentum @ unit)
@@ -101,15 +98,13 @@ Take = Callable[[float, float], None]
 def follow(medium: Medium, start: Floats, direction: Floats, step: float, take: Take) -> tuple[Floats, Floats, bool]:
     """Follow a ray from where it enters the volume.
 
+    Returns `x` and `v`, where it leaves, in index space, and its momentum, in the world, the length of which is the index
+    outside; `leaves`, False if it was ended.
+
     Parameters
     ----------
     start, direction : (3,) in index space; the direction is a world unit long
     step : length of a slab, world units
-
-    Returns
-    -------
-    x, v : where it leaves, in index space, and its momentum, in the world, the length of which is the index outside
-    leaves : False if it was ended
     """
     x: NDArray[Any] = start.copy()
     side: int | None = None

@@ -17,15 +17,8 @@ def trilinear(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Fl
     A point belongs to the cell [floor, floor + 1) along each axis; the last cell includes its end. If one of the eight
     samples of the cell is NaN or infinite, the point has no scalar.
 
-    Parameters
-    ----------
-    voxels : (z, y, x), at least two samples along each axis, C order
-    x, y, z : (n,) positions in samples, inside the box
-
-    Returns
-    -------
-    scalar : float64 (n,), 0 where there is none
-    valid : bool (n,)
+    `voxels`: (z, y, x), at least two samples along each axis, C order; `x`, `y`, `z`: (n,) positions in samples, inside
+    the box. Returns `scalar`, float64 (n,), 0 where there is none; `valid`, bool (n,).
     """
     (nz, ny, nx), flat = voxels.shape, voxels.reshape(-1)
     i, fx = _cell(x, nx)

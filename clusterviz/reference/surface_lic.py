@@ -107,10 +107,7 @@ class SurfacePicture:
 def reference_surface_lic(picture: SurfacePicture, vectors: Floats, grid: Grid, line: LicLine) -> Floats:
     """Return noise convolved along the lines of all pixels, (h, w); NaN where there is no line.
 
-    Parameters
-    ----------
-    vectors : (h, w, 3), at the picture's points
-    grid : of the vectors, at whose middle the noise begins
+    `vectors`: (h, w, 3), at the picture's points; `grid`: of the vectors, at whose middle the noise begins.
     """
     directions = picture.directions(vectors)
     links, noise = picture.links(directions), picture.noise(grid, line)

@@ -47,10 +47,7 @@ class Crossings:
 class RayField:
     """Field along rays, from slab to slab.
 
-    Parameters
-    ----------
-    rays : rays in index space
-    values : values of the isosurfaces, ascending
+    `rays`: rays in index space; `values`: values of the isosurfaces, ascending.
     """
 
     def __init__(self, rays: Rays, voxels: NDArray[Any], interpolation: str, values: Floats) -> None:

@@ -112,11 +112,7 @@ def _preset(name: str) -> Floats:
 def interpolate(s: ArrayLike, values: Floats, results: Floats) -> Floats:
     """Interpolate linearly; at a repeated value the last result counts.
 
-    Parameters
-    ----------
-    s : (…)
-    values : float64 (n,), ascending
-    results : float64 (n, k)
+    `s`: (…); `values`: float64 (n,), ascending; `results`: float64 (n, k).
 
     Returns
     -------

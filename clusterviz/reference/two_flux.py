@@ -81,11 +81,7 @@ def _lit(layers: Floats) -> tuple[float, float]:
 class TwoFlux:
     """Fluxes of rays at all wavelengths of optics.
 
-    Parameters
-    ----------
-    rays : number of rays
-    function : of the volume's optics
-    background : sRGB of the background, for `finish`
+    `rays`: number of rays; `function`: of the volume's optics; `background`: sRGB of the background, for `finish`.
     """
 
     def __init__(self, rays: int, function: OpticalFunction, background: RGB) -> None:

@@ -36,11 +36,8 @@ Floats = NDArray[np.float64]
 def monotone(times: Floats, values: Floats, time: float) -> Floats:
     """Interpolate numbers, monotonically between two key frames and with a continuous derivative.
 
-    Parameters
-    ----------
-    times : float64 (n,), strictly ascending
-    values : float64 (n, k)
-    time : the curve is constant before the first and after the last key frame
+    `times`: float64 (n,), strictly ascending; `values`: float64 (n, k); `time`: the curve is constant before the first
+    and after the last key frame.
 
     Returns
     -------

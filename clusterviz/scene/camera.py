@@ -268,10 +268,7 @@ def camera_axes(position: Vector, focal_point: Vector, view_up: Vector) -> tuple
 def project_points(camera: Camera, points: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
     """Project points to pixels of a completed camera.
 
-    Parameters
-    ----------
-    points : float64 (n, 3), world
-    size : width and height of the picture, pixels
+    `points`: float64 (n, 3), world; `size`: width and height of the picture, pixels.
 
     Returns
     -------

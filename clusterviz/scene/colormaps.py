@@ -35,16 +35,13 @@ def read_preset(path: str, *, where: str = "cmap") -> tuple[Floats, Floats, tupl
 
     Raises SceneError: the file is not a preset, or uses an unsupported colour space, midpoints or a logarithmic scale.
 
+    Returns `places`, float64 (n,), ascending from 0 to 1; `colours`, float64 (n, 3), straight RGB, linear between the
+    places; `opacity`, ((place, opacity), …), or None if the preset has none.
+
     Parameters
     ----------
     path : the file; its first preset is read
     where : the file and key named in errors
-
-    Returns
-    -------
-    places : float64 (n,), ascending from 0 to 1
-    colours : float64 (n, 3), straight RGB, linear between the places
-    opacity : ((place, opacity), …), or None if the preset has none
     """
     with guard(SceneError, f"{where}: {path}"):
         return _read(_load(path, where), path, where)
@@ -119,14 +116,9 @@ def _opacity(preset: dict[str, Any], low: float, width: float, where: str) -> tu
 def interpolate_colours(space: str, first: Floats, second: Floats, share: Floats, wrap: bool = True) -> Floats:
     """Interpolate between two colours in a colour space.
 
-    Returns float64 (n, 3), straight RGB; outside [0, 1] for colours outside the gamut.
-
-    Parameters
-    ----------
-    space : one of `SPACES`
-    first, second : float64 (3,), straight RGB
-    share : float64 (n,), 0 for the first colour, 1 for the second
-    wrap : HSV only: interpolate hues along the shorter arc
+    `space`: one of `SPACES`; `first`, `second`: float64 (3,), straight RGB; `share`: float64 (n,), 0 for the first
+    colour, 1 for the second; `wrap`: HSV only: interpolate hues along the shorter arc. Returns float64 (n, 3), straight
+    RGB; outside [0, 1] for colours outside the gamut.
     """
     if space == "Step":  # as in VTK, a segment has the colour of its right end
         return np.broadcast_to(second, (len(share), 3)).copy()

@@ -200,12 +200,8 @@ def _is_path(key: str, text: str) -> bool:
 def check_scene(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]) -> Scene:
     """Return the scene of raw data, whose colour maps and tables are there.
 
-    Raises SceneError: a key is unknown, or a value invalid.
-
-    Parameters
-    ----------
-    where : the scene file, or another name of the scene
-    options : key path -> text of the option that set it
+    `where`: the scene file, or another name of the scene; `options`: key path -> text of the option that set it. Raises
+    SceneError: a key is unknown, or a value invalid.
     """
     try:
         scene = Scene.model_validate(data)

@@ -54,12 +54,8 @@ def parse_overrides(options: Sequence[str]) -> tuple[Override, ...]:
 def apply_overrides(data: dict[str, Any], overrides: Sequence[Override]) -> tuple[dict[str, Any], dict[KeyPath, str]]:
     """Apply overrides to a copy of raw scene data; later overrides take precedence.
 
-    Raises SceneError: a last name is ambiguous in this scene, or a list index is out of range.
-
-    Returns
-    -------
-    data : the copy
-    options : full key path -> text of the option that set it
+    Returns `data`, the copy; `options`, full key path -> text of the option that set it. Raises SceneError: a last name
+    is ambiguous in this scene, or a list index is out of range.
     """
     data, options = copy.deepcopy(data), {}
     for override in overrides:

@@ -23,10 +23,7 @@ MAX_COMMENT = 80
 def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
     """Return a scene as YAML with a comment for each key; `load_scene` reads it back as an equal scene.
 
-    Parameters
-    ----------
-    scene : keys that are null or empty are left out
-    notes : lines of the file's leading comment
+    `scene`: keys that are null or empty are left out; `notes`: lines of the file's leading comment.
     """
     lines = [f"# {without_secrets(' '.join(note.splitlines()))}" for note in notes]
     for name in Scene.model_fields:

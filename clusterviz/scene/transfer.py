@@ -27,12 +27,8 @@ PRESET_NAMES = (
 def preset_points(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the control points of a preset over [0, 1].
 
-    `name`: one of `PRESETS`.
-
-    Returns
-    -------
-    places : float64 (n,), ascending from 0 to 1
-    opacities : float64 (n,), in [0, 1]
+    `name`: one of `PRESETS`. Returns `places`, float64 (n,), ascending from 0 to 1; `opacities`, float64 (n,), in [0,
+    1].
     """
     places = np.linspace(0.0, 1.0, ENTRIES)
     opacities = _preset_table(name.removesuffix("_r")) / 255.0
@@ -47,15 +43,9 @@ def opacity_points(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the control points of a scene's opacity in data values.
 
-    Parameters
-    ----------
-    opacity : a number in [0, 1], a name in `PRESETS`, or ((value, opacity), …) sorted by value
-    clim : (low, high), data values, the range of presets
-
-    Returns
-    -------
-    values : float64 (m,), m >= 1, ascending
-    opacities : float64 (m,), in [0, 1]
+    `opacity`: a number in [0, 1], a name in `PRESETS`, or ((value, opacity), …) sorted by value; `clim`: (low, high),
+    data values, the range of presets. Returns `values`, float64 (m,), m >= 1, ascending; `opacities`, float64 (m,), in
+    [0, 1].
     """
     if isinstance(opacity, str):
         places, opacities = preset_points(opacity)
@@ -157,11 +147,7 @@ class TransferFunction:
 def interpolate(s: ArrayLike, values: Floats, results: Floats) -> Floats:
     """Interpolate linearly in float64, without overflow of differences.
 
-    Parameters
-    ----------
-    s : (…)
-    values : float64 (n,), ascending
-    results : float64 (n, k)
+    `s`: (…); `values`: float64 (n,), ascending; `results`: float64 (n, k).
 
     Returns
     -------

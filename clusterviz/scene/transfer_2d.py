@@ -81,12 +81,8 @@ def load_table(settings: Transfer2d, *, where: str = "transfer_2d") -> TransferT
 def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats | None]:
     """Read opacities (m, v), and colours (m, v, 3) or None, float64.
 
-    Raises SceneError: the file cannot be read, or is not a table.
-
-    Parameters
-    ----------
-    path : a .npy file
-    where : the file and key named in errors
+    `path`: a .npy file; `where`: the file and key named in errors. Raises SceneError: the file cannot be read, or is
+    not a table.
     """
     with guard(SceneError, f"{where}: {path}"):
         require_regular_file(path, SceneError, f"{where}: {path}")

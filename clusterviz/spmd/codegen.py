@@ -22,12 +22,9 @@ CHEAP = 80  # operations that are done without asking if a lane needs them
 class Generator(Calls):
     """Code of the function `main` of a program.
 
-    Raises InputError: the program has no function `main`, or calls a function that CPUs do not have.
-
-    Parameters
-    ----------
-    lanes : of a vector: 4, 8 or 16
-    intrinsics : what replaces functions of the program, by name: from the generator and the arguments to the value
+    `lanes`: of a vector: 4, 8 or 16; `intrinsics`: what replaces functions of the program, by name: from the generator
+    and the arguments to the value. Raises InputError: the program has no function `main`, or calls a function that CPUs
+    do not have.
     """
 
     def __init__(

@@ -129,12 +129,7 @@ def addresses(
 ) -> NDArray[np.uint64]:
     """Return the table of the blocks' addresses, by their bindings; the arrays must outlive its use.
 
-    Returns uint64 (PROFILE_BLOCK + 1,).
-
-    Parameters
-    ----------
-    system : uint32 (7,), see `ir.SYSTEM_BLOCK`
-    textures : see `texture_block`
+    `system`: uint32 (7,), see `ir.SYSTEM_BLOCK`; `textures`: see `texture_block`. Returns uint64 (PROFILE_BLOCK + 1,).
     """
     table = np.zeros(PROFILE_BLOCK + 1, np.uint64)
     for first, blocks in ((0, uniforms), (BUFFERS, buffers), (TEXTURES, textures or {})):

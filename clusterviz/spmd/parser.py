@@ -34,12 +34,8 @@ def parse(source: ShaderSource) -> ir.Program:
 def parse_expression(text: str, name: str, program: ir.Program, variables: ir.Names) -> ir.Expression:
     """Return the typed expression of a text, which may use a program's types, and built-in functions.
 
-    Raises InputError: the first mistake, with its column; for a name that is not declared, those that are.
-
-    Parameters
-    ----------
-    name : of the text in error messages
-    variables : the variables that the expression may use
+    `name`: of the text in error messages; `variables`: the variables that the expression may use. Raises InputError:
+    the first mistake, with its column; for a name that is not declared, those that are.
     """
     return _Parser(ShaderSource(text, (name,))).expression(program, variables)
 

@@ -66,10 +66,8 @@ def assign_blocks(
 ) -> tuple[Indices, Indices]:
     """Assign the blocks of all cells to ranks.
 
-    Returns
-    -------
-    table : int64 (transfers, 4), source, target, and begin and end of the first row of a block
-    rows : int64 (transfers,), number of rows of the block, at least one
+    Returns `table`, int64 (transfers, 4), source, target, and begin and end of the first row of a block; `rows`, int64
+    (transfers,), number of rows of the block, at least one.
     """
     owner = np.arange(ranks, dtype=np.int64) if owners_of is None else np.asarray(owners_of, np.int64)
     cells, width = find_cells(footprints, owner), footprints.width

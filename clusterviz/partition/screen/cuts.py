@@ -66,11 +66,8 @@ def build_cuts(cost: CostMap, weights: tuple[int, ...]) -> ScreenTree:
 def best_cut(profile: Costs, begin: int, share: float) -> tuple[float, int]:
     """Where an interval of pixels is best cut: the cost for each unit of weight on the dearer side, and the pixel.
 
-    Parameters
-    ----------
-    profile : float64 (n + 1,), the cost before each pixel, from 0
-    begin : the interval's first pixel
-    share : of the weight, on the low side, between 0 and 1
+    `profile`: float64 (n + 1,), the cost before each pixel, from 0; `begin`: the interval's first pixel; `share`: of
+    the weight, on the low side, between 0 and 1.
     """
     end, total = begin + len(profile) - 1, float(profile[-1])
     places = np.arange(begin + 1, end)

@@ -33,10 +33,8 @@ def pattern_tiles(
     section 5.2.3, static, and figure 5.3; P. Chang, R. Jain: A multi-processor system for hidden-surface-removal,
     Computer Graphics 15(4), 1981.
 
-    Parameters
-    ----------
-    extent : last sample of the volume in x, y, z
-    repetitions : repetitions of the pattern along each side of a face, 1 or more
+    `extent`: last sample of the volume in x, y, z; `repetitions`: repetitions of the pattern along each side of a face,
+    1 or more.
     """
     rows, columns = tile_counts(view.size, side)
     owner = np.full((rows, columns), -1)
