@@ -19,7 +19,7 @@ Define = Annotated[
     typer.Option("-D", metavar="KEY=VALUE", help="Set any key of the scene: -D quality.step=0.5 (may be repeated)."),
 ]
 Size = Annotated[str | None, typer.Option("--size", metavar="WxH", help="Width and height of the picture in pixels.")]
-
+Frames = Annotated[int, typer.Option(min=1, help="Number of timed frames, after one warm-up frame.")]
 PresetOption = Annotated[
     str | None,
     typer.Option(metavar="NAME", help="Preset of the volumes: tissue, bone, mip, …, see `clusterviz presets`."),
@@ -28,16 +28,12 @@ DeviceOption = Annotated[
     str | None,
     typer.Option("--device", metavar="N|cpu", help="EGL device of every rank, or the CPU; default: in turn."),
 ]
-
-
 LayersOption = Annotated[
     str | None,
     typer.Option(
         metavar="L,L,…", help="Layers beside the colours, into .exr or .npz: depth, normal, opacity, object, or all."
     ),
 ]
-
-
 AnnotateOption = Annotated[
     bool,
     typer.Option(

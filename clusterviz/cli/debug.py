@@ -13,12 +13,15 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Console
 
 from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
 from clusterviz.data import open_scene
 from clusterviz.debugger.draws import Frame, Pixel, Way, by_interpreter, by_opengl, look, without_finding
+from clusterviz.debugger.page import Page
+from clusterviz.debugger.session import Session
 from clusterviz.debugger.watches import COLOUR_MAP, Watched
 from clusterviz.errors import InputError
 from clusterviz.frame import STEPS, Options
@@ -126,11 +129,6 @@ def command(
 
 
 def _start_session(scene: Scene, watches: list[str], pixels: list[Pixel], ranks: int, rank: int) -> None:
-    from rich.console import Console
-
-    from clusterviz.debugger.page import Page
-    from clusterviz.debugger.session import Session
-
     session = Session(without_finding(Frame.of(scene, ranks).draws(rank)))
     if pixels:
         session.focus = pixels[0]

@@ -18,7 +18,6 @@ from clusterviz.pages.output import PAGE, check_folder, check_libraries, replaci
 
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")]
 AsNumbers = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")]
-Frames = Annotated[int, typer.Option(min=1, help="Number of timed frames, after one warm-up frame.")]
 OneJob = Annotated[bool, typer.Option("--measure", hidden=True, help="Do one job of this command.")]
 PICTURE, RESULT = "picture.npy", "result.json"
 

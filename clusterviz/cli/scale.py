@@ -19,13 +19,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts
+from clusterviz.cli.arguments import Define, Frames, SceneArgument, Size, overrides_of, parse_counts
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.cli.reporting import (
     PICTURE,
     RESULT,
-    Frames,
     OneJob,
     Output,
     check_report,

@@ -13,11 +13,10 @@ from typing import Annotated, Any
 
 import typer
 
-from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.arguments import Define, Frames, SceneArgument, Size, overrides_of
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
 from clusterviz.cli.reporting import (
-    Frames,
     OneJob,
     Output,
     check_report,

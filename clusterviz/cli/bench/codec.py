@@ -19,9 +19,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from clusterviz.cli.arguments import parse_size
+from clusterviz.cli.arguments import Frames, parse_size
 from clusterviz.cli.bench.composite import read_rgba
-from clusterviz.cli.bench.report import Frames, JsonOption, one_core, write_json
+from clusterviz.cli.bench.report import JsonOption, one_core, write_json
 from clusterviz.codec import CODECS, Rows, open_message, pack, prepare_codecs, unpack
 from clusterviz.errors import DataError
 from clusterviz.input_files import require_regular_file

@@ -18,8 +18,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from clusterviz.cli.arguments import parse_size
-from clusterviz.cli.bench.report import Frames, JsonOption, write_json
+from clusterviz.cli.arguments import Frames, parse_size
+from clusterviz.cli.bench.report import JsonOption, write_json
 from clusterviz.comm import Channel, ThrottledChannel, abort_on_failure, agree, limit_threads, open_channel
 from clusterviz.composite import CompositeCounters, Compositor, compile_kernels
 from clusterviz.composite.model.network import default_network

@@ -21,7 +21,8 @@ import numpy as np
 import typer
 from numpy.typing import DTypeLike, NDArray
 
-from clusterviz.cli.bench.report import Frames, JsonOption, write_json
+from clusterviz.cli.arguments import Frames
+from clusterviz.cli.bench.report import JsonOption, write_json
 from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, open_channel
 from clusterviz.comm.placement import granted_cores
 from clusterviz.composite import Compositor
@@ -301,11 +302,8 @@ def _pairs(nodes: Sequence[Sequence[int]]) -> dict[str, tuple[int, int]]:
 def _cores(channel: Channel) -> int:
     """Return the number of cores that the ranks of a node may use together, the minimum over nodes."""
     granted = channel.allgather((channel.placement().node, granted_cores()))
-    return min(len(frozenset().union(*(cores for _, cores in group))) for group in _by_node(granted))
-
-
-def _by_node(granted: list[tuple[int, frozenset[int]]]) -> list[list[tuple[int, frozenset[int]]]]:
-    return [[item for item in granted if item[0] == node] for node in {node for node, _ in granted}]
+    nodes = {node for node, _ in granted}
+    return min(len(frozenset().union(*(cores for node, cores in granted if node == one))) for one in nodes)
 
 
 def _lines(network: Network, report: dict[str, Any]) -> list[str]:

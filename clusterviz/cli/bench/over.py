@@ -18,8 +18,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from clusterviz.cli.arguments import parse_size
-from clusterviz.cli.bench.report import Frames, JsonOption, one_core, write_json
+from clusterviz.cli.arguments import Frames, parse_size
+from clusterviz.cli.bench.report import JsonOption, one_core, write_json
 from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import over, put_before, put_behind
 from clusterviz.composite.over.layers import Layer, blend_layers

@@ -5,8 +5,8 @@ from __future__ import annotations
 from statistics import median
 from typing import Any
 
-from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
-from clusterviz.cli.bench.report import Frames, JsonOption, write_json
+from clusterviz.cli.arguments import Define, DeviceOption, Frames, SceneArgument, Size, overrides_of, parse_device
+from clusterviz.cli.bench.report import JsonOption, write_json
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_scene
 from clusterviz.errors import SceneError

@@ -14,7 +14,6 @@ import typer
 from clusterviz.image.replace import replacing
 
 JsonOption = Annotated[Path | None, typer.Option("--json", metavar="F.json", help="Write the result as JSON.")]
-Frames = Annotated[int, typer.Option(min=1, help="Number of timed frames, after one warm-up frame.")]
 
 
 def write_json(path: Path, report: Mapping[str, Any]) -> None:
