@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.fields import SAMPLERS
+from clusterviz.reference.lighting import SAMPLERS
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.pyramid import convolve
 from clusterviz.reference.rays import Floats, camera_frame, camera_rays, inside, to_index_space

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.fields import SAMPLERS
-from clusterviz.reference.lighting import lit
+from clusterviz.reference.lighting import SAMPLERS, lit
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.values import Scene, Volume

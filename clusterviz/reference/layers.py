@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.fields import gradient_at
-from clusterviz.reference.lighting import unit
+from clusterviz.reference.lighting import gradient_at, unit
 from clusterviz.reference.rays import Floats
 from clusterviz.scene.values import Volume
 

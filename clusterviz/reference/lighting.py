@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.rays import Floats
-from clusterviz.reference.sample import Flags, nearest_voxel, trilinear_cell
+from clusterviz.reference.sample import Flags, cubic, cubic_gradient, nearest, nearest_voxel, trilinear, trilinear_cell
 from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.values import Clip, Light, Scene, Volume
 
@@ -233,3 +233,13 @@ def unit(vectors: Floats) -> Floats:
     length = np.linalg.norm(scaled, axis=1, keepdims=True)
     unit: Floats = scaled / np.where(length > 0, length, 1)
     return unit
+
+
+SAMPLERS = {"linear": trilinear, "nearest": nearest, "cubic": cubic}
+_GRADIENTS = {"linear": trilinear_gradient, "nearest": nearest_gradient, "cubic": cubic_gradient}
+
+
+def gradient_at(volume: Volume, voxels: NDArray[Any], point: Floats) -> Floats:
+    """Return the gradient by which a volume is lit, float64 (n, 3), per voxel along (x, y, z)."""
+    kernel = cubic_gradient if volume.gradient == "smooth" else _GRADIENTS[volume.interpolation]
+    return kernel(voxels, point)

@@ -32,11 +32,10 @@ from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.cells import PlacedCells, UniformSlabs, march_cells
-from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import Fragments, PlacedGeometry, find_fragments, joined_fragments
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
-from clusterviz.reference.lighting import lit_line
+from clusterviz.reference.lighting import SAMPLERS, gradient_at, lit_line
 from clusterviz.reference.preintegrated import is_ramped, ramp
 from clusterviz.reference.rays import Floats, Rays, inside, kept, on_slices, to_index_space
 from clusterviz.reference.slabs import Slab, slabs_in

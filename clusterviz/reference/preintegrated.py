@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import lit_volume
-from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
+from clusterviz.reference.lighting import SAMPLERS, gradient_at
 from clusterviz.reference.rays import Floats, Rays, inside, kept
 from clusterviz.reference.sample import Flags
 from clusterviz.reference.slabs import in_brick, pieces_of, slabs

@@ -5,6 +5,13 @@ no code with the renderer, only the scene's values and the grid.
 
 It has no early ray termination, hardware texture filter or float32 pixels, as it measures their errors. A ray stops
 only when its transmittance is at most 2⁻⁶⁰, below the last bit of float64.
+
+A thin lens is the mean of the pictures that its points see. All rays of a pixel meet in one point of the plane in
+focus, so that what is there is sharp. The error of the mean falls as the number of points grows, at about its power −1
+for smooth scenes, −3/4 at edges.
+
+Reference: P. Haeberli, K. Akeley: The accumulation buffer: hardware support for high-quality rendering, SIGGRAPH 1990,
+4. H. Vogel: A better way to construct the sunflower head, Mathematical Biosciences 44, 1979.
 """
 
 from __future__ import annotations
@@ -21,10 +28,10 @@ from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.cells import PlacedCells
-from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import SectionGeometry, place
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, gradient_normals, layers_of
+from clusterviz.reference.lighting import SAMPLERS, gradient_at
 from clusterviz.reference.multi_volume import PlacedVolume, march_mixture
 from clusterviz.reference.preintegrated import is_ramped, march_preintegrated
 from clusterviz.reference.projections import projection_of
@@ -233,3 +240,25 @@ def _check(scene: Scene, grid: Grid, voxels: NDArray[Any]) -> None:
         raise InputError("not the grid's shape", where="voxels", found=voxels.shape, allowed=grid.shape_zyx)
     if len(scene.volumes) > 1:
         raise InputError("one grid for several volumes", where="grid", found=1, allowed=len(scene.volumes))
+
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+
+
+def disc_points(count: int) -> Floats:
+    """Return points spread evenly over a disc of radius 1, float64 (count, 2), as the seeds of a sunflower."""
+    number = np.arange(count)
+    radius, angle = np.sqrt((number + 0.5) / count), number * GOLDEN_ANGLE
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def render_lens(scene: Scene, grid: Any, voxels: Any, *, points: Floats, **more: Any) -> Floats:
+    """Return the picture of a scene with `camera.aperture`, float64 (h, w, 4), premultiplied.
+
+    `scene`: complete; `grid`, `voxels`, `more`: as of `render_reference`; `points`: float64 (n, 2), of the lens, in its
+    radii.
+    """
+    total: Floats = np.zeros((*scene.image.size[::-1], 4))
+    for point in points:
+        total += render_reference(scene, grid, voxels, lens_point=point.tolist(), **more)
+    return total / len(points)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from clusterviz.content.volume.optics import optical_function
 from clusterviz.data.source import Grid
 from clusterviz.image.spectral.two_flux import Fluxes
-from clusterviz.reference.fields import SAMPLERS, gradient_at
+from clusterviz.reference.lighting import SAMPLERS, gradient_at
 from clusterviz.reference.rays import Floats, Rays, inside
 from clusterviz.reference.two_flux import TwoFlux
 from clusterviz.scene.values import Volume
@@ -98,8 +98,8 @@ Take = Callable[[float, float], None]
 def follow(medium: Medium, start: Floats, direction: Floats, step: float, take: Take) -> tuple[Floats, Floats, bool]:
     """Follow a ray from where it enters the volume.
 
-    Returns `x` and `v`, where it leaves, in index space, and its momentum, in the world, the length of which is the index
-    outside; `leaves`, False if it was ended.
+    Returns `x` and `v`, where it leaves, in index space, and its momentum, in the world, the length of which is the
+    index outside; `leaves`, False if it was ended.
 
     Parameters
     ----------

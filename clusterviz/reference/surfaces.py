@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import lit_volume
-from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, gradient_normals
+from clusterviz.reference.lighting import SAMPLERS, gradient_at
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.slabs import Slab, in_brick, pieces_of, slabs
 from clusterviz.reference.transfer import transfer_function

@@ -11,12 +11,11 @@ from clusterviz.spmd.analysis import ATOMIC, COSTLY, SEPARATE, Facts
 from clusterviz.spmd.built_in import BUILT_INS, dot, least, most
 from clusterviz.spmd.checker import OPERATORS
 from clusterviz.spmd.emitter import Part, constant
-from clusterviz.spmd.memory import Blocks
 from clusterviz.spmd.types import SAMPLERS, elements_of
-from clusterviz.spmd.variables import Cell, Parts
+from clusterviz.spmd.variables import Cell, Parts, Variables
 
 
-class Expressions(Blocks):
+class Expressions(Variables):
     """Values of expressions, and assignments."""
 
     def __init__(self, program: ir.Program, lanes: int, facts: Facts) -> None:

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.partition.screen.interleaved import interleaved_tiles
-from clusterviz.partition.screen.tiles import ScreenPartition, partition_of_tiles, tile_counts
+from clusterviz.partition.screen.tiles import ScreenPartition, interleaved_tiles, partition_of_tiles, tile_counts
 from clusterviz.plan.view import View
 
 Points = NDArray[np.float64]
