@@ -45,6 +45,7 @@ class SmallPicture:
     seconds : of drawing, on the slowest rank
     filter : of the plan
     is_textured : True if all ranks draw by OpenGL
+    volumes : of the plan
     """
 
     image: Image | None
@@ -52,6 +53,7 @@ class SmallPicture:
     seconds: float
     filter: Filter
     is_textured: bool
+    volumes: int = 1
 
 
 Draw = Callable[[Scene], SmallPicture]
@@ -177,7 +179,7 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
     assert choice is not None, "rank 0 has chosen where it wants no further picture"
     if followed is not None:
         picked, choice = followed.filter, replace(choice, error=choice.error + followed.filter.error)
-    elif why := why_exact(small.filter, len(scene.volumes), small.is_textured):
+    elif why := why_exact(small.filter, small.volumes, small.is_textured):
         picked = Picked("exact", reason=why)
     else:
         picked, choice, taken = _picked(_small(scene, choice.trial, scale), pictures, choice, aim, channel, draw)

@@ -134,7 +134,8 @@ class FramePlanner:
         image, counts = Compositing(several=False).picture(run, work, partials, counts)
         every = run.channel.allgather((counts.samples, seconds, not prefers_cpu(run.options.device)))
         samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
-        return SmallPicture(image, samples, slowest, plan.filter, all(one[2] for one in every))
+        is_textured, volumes = all(one[2] for one in every), len(plan.content.volume_layers)
+        return SmallPicture(image, samples, slowest, plan.filter, is_textured, volumes)
 
 
 def _assigned(
