@@ -7,7 +7,6 @@ says which; all else is the same for both.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -358,8 +357,8 @@ def layout_of(
         return volumes[0].layout
     # Bricks of volumes are as large as is asked for, since voxels are what takes memory.
     side = 0.0 if volumes else min((info.side for info in grids), default=0.0)
-    own = sum(math.prod(BrickLayout(known.grid.shape_zyx, scene.cluster.brick).counts_zyx) for known in volumes)
-    return domain_layout(domain, scene.cluster.brick, has_geometry or bool(grids), side, own)
+    each = [known.grid for known in volumes]
+    return domain_layout(domain, scene.cluster.brick, has_geometry or bool(grids), side, each)
 
 
 def _volume_layer(
