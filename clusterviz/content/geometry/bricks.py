@@ -144,23 +144,23 @@ class KnownGeometry:
         scalars = "" if is_direction or section.scalars is None else section.scalars
         of = "" if not channels else "primitives" if is_direction else self.info.arrays[scalars][0]
         return GeometryLayer(
-            self._kind,
-            self._count,
-            grid.index_from_file(section),
-            of,
-            channels,
-            (*((1.0, 1.0, 1.0) if transfer else (r, g, b)), opacity),
-            make_segments(transfer, 1.0) if transfer else None,
-            make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
-            _culled_side(section),
-            hides and not (transfer and self.info.has_invalid) and (edges is None or edges[3] >= 1),
-            section,
-            self._position_type,
-            section.shade and (getattr(section, "shading", "") == "smooth" or is_arrows(section)),
-            self._colour_types.get(scalars, np.dtype(np.float32)),
-            transfer.domain if transfer else (0.0, 1.0),
-            edges,
-            self._search.counted(section, grid),
+            count=self._count,
+            index_from_file=grid.index_from_file(section),
+            section=section,
+            shading=make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
+            clim=transfer.domain if transfer else (0.0, 1.0),
+            position_type=self._position_type,
+            in_bricks=self._search.counted(section, grid),
+            kind=self._kind,
+            colour_of=of,
+            channels=channels,
+            rgba=(*((1.0, 1.0, 1.0) if transfer else (r, g, b)), opacity),
+            segments=make_segments(transfer, 1.0) if transfer else None,
+            culling=_culled_side(section),
+            opaque=hides and not (transfer and self.info.has_invalid) and (edges is None or edges[3] >= 1),
+            has_normals=section.shade and (getattr(section, "shading", "") == "smooth" or is_arrows(section)),
+            colour_type=self._colour_types.get(scalars, np.dtype(np.float32)),
+            edges=edges,
         )
 
     def read(self, layer: GeometryLayer, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, Primitives]:
@@ -174,7 +174,7 @@ class KnownGeometry:
         section, found, normals = layer.section, dict[Index, Primitives](), Normals()
         with agree(self._channel, 0, "load"):
             some = sorted(index for index in wanted if layer.in_bricks[0][index])
-        if section is None or not self._channel.maximum(len(some)):
+        if not self._channel.maximum(len(some)):
             self._search.forget()
             return found
         flat = [int(np.ravel_multi_index(index, grid.layout.counts_zyx)) for index in some]
@@ -312,7 +312,7 @@ def _cropped(
         begin, end = (positions[corner].astype(np.float64) for corner in corners[:, 1:3].T)
         way = (end - begin) @ linear.T
         colours = np.abs(way / np.linalg.norm(way, axis=1, keepdims=True)).astype(np.float32)
-    elif layer.colour_of and section is not None and section.scalars is not None:
+    elif layer.colour_of:
         chosen = rows if layer.colour_of == "vertices" else numbers if drawn.cells is None else drawn.cells[numbers]
         colours = _array(drawn, section.scalars)[chosen].reshape(-1, layer.channels)
     along = normals.along[np.searchsorted(normals.rows, rows)] if layer.has_normals else NOTHING

@@ -28,7 +28,7 @@ from clusterviz.data.primitives import NO_RADII, BrickMembers, DistinctRows, Dra
 from clusterviz.data.source import Index
 from clusterviz.data.tetrahedra import MOST, Tetrahedra, groups_with_values, make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, SceneError
 from clusterviz.plan.cells import CellBrick, CellLayer, join_bricks
 from clusterviz.plan.domain import BrickGrid, world_from_file
 from clusterviz.plan.integration_table import make_integration_table
@@ -56,6 +56,7 @@ class KnownCells:
     Parameters
     ----------
     section : as in the scene file
+    key : of the entry, such as grids[0], for errors
     find : returns the files of the grid; called on rank 0
     load : reads a file
     channel : to the other ranks
@@ -73,11 +74,12 @@ class KnownCells:
     def __init__(
         self,
         section: GridSection,
+        key: str,
         find: Callable[[], Sequence[GridFile]],
         load: Callable[[GridFile], UnstructuredGrid],
         channel: Channel,
     ) -> None:
-        self._section, self._find, self._load, self._channel = section, find, load, channel
+        self._section, self._key, self._find, self._load, self._channel = section, key, find, load, channel
         self._own: CellBrick | None = None
         self._kept: tuple[object, CellBrick, BrickMembers] | None = None
         self._counts: dict[Any, NDArray[np.int64]] = {}
@@ -85,38 +87,38 @@ class KnownCells:
         self._table: tuple[GridSection, NDArray[np.float32]] | None = None
         self._opened()
 
-    def layer(self, section: GridSection, lights: tuple[Light, ...], grid: BrickGrid) -> tuple[CellLayer, Floats]:
-        """Return the layer of a plan, and the expected segments of each brick.
+    def layer(self, section: GridSection, lights: tuple[Light, ...], grid: BrickGrid) -> CellLayer:
+        """Return the layer of a plan.
 
         Parameters
         ----------
         section : completed
         lights : of the scene
         grid : of the plan
-
-        Returns
-        -------
-        segments : float64 (bz, by, bx), of a ray through each cell of the domain's grid; 0 where all is transparent
         """
+        if section.shade and self._on_cells:
+            text, found = "values of cells have no gradient to light", "true, and values of cells"
+            raise SceneError(text, where=f"{self._key}.shade", found=found, allowed="false, or values of points")
         transfer = transfer_function(section)
         in_bricks = self._counted(section, grid)
         low, high, segments = self._measured(section, grid)
         kbuffer = section.visibility if isinstance(section.visibility, KBuffer) else None
-        layer = CellLayer(
-            self.info.count,
-            grid.index_from_file(section),
-            self._on_cells,
-            make_preintegrated(transfer),
-            grid.domain.spacing / transfer.unit_distance,
-            make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
-            kbuffer,
-            self._integrals(section, transfer) if kbuffer and kbuffer.integration == "table" else None,
-            section,
-            transfer.domain,
-            *self._types,
-            in_bricks,
+        return CellLayer(
+            count=self.info.count,
+            index_from_file=grid.index_from_file(section),
+            section=section,
+            shading=make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
+            clim=transfer.domain,
+            position_type=self._types[0],
+            in_bricks=in_bricks,
+            on_cells=self._on_cells,
+            segments=make_preintegrated(transfer),
+            units=grid.domain.spacing / transfer.unit_distance,
+            kbuffer=kbuffer,
+            integrals=self._integrals(section, transfer) if kbuffer and kbuffer.integration == "table" else None,
+            value_type=self._types[1],
+            crossings=np.where(transfer.is_transparent(low, high), 0.0, segments),
         )
-        return layer, np.where(transfer.is_transparent(low, high), 0.0, segments)
 
     def _integrals(self, section: GridSection, transfer: TransferFunction) -> NDArray[np.float32]:
         if self._table is None or self._table[0] != section:
@@ -136,7 +138,7 @@ class KnownCells:
         with agree(channel, 0, "load"):
             some = sorted(index for index in wanted if layer.in_bricks[0][index])
         rounds = -(-channel.maximum(len(some)) // AT_ONCE)
-        if section is not None and rounds:
+        if rounds:
             self._members(section, grid)
             for begin in range(0, rounds * AT_ONCE, AT_ONCE):
                 found |= self._received(layer, grid, some[begin : begin + AT_ONCE])
