@@ -241,7 +241,7 @@ def _verified(
         if drawn.image is not None:
             pictures.append(drawn.image)
         while trial.level >= finest and coarser >= 0:
-            errors.append(channel.broadcast(verified(pictures, aim, coarser) if pictures else 0.0))
+            errors.append(channel.broadcast(verified(pictures, aim, trial.level, coarser) if pictures else 0.0))
             if errors[-1] <= aim.bound or (coarser == 0 and trial.level + 1 > VERIFIED_FINEST):
                 found = replace(choice, trial=trial._replace(level=trial.level - coarser), error=errors[-1])
                 return found, max(1.0, (errors[0] - aim.residual) / estimated), samples

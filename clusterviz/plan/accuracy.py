@@ -63,6 +63,9 @@ within the shortest step has one sample at all of them. Later views are verified
 STEEP = 8.0
 """Slope of opacity or colour, in full scales over the range of clim, above which a transfer function counts as a
 jump."""
+NARROW = 2.0**-13
+"""Share of clim's range below which a change of opacity or colour counts as one at a single scalar. Along a ray, a
+trilinear field leaves the line between two samples 1/128 of a voxel apart by less."""
 STEADY = math.sqrt(2)
 """A step that still holds is kept until another is cheaper by this factor, so that consecutive frames are similar."""
 FEW = 500
@@ -83,6 +86,7 @@ class Aim:
     classifications : those that may be chosen
     jumps : opacity or colour jump, or nearly so, along rays
     of_one_scalar : a pixel is the colour of one scalar, such as the maximum
+    jump : largest change of extinction, or of extinction times colour, at a single scalar, per voxel
     last : choice of the frame before, which is updated; None if there is none
     coarsest : level of the longest step that may be chosen
     safety : factor of all errors estimated in a sample of pixels
@@ -93,6 +97,7 @@ class Aim:
     classifications: tuple[Classification, ...]
     jumps: bool = False
     of_one_scalar: bool = False
+    jump: float = 0.0
     last: Trial | None = None
     coarsest: float = COARSEST
     safety: float = SAFETY
@@ -111,6 +116,14 @@ class Aim:
     def needs_witness(self) -> bool:
         """Whether long steps may agree on a picture that is wrong."""
         return self.jumps or self.of_one_scalar
+
+    def grazed(self, level: float) -> float:
+        """Bound of what a ray can miss that touches the far side of a jump between two samples.
+
+        Where a ray grazes a surface, the way behind it may be anything below a step. It is so rare that pictures at
+        longer steps do not show it.
+        """
+        return -math.expm1(-self.jump * math.exp2(-level))
 
     @property
     def levels(self) -> tuple[int, ...]:
@@ -144,8 +157,12 @@ class Choice:
     reason: str = ""
 
 
-def make_aim(scene: Scene) -> Aim:
+def make_aim(scene: Scene, spacing: float) -> Aim:
     """Return the aim of a completed scene with a volume and `quality.max_error`.
+
+    Parameters
+    ----------
+    spacing : smallest distance of samples, world units, which steps are in units of
 
     Raises
     ------
@@ -164,7 +181,12 @@ def make_aim(scene: Scene) -> Aim:
         classifications = ("pre-integrated",)
     # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
     cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
-    return Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars))
+    jumps = [_jump_of(volume) * spacing for volume in scene.volumes]
+    aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars), max(jumps))
+    least = aim.grazed(VERIFIED_FINEST) / (1 - TERMINATION)
+    if least > bound:
+        raise _of_a_jump(bound, least, scene.volumes[int(np.argmax(jumps))])
+    return aim
 
 
 def _of_one_scalar(bound: float, volume: Volume) -> SceneError:
@@ -172,6 +194,28 @@ def _of_one_scalar(bound: float, volume: Volume) -> SceneError:
     found = f"{volume.blending}, whose pixels may be on either side of a jump of opacity or colour"
     allowed = f"changes of at most {STEEP:.3g} full scales over clim, a composited mode, or null"
     return SceneError(f"{bound:.3g} is out of reach", where="quality.max_error", found=found, allowed=allowed)
+
+
+def _of_a_jump(bound: float, least: float, volume: Volume) -> SceneError:
+    """Return the error of a ray that may touch what lies behind a jump for less than the shortest step."""
+    found = f"a jump of opacity or colour of {volume.path}, which a ray may touch between two samples"
+    allowed = f"at least {least:.2g}, a change over more than {NARROW:.1g} of clim's range, or null"
+    return SceneError(f"{bound:.3g} is out of reach", where="quality.max_error", found=found, allowed=allowed)
+
+
+def _jump_of(volume: Volume) -> float:
+    """Return the largest change of extinction, or of extinction times colour, at a single scalar, per world unit."""
+    if volume.interpolation == "nearest":  # rays graze no corner of a voxel: what they miss falls with the step
+        return 0.0
+    transfer, largest_change = transfer_function(volume), 0.0
+    narrow = NARROW * (transfer.domain[1] / 2 - transfer.domain[0] / 2)
+    for values in (transfer.opacity_values, transfer.colour_values):
+        at = np.flatnonzero(np.diff(values / 2) <= narrow)
+        sides = np.stack([np.nextafter(values[at], -np.inf), values[at + 1]])
+        extinction = transfer.extinction(sides)[..., None]
+        shown = np.concatenate([extinction, extinction * transfer.colour(sides)], axis=-1)
+        largest_change = max(largest_change, float(np.abs(shown[1] - shown[0]).max(initial=0.0)))
+    return largest_change
 
 
 def _is_steep(volume: Volume) -> bool:
@@ -240,12 +284,13 @@ def _with_reason(choice: Choice, among: list[Choice], aim: Aim) -> Choice:
     return replace(choice, reason=text)
 
 
-def verified(pictures: Sequence[NDArray[Any]], aim: Aim, coarser: int = 0) -> float:
+def verified(pictures: Sequence[NDArray[Any]], aim: Aim, level: float, coarser: int = 0) -> float:
     """Estimate the error of a whole picture from itself and two others, including the residual.
 
     Parameters
     ----------
     pictures : at least three pictures (h, w, 4), each with half the step of the one before
+    level : of the last picture
     coarser : 0: the last picture is estimated, from longer steps; else the one so many before it
     """
     first, before, finest = pictures[-3:]
@@ -258,7 +303,7 @@ def verified(pictures: Sequence[NDArray[Any]], aim: Aim, coarser: int = 0) -> fl
     least = FASTEST * float(earlier.max())
     missing = max(missing, least if aim.jumps else still_missing(least, 4 * least))
     moved = float(difference(finest, pictures[-1 - coarser]).max())
-    return VERIFIED_SAFETY * missing + moved + aim.residual
+    return VERIFIED_SAFETY * missing + moved + aim.residual + aim.grazed(level)
 
 
 def has_strayed(choice: Choice, calibrated: Choice, aim: Aim) -> bool:
