@@ -99,7 +99,7 @@ class FramePlanner:
                 from clusterviz.migration.driver import MigrationDriver
 
                 if isinstance(distribution, Dynamic):
-                    return MigrationDriver(distribution, self._drawing, self.opened.range_type)
+                    return MigrationDriver(distribution, self._drawing)
             return None
 
         return AutoMode(run, hooks_of, self.opened is not None, scene, several)
@@ -116,7 +116,7 @@ class FramePlanner:
             return None
         has_lens = scene.camera.aperture > 0 or bool(last and last.scene.camera.aperture)
         if not has_lens and last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
-            view = make_view(scene.camera, scene.image.size, opened.grid_of(last.plan))
+            view = make_view(scene.camera, scene.image.size, last.plan.content.domain.grid)
             return opened.with_detail(replace(last.plan, view=view), scene)
         return opened.plan(scene)
 

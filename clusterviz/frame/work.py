@@ -128,7 +128,7 @@ class DrawnFrame:
     layers : what this rank found for other layers, see `Drawing.find_layers`
     fragments : of each partial image, as `RenderResult.fragments`
     sample_counts : of each piece
-    painted : what surface LIC adds to the picture, float32 (h, w, 4); None without it, and on ranks other than 0
+    painted : what a `Painter` adds to the picture, float32 (h, w, 4); None without it, and on ranks other than 0
     """
 
     number: int

@@ -4,13 +4,10 @@ An orbit rotates the eye about view_up through the focal point. Between key fram
 Catmull-Rom curves, directions are interpolated and normalised, and numbers follow monotone cubics. Values that a key
 frame leaves out are the scene's.
 
-References
-----------
-F. N. Fritsch, J. Butland: A method for constructing local monotone piecewise cubic interpolants, SIAM Journal on
-Scientific and Statistical Computing 5(2), 1984.
-C. Yuksel, S. Schaefer, J. Keyser: On the parameterization of Catmull-Rom curves, SPM 2009: centripetal knots give
-segments without cusps and loops.
-P. Barry, R. Goldman: A recursive evaluation algorithm for a class of Catmull-Rom splines, SIGGRAPH 1988.
+Reference: F. N. Fritsch, J. Butland: A method for constructing local monotone piecewise cubic interpolants, SIAM
+Journal on Scientific and Statistical Computing 5(2), 1984. C. Yuksel, S. Schaefer, J. Keyser: On the parameterization
+of Catmull-Rom curves, SPM 2009: centripetal knots give segments without cusps and loops. P. Barry, R. Goldman: A
+recursive evaluation algorithm for a class of Catmull-Rom splines, SIGGRAPH 1988.
 """
 
 from __future__ import annotations
@@ -39,11 +36,8 @@ Floats = NDArray[np.float64]
 def monotone(times: Floats, values: Floats, time: float) -> Floats:
     """Interpolate numbers, monotonically between two key frames and with a continuous derivative.
 
-    Parameters
-    ----------
-    times : float64 (n,), strictly ascending
-    values : float64 (n, k)
-    time : the curve is constant before the first and after the last key frame
+    `times`: float64 (n,), strictly ascending; `values`: float64 (n, k); `time`: the curve is constant before the first
+    and after the last key frame.
 
     Returns
     -------
@@ -105,7 +99,6 @@ def centripetal(times: Floats, points: Floats, time: float) -> Floats:
 
 
 def _barry_goldman(points: tuple[Floats, ...], knots: tuple[float, ...], t: float) -> Floats:
-    """Evaluate a Catmull-Rom segment by repeated linear interpolation."""
     level = list(points)
     for width, spans in ((1, 3), (2, 2)):
         level = [
@@ -172,10 +165,7 @@ class KeyFrames(Section):
     def frames(self, frames_per_second: float, where: str = "path") -> int:
         """Return the number of frames from the first to the last key frame, both included.
 
-        Raises
-        ------
-        SceneError
-            There are more than `MAX_FRAMES`.
+        Raises SceneError: there are more than `MAX_FRAMES`.
         """
         begin, end = self.times
         count = (end - begin) * frames_per_second
@@ -191,10 +181,7 @@ KEY_FRAME_TYPES: dict[str, type[KeyFrame]] = {"camera": CameraKeyFrame, "transfe
 def load_path(path: str | os.PathLike[str]) -> KeyFrames:
     """Read key frames from a YAML or JSON file.
 
-    Raises
-    ------
-    SceneError
-        The file cannot be read, or holds an unknown key or an invalid value.
+    Raises SceneError: the file cannot be read, or holds an unknown key or an invalid value.
     """
     where = os.fspath(path)
     with guard(SceneError, where):
@@ -253,6 +240,8 @@ def scenes_along(
     time_steps: Mapping[str, int] | None = None,
 ) -> list[Scene]:
     """Return the scenes of all frames, at equal time steps from the first to the last key frame.
+
+    Raises SceneError: key frames are incompatible, or an interpolated camera is degenerate.
 
     Parameters
     ----------
@@ -326,7 +315,6 @@ def _transfer_at(volume: Volume, keys: Sequence[TransferKeyFrame], time: float, 
 
 
 def _between(times: Floats, each: Sequence[Any], time: float, where: str) -> Any:
-    """Interpolate numbers and control points between key frames; names must be the same in all."""
     if all(value == each[0] for value in each):
         return each[0]
     shapes = {np.shape(value) if not isinstance(value, str) else value for value in each}

@@ -124,7 +124,6 @@ else:
         """Metaclass of sections: validation raises a `SceneError`, and `dir` lists keys only."""
 
         def __call__(cls, *args: Any, **values: Any) -> Any:
-            """Return a section with the given values."""
             try:
                 return super().__call__(*args, **values)
             except ValidationError as error:

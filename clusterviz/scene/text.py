@@ -23,10 +23,7 @@ MAX_COMMENT = 80
 def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
     """Return a scene as YAML with a comment for each key; `load_scene` reads it back as an equal scene.
 
-    Parameters
-    ----------
-    scene : keys that are null or empty are left out
-    notes : lines of the file's leading comment
+    `scene`: keys that are null or empty are left out; `notes`: lines of the file's leading comment.
     """
     lines = [f"# {without_secrets(' '.join(note.splitlines()))}" for note in notes]
     for name in Scene.model_fields:
@@ -47,9 +44,7 @@ def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
 def picture_metadata(scene: Scene, folder: Path) -> str:
     """Return the YAML text embedded in a picture: all sections but `cluster`, on which pictures do not depend.
 
-    Parameters
-    ----------
-    folder : of the picture, absolute; see `portable_path`
+    `folder`: of the picture, absolute; see `portable_path`.
     """
     data = public_data(scene, {"cluster"})
     return write_yaml(change_paths(data, lambda path: portable_path(path, folder)))
