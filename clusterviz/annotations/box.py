@@ -27,16 +27,10 @@ BEYOND = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Parallelepiped.
+    """Parallelepiped."""
 
-    Attributes
-    ----------
-    origin : float64 (3,), world
-    edges : float64 (3, 3), the three edges from the origin, row by row, world
-    """
-
-    origin: Floats
-    edges: Floats
+    origin: Floats  # float64 (3,), world
+    edges: Floats  # float64 (3, 3), the three edges from the origin, row by row, world
 
     @property
     def is_aligned(self) -> bool:

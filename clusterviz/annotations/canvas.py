@@ -35,16 +35,10 @@ def check_library() -> None:
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Pixels of an overlay that are not transparent.
+    """Pixels of an overlay that are not transparent."""
 
-    Attributes
-    ----------
-    index : int64 (n,), numbers of the pixels in the picture, row by row
-    rgba : float32 (n, 4), premultiplied
-    """
-
-    index: NDArray[np.int64]
-    rgba: NDArray[np.float32]
+    index: NDArray[np.int64]  # int64 (n,), numbers of the pixels in the picture, row by row
+    rgba: NDArray[np.float32]  # float32 (n, 4), premultiplied
 
     def blend_over(self, picture: NDArray[np.float32]) -> None:
         """Blend the overlay over a picture (h, w, 4), premultiplied, in place."""

@@ -37,24 +37,14 @@ from clusterviz.scene.values import Quality, Scene
 
 @dataclass(frozen=True)
 class SmallPicture:
-    """Small picture; all but the image is the same on every rank.
+    """Small picture; all but the image is the same on every rank."""
 
-    Attributes
-    ----------
-    image : on rank 0 only
-    samples : sum over all ranks
-    seconds : of drawing, on the slowest rank
-    filter : of the plan
-    is_textured : True if all ranks draw by OpenGL
-    volumes : of the plan
-    """
-
-    image: Image | None
-    samples: int
-    seconds: float
-    filter: Filter
-    is_textured: bool
-    volumes: int = 1
+    image: Image | None  # on rank 0 only
+    samples: int  # sum over all ranks
+    seconds: float  # of drawing, on the slowest rank
+    filter: Filter  # of the plan
+    is_textured: bool  # True if all ranks draw by OpenGL
+    volumes: int = 1  # of the plan
 
 
 Draw = Callable[[Scene], Planning[SmallPicture]]
@@ -123,28 +113,16 @@ RESIDUAL = 1 / 64
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of a calibration; the same on every rank.
+    """Result of a calibration; the same on every rank."""
 
-    Attributes
-    ----------
-    scene : that was calibrated
-    choice : of step and classification
-    covered : share of the picture that the volume covers
-    pixels : of each small picture
-    samples : of all small pictures, on all ranks
-    filter : that was picked
-    verified : True if the choice was checked in all pixels, not in a sample of them
-    worse : error in all pixels over that estimated in a sample of them, at least 1
-    """
-
-    scene: Scene
-    choice: Choice
-    covered: float
-    pixels: int
-    samples: int
-    filter: Picked
-    verified: bool = False
-    worse: float = 1.0
+    scene: Scene  # that was calibrated
+    choice: Choice  # of step and classification
+    covered: float  # share of the picture that the volume covers
+    pixels: int  # of each small picture
+    samples: int  # of all small pictures, on all ranks
+    filter: Picked  # that was picked
+    verified: bool = False  # True if the choice was checked in all pixels, not in a sample of them
+    worse: float = 1.0  # error in all pixels over that estimated in a sample of them, at least 1
 
 
 class _Verdict(NamedTuple):

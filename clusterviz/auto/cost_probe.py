@@ -52,33 +52,22 @@ Floats = NDArray[np.float32]
 class CostProbe:
     """Samples and optical depth of pieces, each drawn alone, in the pixels of a coarse picture.
 
-    Attributes
-    ----------
-    scale : pixels of the picture along the side of a coarse pixel
-    piece : int32 (bz, by, bx), piece of each brick, counted from front to back; −1 for bricks that are not visible
-    samples : float32 (pieces, height, width), in the whole picture
-    depth : float32 (pieces, height, width), −log of the transmittance of a piece
-    limit : optical depth at which a ray ends; inf without early ray termination
-    seconds_per_sample : measured while all ranks drew
-    ranks_per_core : ranks for each core that they may use, at least 1
+    `piece`: int32 (bz, by, bx), piece of each brick, counted from front to back; −1 for bricks that are not visible.
     """
 
-    scale: int
+    scale: int  # pixels of the picture along the side of a coarse pixel
     piece: NDArray[np.int32]
-    samples: Floats
-    depth: Floats
-    limit: float
-    seconds_per_sample: float
-    ranks_per_core: float
+    samples: Floats  # float32 (pieces, height, width), in the whole picture
+    depth: Floats  # float32 (pieces, height, width), −log of the transmittance of a piece
+    limit: float  # optical depth at which a ray ends; inf without early ray termination
+    seconds_per_sample: float  # measured while all ranks drew
+    ranks_per_core: float  # ranks for each core that they may use, at least 1
 
 
 def samples_of_ranks(probe: CostProbe, plan: Plan, groups: RankGroups) -> NDArray[np.float64]:
     """Predict the samples of each rank, float64 (ranks,), if groups share the screen and a tree the data of each.
 
-    Parameters
-    ----------
-    plan : of the picture
-    groups : ranks of each group; a single group is sort-last
+    `plan`: of the picture. `groups`: ranks of each group; a single group is sort-last.
     """
     found = np.zeros(sum(map(len, groups)))
     if len(groups) == 1:
@@ -161,14 +150,10 @@ class _Piece:
 class _RankProbe:
     """Cost probe of one rank.
 
-    Attributes
-    ----------
-    pieces : that it drew
-    seconds, samples : of the fastest drawing at full resolution
-    host, cores : that it runs on
+    `seconds`, `samples`: of the fastest drawing at full resolution. `host`, `cores`: that it runs on.
     """
 
-    pieces: list[_Piece]
+    pieces: list[_Piece]  # that it drew
     seconds: float
     samples: int
     host: str

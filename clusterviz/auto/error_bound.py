@@ -46,15 +46,8 @@ class ErrorBoundController:
     def settle(self, run: Run, scene: Scene, spacing: float) -> Planning[tuple[Scene, Accuracy]]:
         """Return the scene with settings that keep its `quality.max_error`; collective.
 
-        Parameters
-        ----------
-        scene : completed, with a volume and the bound
-        spacing : smallest distance of the volumes' samples, world units
-
-        Raises
-        ------
-        SceneError
-            On every rank: no settings keep the bound for certain.
+        `scene`: completed, with a volume and the bound. `spacing`: smallest distance of the volumes' samples, world
+        units. Raises SceneError: on every rank: no settings keep the bound for certain.
         """
         began, aim = perf_counter(), _agreed_aim(scene, spacing)
         found, samples = yield from self._found(run, scene, aim)

@@ -97,11 +97,8 @@ class AutoMode:
     ) -> Planning[None]:
         """Choose the mode before a frame, if it is due; collective.
 
-        Parameters
-        ----------
-        run, scene, plan : of the frame, with all settings of its quality
-        holds : bricks of this rank in the last frame
-        accuracy : of the settings chosen for `quality.max_error`, from which the format of pixels follows
+        `run`, `scene`, `plan`: of the frame, with all settings of its quality. `holds`: bricks of this rank in the last
+        frame. `accuracy`: of the settings chosen for `quality.max_error`, from which the format of pixels follows.
         """
         if not self._is_open or (self._groups is not None and not self._is_due and self._can_hold(plan)):
             return
@@ -253,12 +250,8 @@ def choose(found: Sequence[Forecast], present: int | None = None) -> int:
     """Choose the number of groups with the least predicted time, unless the present number is nearly as good.
 
     Among numbers with nearly equal times the smallest is chosen, which needs the least memory. So the choice depends
-    less on other processes.
-
-    Parameters
-    ----------
-    found : forecasts
-    present : number of groups now; None before the first choice, which is compared with sort-last
+    less on other processes. `found`: forecasts. `present`: number of groups now; None before the first choice, which is
+    compared with sort-last.
     """
     best = min(found, key=lambda each: each.seconds)
     kept, gain = (1, LEAST_GAIN) if present is None else (present, LEAST_GAIN_AGAIN)

@@ -63,15 +63,8 @@ MAX_LISTED = 3
 class FrameFiles:
     """Pictures of an animation, on rank 0.
 
-    Parameters
-    ----------
-    output : a file name with one number field (frame_%04d.png), or a movie (.mp4, .gif)
-    resume : whether to keep existing pictures
-
-    Raises
-    ------
-    OutputError
-        The name is neither, the folder cannot be written, or there is no encoder.
+    `output`: a file name with one number field (frame_%04d.png), or a movie (.mp4, .gif). `resume`: whether to keep
+    existing pictures. Raises OutputError: the name is neither, the folder cannot be written, or there is no encoder.
     """
 
     def __init__(self, output: Path, resume: bool, has_layers: bool = False) -> None:
@@ -338,16 +331,8 @@ def fit_to_orbit(scene: Scene) -> Scene:
 def with_time_steps(scene: Scene, asked_for: bool) -> tuple[Scene, dict[str, int]]:
     """Return a scene whose volumes show all time steps, and the number of these steps by the key of the volume.
 
-    Parameters
-    ----------
-    asked_for : whether volumes with several steps of which the scene names none show all
-
-    Raises
-    ------
-    DataError
-        A file cannot be read.
-    InputError
-        No volume has several time steps.
+    `asked_for`: whether volumes with several steps of which the scene names none show all. Raises DataError: a file
+    cannot be read. Raises InputError: no volume has several time steps.
     """
     volumes, steps = scene.drawn_as("samples"), dict[str, int]()
     for key, volume in volumes.items():

@@ -48,31 +48,20 @@ CAUTION = 1 / 16
 
 @dataclass(frozen=True)
 class AdaptiveStep:
-    """Bound on the error, and the lengths from which the adaptive step follows.
+    """Bound on the error, and the lengths from which the adaptive step follows."""
 
-    Attributes
-    ----------
-    bound : largest error of a pixel
-    step_voxels : length of a slab in units of the smallest spacing
-    slab_units : length of a slab in opacity unit distances
-    diagonal_units : diagonal of the volume, the longest ray, in opacity unit distances
-    """
-
-    bound: float
-    step_voxels: float
-    slab_units: float
-    diagonal_units: float
+    bound: float  # largest error of a pixel
+    step_voxels: float  # length of a slab in units of the smallest spacing
+    slab_units: float  # length of a slab in opacity unit distances
+    diagonal_units: float  # diagonal of the volume, the longest ray, in opacity unit distances
 
     def doublings(
         self, transfer: TransferFunction, low: Floats, high: Floats, steep: Floats, bend: Floats
     ) -> NDArray[np.uint8]:
         """Return how often slabs may be doubled in groups of cells, 0 to LONGEST.
 
-        Parameters
-        ----------
-        transfer : the transfer function
-        low, high : float64 (n,), data values; NaN where a voxel has none
-        steep, bend : float64 (n,), data values per voxel and per voxel squared; NaN likewise
+        `transfer`: the transfer function. `low`, `high`: float64 (n,), data values; NaN where a voxel has none.
+        `steep`, `bend`: float64 (n,), data values per voxel and per voxel squared; NaN likewise.
         """
         known = np.isfinite(low) & np.isfinite(high) & np.isfinite(bend) & np.isfinite(steep) & (low <= high)
         found = np.zeros(low.shape, np.uint8)
@@ -145,10 +134,8 @@ class _Terms:
     def errors(self, away: Floats, passed: Floats) -> tuple[Floats, Floats]:
         """Return the error of extinction and emission together, and the change of the colour, float64 (n,).
 
-        Parameters
-        ----------
-        away : float64 (n,), largest error of the scalar
-        passed : float64 (n,), change of the scalar along a long slab
+        `away`: float64 (n,), largest error of the scalar. `passed`: float64 (n,), change of the scalar along a long
+        slab.
         """
         with np.errstate(invalid="ignore"):
             found = self._steepest * away[:, None] + self._bent(passed) * passed[:, None] / 8
@@ -175,9 +162,7 @@ class _Terms:
 def _extremes(transfer: TransferFunction, edges: Floats, grid: Floats) -> tuple[Floats, Floats]:
     """Return extremes of extinction per unit distance, and of the slopes of it, of emission (3) and of colour (3).
 
-    Returns
-    -------
-    lowest, highest : float64 (bins, 8): below the grid, in each of its bins, and above it
+    Returns float64 (bins, 8): below the grid, in each of its bins, and above it.
     """
     below = np.nextafter(edges, -np.inf)
     front, back = _values(transfer, edges[:-1]), _values(transfer, below[1:])

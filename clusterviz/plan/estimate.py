@@ -53,14 +53,8 @@ Pictures = Mapping[Trial, NDArray[Any]]
 def largest(errors: NDArray[Any], pixels: int) -> float:
     """Estimate the largest error of a picture from a sample of its pixels.
 
-    Parameters
-    ----------
-    errors : errors of the sampled pixels, any shape
-    pixels : number of pixels of the whole picture
-
-    Returns
-    -------
-    error : Weissman's estimate from the TAIL largest of the sample, between once and MOST_TAIL times the largest
+    `errors`: errors of the sampled pixels, any shape. `pixels`: number of pixels of the whole picture. Returns
+    Weissman's estimate from the TAIL largest of the sample, between once and MOST_TAIL times the largest.
     """
     top = np.sort(errors.ravel().astype(np.float64))[::-1][: TAIL + 1]
     most = float(top[0])

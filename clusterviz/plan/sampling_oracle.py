@@ -36,25 +36,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SamplingOracle:
-    """Sampling distances in blocks of a volume.
+    """Sampling distances in blocks of a volume."""
 
-    Attributes
-    ----------
-    distances : float32 (z, y, x), in cells; below 1, or NaN: as close as possible
-    block : cells along the side of a block
-    """
-
-    distances: NDArray[np.float32]
-    block: int = BLOCK
+    distances: NDArray[np.float32]  # float32 (z, y, x), in cells; below 1, or NaN: as close as possible
+    block: int = BLOCK  # cells along the side of a block
 
 
 def distance_to_change(voxels: NDArray[Any], transfer: TransferFunction, tolerance: float) -> SamplingOracle:
     """Return the oracle of the change of the transfer function over a block.
 
-    Parameters
-    ----------
-    voxels : (z, y, x), finite
-    tolerance : largest change of opacity over a unit distance, or of opacity times colour
+    `voxels`: (z, y, x), finite. `tolerance`: largest change of opacity over a unit distance, or of opacity times
+    colour.
     """
     low, high = _range_of_blocks(voxels)
     least, most = _extremes(_rows(transfer), *_bins(transfer, low, high))
@@ -64,10 +56,8 @@ def distance_to_change(voxels: NDArray[Any], transfer: TransferFunction, toleran
 def distance_by_bend(voxels: NDArray[Any], transfer: TransferFunction, tolerance: float) -> SamplingOracle:
     """Return the oracle of the error of linear interpolation.
 
-    Parameters
-    ----------
-    voxels : (z, y, x), finite
-    tolerance : largest error of opacity over a unit distance, or of opacity times colour, above 0
+    `voxels`: (z, y, x), finite. `tolerance`: largest error of opacity over a unit distance, or of opacity times colour,
+    above 0.
     """
     low, high = _range_of_blocks(voxels)
     values = voxels.astype(np.float64)

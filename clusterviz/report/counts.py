@@ -29,28 +29,16 @@ DOUBT = 0.05
 
 @dataclass(frozen=True)
 class FrameCoherence:
-    """Counts of one frame's rays.
+    """Counts of one frame's rays."""
 
-    Attributes
-    ----------
-    estimated : rays that started by the last frame's hits
-    left_out : rays predicted to meet nothing, which were not drawn, including those beside the volume's box
-    late : rays of `estimated` that found that they had started too late, and were drawn again
-    checked : rays, chosen at random, that started where they enter the volume and measured their error
-    wrong : rays of `checked` with an error above 1/255 of a full scale
-    error : largest error of a checked ray, with a full scale of 1
-    wrong_at_most : bound on the rays with an error above 1/255, with a confidence of 95 %
-    beyond_at_most : bound on the rays with an error above `error`, likewise
-    """
-
-    estimated: int = 0
-    left_out: int = 0
-    late: int = 0
-    checked: int = 0
-    wrong: int = 0
-    error: float = 0.0
-    wrong_at_most: int = field(init=False)
-    beyond_at_most: int = field(init=False)
+    estimated: int = 0  # rays that started by the last frame's hits
+    left_out: int = 0  # rays predicted to meet nothing, which were not drawn, including those beside the volume's box
+    late: int = 0  # rays of `estimated` that found that they had started too late, and were drawn again
+    checked: int = 0  # rays, chosen at random, that started where they enter the volume and measured their error
+    wrong: int = 0  # rays of `checked` with an error above 1/255 of a full scale
+    error: float = 0.0  # largest error of a checked ray, with a full scale of 1
+    wrong_at_most: int = field(init=False)  # bound on the rays with an error above 1/255, with a confidence of 95 %
+    beyond_at_most: int = field(init=False)  # bound on the rays with an error above `error`, likewise
 
     def __post_init__(self) -> None:
         """Set the bounds."""
@@ -87,17 +75,13 @@ def rays_at_most(found: int) -> int:
 class EarlyDiscarding:
     """Counts of one frame.
 
-    Attributes
-    ----------
-    stored : fragments stored, those of pixels that were drawn again twice, and one for each pixel where some were left
-        out
-    pixels : pixels where some were left out, without those that were drawn again
-    redrawn : pixels drawn again with all fragments, as their rays did not end in front of what was left out
+    `stored`: fragments stored, those of pixels that were drawn again twice, and one for each pixel where some were left
+    out.
     """
 
     stored: int = 0
-    pixels: int = 0
-    redrawn: int = 0
+    pixels: int = 0  # pixels where some were left out, without those that were drawn again
+    redrawn: int = 0  # pixels drawn again with all fragments, as their rays did not end in front of what was left out
 
     def __str__(self) -> str:
         """Return a summary in one line."""
@@ -109,18 +93,11 @@ class EarlyDiscarding:
 
 @dataclass(frozen=True)
 class KBufferCounts:
-    """Counts of one frame; on several ranks sums, so that a pixel counts for each rank that gets it wrong.
+    """Counts of one frame; on several ranks sums, so that a pixel counts for each rank that gets it wrong."""
 
-    Attributes
-    ----------
-    wrong_pixels : pixels where a fragment arrived that is nearer than the end of a segment composited before
-    fragments : intersections of rays and faces
-    comparisons : of two fragments' depths
-    """
-
-    wrong_pixels: int = 0
-    fragments: int = 0
-    comparisons: int = 0
+    wrong_pixels: int = 0  # pixels where a fragment arrived that is nearer than the end of a segment composited before
+    fragments: int = 0  # intersections of rays and faces
+    comparisons: int = 0  # of two fragments' depths
 
     @classmethod
     def of(cls, counted: NDArray[np.uint32]) -> KBufferCounts:

@@ -31,37 +31,23 @@ TAG = 30_011
 
 @dataclass(frozen=True)
 class Span:
-    """Interval of work on one rank.
-
-    Attributes
-    ----------
-    begin, end : seconds of this rank's `perf_counter`
-    args : details shown for the selected span
-    row : name of the thread; "" for the main thread
-    """
+    """Interval of work on one rank. `begin`, `end`: seconds of this rank's `perf_counter`."""
 
     name: str
     category: str
     begin: float
     end: float
-    args: Mapping[str, Any] = field(default_factory=dict)
-    row: str = ""
+    args: Mapping[str, Any] = field(default_factory=dict)  # details shown for the selected span
+    row: str = ""  # name of the thread; "" for the main thread
 
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """Offset of a rank's clock from rank 0's.
+    """Offset of a rank's clock from rank 0's."""
 
-    Attributes
-    ----------
-    at : this rank's time of the measurement, seconds
-    seconds : offset; positive if this rank's clock is ahead
-    round_trip : seconds; the error of the offset is at most half of it
-    """
-
-    at: float
-    seconds: float
-    round_trip: float
+    at: float  # this rank's time of the measurement, seconds
+    seconds: float  # offset; positive if this rank's clock is ahead
+    round_trip: float  # seconds; the error of the offset is at most half of it
 
 
 class Link(Protocol):

@@ -31,11 +31,9 @@ LISTS = CONTENT_SECTIONS
 class Limits:
     """Limits of the scenes of a session.
 
-    Parameters
-    ----------
-    opened : data of the scene with which the session began, which is within the limits
-    folders : with the files that clients may name, beside those of the scene that was opened; relative names are
-        relative to the first; None: any file, and any address
+    `opened`: data of the scene with which the session began, which is within the limits. `folders`: with the files that
+    clients may name, beside those of the scene that was opened; relative names are relative to the first; None: any
+    file, and any address.
     """
 
     def __init__(self, opened: dict[str, Any], folders: Sequence[Path] | None = None) -> None:

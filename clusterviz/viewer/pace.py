@@ -19,17 +19,11 @@ from clusterviz.scene.values import Scene
 
 @dataclass(frozen=True)
 class Level:
-    """Settings of pictures while the view moves.
+    """Settings of pictures while the view moves."""
 
-    Attributes
-    ----------
-    scale : of the picture's sides
-    early_termination : opacity left, at which rays may end, at least
-    """
-
-    scale: float
+    scale: float  # of the picture's sides
     step: float
-    early_termination: float
+    early_termination: float  # opacity left, at which rays may end, at least
 
     @property
     def cost(self) -> float:

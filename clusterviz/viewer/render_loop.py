@@ -51,20 +51,12 @@ class AbandonedError(ClustervizError):
 
 @dataclass(frozen=True)
 class Command:
-    """What all ranks do next.
+    """What all ranks do next."""
 
-    Attributes
-    ----------
-    kind : draw a frame, or end
-    scene : completed
-    alone : decide on the frame as on a single one
-    may_stop : whether newer input abandons the frame
-    """
-
-    kind: Literal["draw", "end"]
-    scene: Scene | None = None
-    alone: bool = False
-    may_stop: bool = False
+    kind: Literal["draw", "end"]  # draw a frame, or end
+    scene: Scene | None = None  # completed
+    alone: bool = False  # decide on the frame as on a single one
+    may_stop: bool = False  # whether newer input abandons the frame
 
 
 class Abandoning:
@@ -123,15 +115,8 @@ class Abandoning:
 class RenderLoop:
     """Frames of a session on all ranks.
 
-    Parameters
-    ----------
-    source : the data instead of the files that the scene names
-    opened_as : how the scene was opened, for command lines
-
-    Raises
-    ------
-    ClustervizError
-        As `FrameLoop` does.
+    `source`: the data instead of the files that the scene names. `opened_as`: how the scene was opened, for command
+    lines. Raises ClustervizError as `FrameLoop` does.
     """
 
     def __init__(

@@ -91,10 +91,8 @@ def open_socket(host: str, port: int) -> socket.socket:
 class Server:
     """Server of one session in a thread of its own.
 
-    Parameters
-    ----------
-    token : secret that requests must know
-    origins : further origins of pages, such as https://hub.example, for proxies that change `Host`
+    `token`: secret that requests must know. `origins`: further origins of pages, such as https://hub.example, for
+    proxies that change `Host`.
     """
 
     def __init__(self, session: Session, listening: socket.socket, token: str, *, origins: Sequence[str] = ()) -> None:

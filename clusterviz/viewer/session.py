@@ -70,24 +70,15 @@ class Client(Protocol):
 
 @dataclass(frozen=True)
 class Request:
-    """Picture to draw.
-
-    Attributes
-    ----------
-    scene : as the user gave it, with a camera, without what is hidden
-    hidden : entries that are left out, such as volumes.1
-    revision : of the scene without its camera
-    inputs : number of the last input of each client that the picture shows
-    moving : whether the view is changing
-    """
+    """Picture to draw."""
 
     number: int
-    scene: Scene
+    scene: Scene  # as the user gave it, with a camera, without what is hidden
     completed: Scene
-    revision: int
-    inputs: Mapping[int, int]
-    moving: bool
-    hidden: tuple[str, ...] = ()
+    revision: int  # of the scene without its camera
+    inputs: Mapping[int, int]  # number of the last input of each client that the picture shows
+    moving: bool  # whether the view is changing
+    hidden: tuple[str, ...] = ()  # entries that are left out, such as volumes.1
 
 
 @dataclass(frozen=True)
@@ -268,10 +259,7 @@ class Session:
     ) -> None:
         """Show a picture to all clients.
 
-        Parameters
-        ----------
-        picture : float32 (h, w, 4), premultiplied
-        warnings : texts about the scene
+        `picture`: float32 (h, w, 4), premultiplied. `warnings`: texts about the scene.
         """
         camera = camera_of(request.completed.camera)
         still, now = not request.moving, self._clock()

@@ -23,25 +23,15 @@ from clusterviz.scene.values import Scene
 
 @dataclass(frozen=True)
 class Knob:
-    """Quality setting.
+    """Quality setting."""
 
-    Attributes
-    ----------
-    name : last name of its key in the scene
-    values : values tried; empty for all names that the scene's type allows, except "auto"
-    together : values tried in combinations; empty for all
-    exact : the value without an error of its own
-    control : whether it must not change the picture; it is not combined
-    exclusive : whether it chooses other settings; it is not combined
-    """
-
-    name: str
+    name: str  # last name of its key in the scene
     about: str
-    values: tuple[Any, ...] = ()
-    together: tuple[Any, ...] = ()
-    exact: Any = None
-    control: bool = False
-    exclusive: bool = False
+    values: tuple[Any, ...] = ()  # values tried; empty for all names that the scene's type allows, except "auto"
+    together: tuple[Any, ...] = ()  # values tried in combinations; empty for all
+    exact: Any = None  # the value without an error of its own
+    control: bool = False  # whether it must not change the picture; it is not combined
+    exclusive: bool = False  # whether it chooses other settings; it is not combined
     ranks: int = 1
 
     @property
@@ -82,16 +72,10 @@ KNOBS = (
 
 @dataclass(frozen=True)
 class Setting:
-    """Combination of changes of a scene.
+    """Combination of changes of a scene."""
 
-    Attributes
-    ----------
-    changes : last name of a key -> value
-    kind : "scene" (no change), "alone", "together" or "control"
-    """
-
-    changes: Mapping[str, Any]
-    kind: str
+    changes: Mapping[str, Any]  # last name of a key -> value
+    kind: str  # "scene" (no change), "alone", "together" or "control"
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {_shown(value)}" for name, value in self.changes.items()) or "as the scene is"
@@ -100,14 +84,8 @@ class Setting:
 def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tuple[list[Setting], int]:
     """Return the settings to measure.
 
-    Parameters
-    ----------
-    scene : the scene, whose own values are measured once
-    most : largest number of settings; combinations with the most changes are left out first
-
-    Returns
-    -------
-    settings : the unchanged scene, each value alone, then combinations
+    `scene`: the scene, whose own values are measured once. `most`: largest number of settings; combinations with the
+    most changes are left out first. Returns the unchanged scene, each value alone, then combinations.
     """
     idle = _idle(scene)
     knobs = [knob for knob in KNOBS if knob.name in names and knob.ranks <= ranks and knob.name not in idle]

@@ -68,10 +68,7 @@ def brute_force(cuts: Cuts, by_lines: bool = False) -> Polygons:
 def sorted_polygons(cuts: Cuts, valid: Flags, share: Floats) -> Polygons:
     """Return the polygons of intersections with edges.
 
-    Parameters
-    ----------
-    valid : bool (n, 12), the edges that are intersected
-    share : float64 (n, 12), where
+    `valid`: bool (n, 12), the edges that are intersected. `share`: float64 (n, 12), where.
     """
     edges, counts = walk_faces(valid)
     return Polygons(points_on(cuts, edges, np.take_along_axis(share, edges, axis=1)), counts)

@@ -28,16 +28,10 @@ ROUNDING = 8 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True)
 class Moves:
-    """Planes of a template, and how far they are moved.
+    """Planes of a template, and how far they are moved."""
 
-    Attributes
-    ----------
-    template : the boxes of the template at the origin, and planes whose levels are integers
-    offset : float64 (n, 3), from there to where the polygon is
-    """
-
-    template: Cuts
-    offset: Floats
+    template: Cuts  # the boxes of the template at the origin, and planes whose levels are integers
+    offset: Floats  # float64 (n, 3), from there to where the polygon is
 
 
 def moves_of(cuts: Cuts, beyond: float = 0.0) -> Moves:
