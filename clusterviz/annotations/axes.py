@@ -129,7 +129,6 @@ class AxisTicks:
         )
 
     def _centre(self) -> Floats:
-        """Return the middle of the seen outline, or of the picture, pixels."""
         every = np.concatenate([edge_shares(axis) for axis in range(3)])
         lines, _ = projected(self._camera, self._box.point(every), self._size)
         is_outline = len(lines) and not self._is_inside

@@ -214,7 +214,6 @@ def _dilated(opacity: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
 
 
 def _renderer(size: tuple[int, int]) -> Any:
-    """Return Agg's renderer of a picture; a point is a pixel."""
     from matplotlib.backends.backend_agg import RendererAgg
 
     make: Any = RendererAgg

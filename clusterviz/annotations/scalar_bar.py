@@ -208,7 +208,6 @@ def _share(value: float, domain: tuple[float, float]) -> float:
 
 
 def _most_text(most: float) -> str:
-    """Return what tells the scale of opacity."""
     return f"opacity ≤ {number_text(float(f'{most:.2g}'))}"
 
 

@@ -44,7 +44,7 @@ class SmallPicture:
     seconds: float  # of drawing, on the slowest rank
     filter: Filter  # of the plan
     is_textured: bool  # True if all ranks draw by OpenGL
-    volumes: int = 1  # of the plan
+    volumes: int  # of the plan
 
 
 Draw = Callable[[Scene], Planning[SmallPicture]]

@@ -266,7 +266,6 @@ def _cost_probe(
     scale: int,
     seconds_per_sample: float | None,
 ) -> CostProbe:
-    """Combine the probes of all ranks."""
     width, height = (-(-side // scale) for side in plan.view.size)
     samples, depth = (np.zeros((pieces, height, width), np.float32) for _ in range(2))
     for each in (piece for rank in ranks for piece in rank.pieces):

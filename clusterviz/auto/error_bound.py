@@ -60,7 +60,6 @@ class ErrorBoundController:
         return chosen(scene, trial, residual, found.filter.value), accuracy
 
     def _found(self, run: Run, scene: Scene, aim: Aim) -> Planning[tuple[Calibration, int]]:
-        """Return the calibration for a scene, and the samples that it took."""
         last, anew, samples = self._last, self._anew, 0
         if last and anew and _can_follow(last, scene, aim):
             if scene == last.scene:
@@ -149,7 +148,6 @@ def _out_of_reach(bound: float, error: float, trial: Trial) -> SceneError:
 
 
 def _reasons(found: Calibration) -> dict[str, str]:
-    """Return the reason for each setting."""
     return {
         "step": "the longest that is expected to hold the bound",
         "classification": found.choice.reason,

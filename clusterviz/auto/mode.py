@@ -144,7 +144,6 @@ class AutoMode:
         return self._frames >= PAUSE and self._has_changed
 
     def _can_hold(self, plan: Plan) -> bool:
-        """Return whether ranks that share the screen have the memory for what a plan shows."""
         if self._groups in (None, 1) or plan.cost is self._held_cost:  # as where only the camera moved
             return True
         self._held_cost = plan.cost
@@ -155,7 +154,6 @@ class AutoMode:
         return limit is None or held <= limit
 
     def _take(self, groups: int, found: tuple[Forecast, ...]) -> None:
-        """Make the distribution and hooks for a number of groups."""
         self.close()
         self.distribution = distribution_of(self._cluster, self._ranks, groups, self._budget, self._several)
         self.hooks = self._hooks_of(self.distribution)

@@ -163,7 +163,6 @@ class FrameFiles:
 
 
 def _animation_record(scene: Scene, frames: int, path: Any) -> dict[str, Any]:
-    """Return everything that the pictures depend on, as JSON values."""
     scene_data = public_data(scene, {"cluster"})
     files: dict[str, Any] = {}
     for section in scene.entries.values():
@@ -187,7 +186,6 @@ def _read_bytes(path: Path) -> NDArray[np.uint8]:
 
 @contextmanager
 def _folder_errors(folder: Path) -> Iterator[None]:
-    """Raise an `OutputError` for operating system errors of a folder."""
     try:
         yield
     except OSError as error:

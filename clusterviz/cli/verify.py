@@ -291,7 +291,6 @@ def _has_fixed_sample_count(scene: Scene) -> bool:
 
 
 def _announce(text: str) -> None:
-    """Print a progress message on stderr."""
     print(f"verify: {text}", file=sys.stderr, flush=True)
 
 

@@ -116,13 +116,11 @@ def make_lens(scene: Scene, view: View, extent: tuple[float, float, float]) -> L
 
 
 def _number(radius: float, growth: float) -> float:
-    """Return k of a radius."""
     steps = abs(radius) / SPACING
     return math.copysign(math.log1p(growth * steps) / math.log1p(growth) if growth else steps, radius)
 
 
 def _radius(number: float, growth: float) -> float:
-    """Return r(k)."""
     steps = math.expm1(abs(number) * math.log1p(growth)) / growth if growth else abs(number)
     return math.copysign(steps * SPACING, number)
 

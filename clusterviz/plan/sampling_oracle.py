@@ -93,7 +93,6 @@ def _least_beside(values: Floats) -> Floats:
 
 
 def _range_of_blocks(voxels: NDArray[Any]) -> tuple[Floats, Floats]:
-    """Return the least and the greatest sample of each block."""
     return _of_blocks(voxels, np.minimum), _of_blocks(voxels, np.maximum)
 
 
@@ -110,7 +109,6 @@ def _of_blocks(voxels: NDArray[Any], reduce: np.ufunc) -> Floats:
 
 
 def _edges(transfer: TransferFunction) -> Floats:
-    """Return scalars over the range of the control points."""
     knots = np.concatenate([transfer.opacity_values, transfer.colour_values])
     return np.linspace(knots.min(), knots.max(), BINS + 1)
 

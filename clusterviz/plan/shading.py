@@ -174,7 +174,6 @@ def occlusion_reach(volume: Volume, grid: Grid) -> int:
 
 
 def _occlusion(volume: Volume, grid: Grid, unit: float, planes: Floats) -> Floats:
-    """Return the rows of ambient occlusion."""
     if volume.ambient_occlusion is None:
         return np.zeros((0, 4))
     step, index_from_world = volume.ambient_occlusion.radius / 4, np.linalg.inv(grid.world_from_index[:3, :3])
@@ -307,7 +306,6 @@ LOOK_ROWS = 7
 
 
 def _look_units(clim: tuple[float, float], grid: Grid) -> Floats:
-    """Return `Grading.units`, (LOOK_ROWS, 4)."""
     matrix = grid.world_from_index[:3, :3].astype(np.float64)
     with np.errstate(over="ignore"):
         width = np.float64(clim[1]) - clim[0]

@@ -106,7 +106,6 @@ class View:
 
     @property
     def _axes(self) -> NDArray[np.float64]:
-        """The camera's axes as columns of a matrix (3, 3)."""
         return np.array([self.right, self.up, self.forward]).T
 
     def _camera_coordinates(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -58,7 +58,6 @@ def expected(feature: Feature) -> Picture:
 
 
 def _scene(feature: Feature) -> tuple[Scene, list[Any]]:
-    """Return the scene of a feature, and its data."""
     volumes, settings = CONTENTS[feature.content]()
     keys = {_numbered(key): value for key, value in feature.keys.items() if value is not ...}
     return given_scene(volumes or None, None, PICTURE | settings | keys | dict(feature.more), "doctor", warns=False)

@@ -40,7 +40,6 @@ def _imported(text: str) -> list[str]:
 
 
 def _with_constants(text: str) -> str:
-    """Return a module whose imports are replaced by constants."""
     return IMPORT.sub(lambda found: f"const {found[1].replace(' as ', ': ')} = module_{_identifier(found[2])};", text)
 
 

@@ -126,7 +126,6 @@ class Connection:
         await self._has_ended.wait()
 
     def _call(self, function: Callable[..., None], value: Any) -> None:
-        """Call a function on the loop's thread."""
         with suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(function, value)
 

@@ -219,7 +219,6 @@ def parse(text: str) -> Message:
 
 
 def _reason(text: bytes) -> InputError:
-    """Return what is wrong with a message that is not valid."""
     try:
         data = from_json(text, allow_inf_nan=False)
     except ValueError as error:

@@ -80,7 +80,6 @@ def names_of_objects(scene: Scene, hidden: Sequence[str] = ()) -> list[tuple[str
 
 
 def _keys(name: str, hidden: Sequence[str]) -> Iterator[str]:
-    """Yield the keys of a list's entries that are shown."""
     return (key for n in count() if (key := f"{name}.{n}") not in hidden)
 
 

@@ -78,7 +78,6 @@ class RemoteSession:
         self._folder.cleanup()
 
     def _read_address(self) -> tuple[str, str]:
-        """Return host and token that the job prints."""
         assert self._job.stdout is not None, "the output is piped"
         for line in self._job.stdout:
             if found := ADDRESS.search(line):
@@ -88,7 +87,6 @@ class RemoteSession:
         raise InputError(reason) if self._job.poll() == InputError.exit_status else ClustervizError(reason)
 
     def _reason(self) -> str:
-        """Return why the job has ended."""
         if self._is_closed:
             return "it was closed"
         with suppress(subprocess.TimeoutExpired):

@@ -217,7 +217,6 @@ class RenderLoop:
         session.finished(request, rendered.image, seconds, statistics, remarks)
 
     def _do(self, session: Session, job: Job) -> None:
-        """Answer a pick, or send a file."""
         message, scene = job.message, job.request.completed
         try:
             if isinstance(message, Pick):
@@ -232,7 +231,6 @@ class RenderLoop:
             session.answer(job.client, lambda client: client.send(failed))
 
     def _picked(self, scene: Scene, hidden: Sequence[str], message: Pick) -> dict[str, Any]:
-        """Return what lies under a point of the picture."""
         nothing = {"position": None, "index": None, "value": None, "name": ""}
         opened = self._loop.opened
         if opened is None:
@@ -335,14 +333,12 @@ class RenderLoop:
         self._loop, self._is_new = loop, True
 
     def _note(self, image: Image, scene: Scene, made: Provenance) -> None:
-        """Note how the last picture was made."""
         self._made = made
 
     def _has_input(self) -> bool:
         return self._session is not None and self._session.has_input()
 
     def _send(self, command: Command) -> None:
-        """Send a command to the waiting ranks."""
         wake = np.zeros(1, np.uint8)
         for rank in range(1, self._channel.size):
             self._channel.isend(wake, rank, WAKE)
@@ -361,7 +357,6 @@ class RenderLoop:
 
 
 def _statistics(rendered: Rendered) -> dict[str, Any]:
-    """Return the statistics of a frame as clients are told."""
     statistics = rendered.statistics
     stages = [name for name in statistics.seconds if name != "total"]
     names = ("samples", "bricks_drawn", "bytes_sent", "peak_memory_bytes")

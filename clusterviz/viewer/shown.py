@@ -151,13 +151,11 @@ class Shown:
             self.revision += not view
 
     def _remember(self, before: Data, tag: str | None) -> None:
-        """Note scene data that an edit has replaced."""
         if tag is None or not self._undo or self._undo[-1].tag != tag or self._redo:
             self._undo = [*self._undo, _Undo(before, tag)][-MOST_UNDO:]
         self._redo = []
 
     def _with_view(self, data: Data) -> Data:
-        """Return earlier scene data with the present camera and size."""
         image = {**data.get("image", {}), "size": list(self.whole.image.size)}
         return {**data, "camera": self.data["camera"], "image": image}
 
@@ -210,7 +208,6 @@ def _with_view_of(data: Data, completed: Scene) -> Data:
 
 
 def _scene_part(data: Data) -> Data:
-    """Return a copy of scene data without what is hidden."""
     return copy.deepcopy({key: value for key, value in data.items() if key != HIDDEN})
 
 

@@ -143,7 +143,6 @@ class Viewer(anywidget.AnyWidget):
             self.scene = self._client.scene
 
     def _receive(self, content: Any, buffers: Any) -> None:
-        """Take a message of a view."""
         view, now = str(content["view"]), time.monotonic()
         if "leaves" in content:
             self._remove(view)

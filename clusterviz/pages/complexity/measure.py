@@ -178,8 +178,6 @@ def _draw(
 
 
 def _transparent(scene: Scene) -> Scene:
-    """Return a scene in which no surface hides others."""
-
     def lowered(section: GeometrySection) -> GeometrySection:
         opacity: Any = section.opacity
         if isinstance(opacity, float):

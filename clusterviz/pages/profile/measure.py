@@ -114,7 +114,6 @@ def measure(scene: Scene, ranks: int, on_cpu: bool, step: Step) -> Report:
 
 
 def _joined(plan: Plan, pieces: list[PieceProfile], voxel_bytes: int) -> RankProfile:
-    """Return the profile of several pieces."""
     whole = Rect(0, 0, *plan.view.size)
     maps: Maps = {}
     for piece in pieces:

@@ -173,7 +173,6 @@ def _marks(axes: Any, points: Sequence[Point], values: Sequence[float], colour: 
 
 
 def _ideal(axes: Any, points: Sequence[Point]) -> None:
-    """Draw ideal scaling from the first point."""
     first, ranks = points[0], [point.ranks for point in points]
     strong = first.scaling == "strong"
     times = [1e3 * first.total_seconds * (first.ranks / n if strong else 1.0) for n in ranks]

@@ -146,7 +146,6 @@ def _with_cpu(rank: RankFrame, seconds: float) -> RankFrame:
 
 
 def _resources(channel: Channel, drawn: DrawnFrame) -> RankResources:
-    """Return the node, cores and GPU of this rank."""
     place, gpu = channel.placement(), None
     if drawn.counts.bricks and not prefers_cpu():
         devices = egl_devices()
@@ -156,7 +155,6 @@ def _resources(channel: Channel, drawn: DrawnFrame) -> RankResources:
 
 
 def _covered_rect(drawn: DrawnFrame) -> tuple[int, int, int, int]:
-    """Return the bounding rectangle of this rank's images."""
     rect = EMPTY
     for partial in drawn.partials:
         rect = rect.unite(partial.rect)

@@ -167,7 +167,6 @@ def _is_possible(scene: Scene, setting: Setting) -> bool:
 
 
 def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any]]:
-    """Yield all combinations of two or more changes."""
     turned = [knob for knob in knobs if not (knob.control or knob.exclusive)]
     options = [(None, *_others(scene, knob, knob.together or knob.choices)) for knob in turned]
     for values in product(*options):
@@ -178,7 +177,6 @@ def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any
 
 
 def _others(scene: Scene, knob: Knob, values: Sequence[Any]) -> list[Any]:
-    """Return the values that differ from the scene's."""
     own = value_of(scene, knob.name)
     own = own.model_dump(exclude_none=True) if isinstance(own, Section) else own
     return [value for value in values if value != own]

@@ -94,7 +94,6 @@ def numbers(report: Report) -> dict[str, Any]:
 
 
 def _as_json(one: RatedSetting) -> dict[str, Any]:
-    """Return an entry of "settings" in the JSON file."""
     errors = {
         "max": one.max,
         "rms": one.rms,

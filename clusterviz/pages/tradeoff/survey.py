@@ -82,7 +82,6 @@ def _faster(known: RatedSetting | None, found: RatedSetting) -> RatedSetting:
 
 
 def _with_step(job: Job) -> Draw:
-    """Return the renderer as a function of scene and step."""
     return lambda scene, step: _picture(job(with_settings(scene, {"step": step}), 1, 0))
 
 
