@@ -124,12 +124,12 @@ class _Terms:
         self._width = float(grid[1] - grid[0])
         lowest, highest = _extremes(transfer, distinct(knots, grid), grid)
         self._first, self._last = (np.searchsorted(grid, values, side="right") for values in (low, high))
-        self.least = _least(lowest[:, :1], self._first, self._last)[:, 0]
-        self.most = -_least(-highest[:, :1], self._first, self._last)[:, 0]
+        self.least = column_minima(lowest[:, :1], self._first, self._last)[:, 0]
+        self.most = -column_minima(-highest[:, :1], self._first, self._last)[:, 0]
         self._slopes = lowest[:, 1:], highest[:, 1:]
-        lows, highs = (_least(side, self._first, self._last) for side in (self._slopes[0], -self._slopes[1]))
+        lows, highs = (column_minima(side, self._first, self._last) for side in (self._slopes[0], -self._slopes[1]))
         self._ranges = -(lows + highs)
-        self._steepest = -_least(-np.maximum(np.abs(lowest), np.abs(highest))[:, 1:], self._first, self._last)
+        self._steepest = -column_minima(-np.maximum(np.abs(lowest), np.abs(highest))[:, 1:], self._first, self._last)
 
     def errors(self, away: Floats, passed: Floats) -> tuple[Floats, Floats]:
         """Return the error of extinction and emission together, and the change of the colour, float64 (n,).
@@ -154,7 +154,7 @@ class _Terms:
                 lowest, highest = _paired(lowest, reach), _paired(highest, reach)
             # Parts inside the interval; the whole interval if it is shorter than a part.
             first, last = self._first[some], self._last[some] - (1 << doubling) + 1
-            parts = -_least(lowest + highest, first, np.maximum(first, last))
+            parts = -column_minima(lowest + highest, first, np.maximum(first, last))
             found[some] = np.where((last < first)[:, None], self._ranges[some], parts)
         return found
 
@@ -196,7 +196,7 @@ def _paired(rows: Floats, reach: int) -> Floats:
     return less
 
 
-def _least(rows: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> Floats:
+def column_minima(rows: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> Floats:
     """Return column minima over rows `first` to `last`, by tables of spans of 1, 2, 4, … rows."""
     found = np.empty((len(first), rows.shape[1]))
     doublings = np.frexp(last - first + 1)[1] - 1

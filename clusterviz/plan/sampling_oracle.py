@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.plan.adaptive_step import column_minima
 from clusterviz.scene.transfer import TransferFunction
 
 BLOCK = 4
@@ -127,16 +128,5 @@ def _bins(transfer: TransferFunction, low: Floats, high: Floats) -> tuple[NDArra
 
 def _extremes(rows: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """Return the least and the greatest of each column over rows `first` to `last`, float64 (…, columns)."""
-    least, most = rows, rows
-    found = np.empty((2, *first.shape, rows.shape[1]))
-    doublings = np.frexp(last - first + 1)[1] - 1
-    for doubling in range(int(doublings.max(initial=0)) + 1):
-        some = doublings == doubling
-        ends = first[some], last[some] - (1 << doubling) + 1
-        found[0][some], found[1][some] = (
-            np.minimum(*(least[end] for end in ends)),
-            np.maximum(*(most[end] for end in ends)),
-        )
-        behind = np.minimum(np.arange(len(rows)) + (1 << doubling), len(rows) - 1)
-        least, most = np.minimum(least, least[behind]), np.maximum(most, most[behind])
-    return found[0], found[1]
+    ends, shape = (first.ravel(), last.ravel()), (*first.shape, rows.shape[1])
+    return column_minima(rows, *ends).reshape(shape), -column_minima(-rows, *ends).reshape(shape)
