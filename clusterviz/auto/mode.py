@@ -28,7 +28,7 @@ from clusterviz.distribution.contract import Distribution, DistributionHooks, di
 from clusterviz.distribution.memory_budget import MemoryBudget, memory_budget_of
 from clusterviz.frame.run import Run
 from clusterviz.frame.work import DrawnFrame, Planning
-from clusterviz.image.partial import EMPTY
+from clusterviz.image.partial import bounding_rect
 from clusterviz.partition import build_tree, leaf_pieces, owners_of
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan
@@ -231,10 +231,7 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network,
     tree = build_tree(plan.cost, ranks // groups)
     pieces = leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
     rects = [footprint(plan, piece) for piece in pieces]
-    canvas = EMPTY
-    for rect in rects:
-        canvas = canvas.unite(rect)
-    places, pixels = place_ranks(range(ranks), nodes), max(1, canvas.pixels)
+    places, pixels = place_ranks(range(ranks), nodes), max(1, bounding_rect(rects).pixels)
     size = 4 * np.dtype(pixel).itemsize * plan.pictures
     if groups == ranks:
         scene = ImageStatistics(ranks, pixels, 1 / ranks, 1 / ranks, size, True)

@@ -20,7 +20,7 @@ from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import DTYPES
 from clusterviz.errors import InputError
 from clusterviz.image.merge import ORDER_FREE, Operator
-from clusterviz.image.partial import EMPTY, PartialImage, Rect
+from clusterviz.image.partial import PartialImage, Rect, bounding_rect
 
 Numbers = NDArray[np.int64]
 # Gathers one row of numbers from each rank on every rank.
@@ -128,7 +128,8 @@ def gather_footprints(
     more = [exchange(rows[k] if k < len(rows) else np.zeros_like(rows[0])) for k in range(1, most)]
     table = np.concatenate([first[:, _HEAD:], *more], axis=1)
     layers = _layers(order, table.reshape(len(first), -1, _IMAGE).tolist())
-    return Footprints(_canvas(layers), _dtype(layers, first[:, 1], operator), layers, _order(layers), operator)
+    canvas = bounding_rect(layer.rect for layer in layers)
+    return Footprints(canvas, _dtype(layers, first[:, 1], operator), layers, _order(layers), operator)
 
 
 def _rows(
@@ -161,13 +162,6 @@ def _layers(order: Sequence[int], table: list[list[list[int]]]) -> tuple[Footpri
 
 def _order(layers: Sequence[Footprint]) -> tuple[int, ...]:
     return tuple(dict.fromkeys(layer.rank for layer in layers))
-
-
-def _canvas(layers: Sequence[Footprint]) -> Rect:
-    canvas = EMPTY
-    for layer in layers:
-        canvas = canvas.unite(layer.rect)
-    return canvas
 
 
 def _dtype(layers: Sequence[Footprint], types: Numbers, operator: Operator) -> np.dtype[Any]:

@@ -22,7 +22,7 @@ from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.frame.work import DrawnFrame
 from clusterviz.gl.devices import choose_device, egl_devices, prefers_cpu
-from clusterviz.image.partial import EMPTY
+from clusterviz.image.partial import bounding_rect
 from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.animation import scenes_along
@@ -155,9 +155,7 @@ def _resources(channel: Channel, drawn: DrawnFrame) -> RankResources:
 
 
 def _covered_rect(drawn: DrawnFrame) -> tuple[int, int, int, int]:
-    rect = EMPTY
-    for partial in drawn.partials:
-        rect = rect.unite(partial.rect)
+    rect = bounding_rect(partial.rect for partial in drawn.partials)
     rect = drawn.work.plan.on_screen(rect) if drawn.work.plan else rect
     return rect.x_begin, rect.y_begin, rect.x_end, rect.y_end
 

@@ -20,7 +20,7 @@ from clusterviz.composite.schedules.rectangles import Rectangles
 from clusterviz.composite.simulation.loads import count_sparse
 from clusterviz.composite.simulation.simulate import Options, count_load
 from clusterviz.image.compare import Difference
-from clusterviz.image.partial import EMPTY, Rect
+from clusterviz.image.partial import Rect, bounding_rect
 from clusterviz.pages.scale.measure import Measured, RankResources
 from clusterviz.report.statistics import FrameStatistics, RankFrame
 
@@ -62,17 +62,9 @@ def dense_bytes(measured: Measured) -> int:
     drawn = [Rect(*rect) for rect in measured.rects if Rect(*rect).pixels]
     if not measured.algorithm or len(drawn) < 2:
         return 0
-    canvas = canvas_of(drawn)
+    canvas = bounding_rect(drawn)
     load, _ = count_load(measured.algorithm, len(drawn), (canvas.width, canvas.height), "dense", Options())
     return int(load.pixels_sent.sum()) * measured.bytes_per_pixel
-
-
-def canvas_of(rects: Sequence[Rect]) -> Rect:
-    """Return the bounding rectangle."""
-    canvas = EMPTY
-    for rect in rects:
-        canvas = canvas.unite(rect)
-    return canvas
 
 
 def _by_stage(counted: Sequence[Sequence[tuple[int, int]]]) -> list[tuple[tuple[int, int], ...]]:
@@ -82,7 +74,7 @@ def _by_stage(counted: Sequence[Sequence[tuple[int, int]]]) -> list[tuple[tuple[
 
 def _theory(algorithm: str, rects: Sequence[Rect]) -> list[tuple[int, int]]:
     """Return messages and pixels of each stage, for images from front to back."""
-    canvas = canvas_of(rects)
+    canvas = bounding_rect(rects)
     x, y = canvas.x_begin, canvas.y_begin
     shifted = [Rect(r.x_begin - x, r.y_begin - y, r.x_end - x, r.y_end - y) for r in rects]
     patches = [Patch(canvas.width, 0, canvas.pixels, rect) for rect in shifted]
@@ -246,7 +238,7 @@ def _of_ranks(measured: Measured, stage: str, reduce: Callable[[list[float]], fl
 
 def _images(measured: Measured, rects: Sequence[Rect]) -> ImageStatistics:
     drawn = [rect.pixels for rect in rects if rect.pixels]
-    pixels = canvas_of(rects).pixels
+    pixels = bounding_rect(rects).pixels
     if not drawn:
         return ImageStatistics(0, 0, 1.0, 1.0, measured.bytes_per_pixel, True)
     front = next(rank for rank in measured.order if rects[rank].pixels)
