@@ -89,10 +89,10 @@ class Canvas:
         if edge is not None:
             self._draw(path, edge, 1.0, 1.0, None)
 
-    def rectangle(self, rect: Rect, fill: Colour | None, opacity: float = 1.0, edge: Colour | None = None) -> None:
+    def rectangle(self, rect: Rect, fill: Colour | None, edge: Colour | None = None) -> None:
         """Draw a rectangle."""
         left, top, right, bottom = rect
-        self.polygon([(left, top), (right, top), (right, bottom), (left, bottom)], fill, opacity, edge)
+        self.polygon([(left, top), (right, top), (right, bottom), (left, bottom)], fill, edge=edge)
 
     def image(self, left: int, top: int, rgba: NDArray[np.uint8]) -> None:
         """Draw an image, uint8 (h, w, 4), straight alpha."""

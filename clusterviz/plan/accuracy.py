@@ -170,25 +170,25 @@ def make_aim(scene: Scene, spacing: float) -> Aim:
     SceneError
         No samples keep the bound for certain.
     """
-    bound = scene.quality.max_error
+    bound, volumes = scene.quality.max_error, [*scene.drawn_as("samples").values()]
     assert bound is not None, "no bound was asked for"
-    scalars = [volume for volume in scene.volumes if not BLEND_MODES[volume.blending].composited]
+    scalars = [volume for volume in volumes if not BLEND_MODES[volume.blending].composited]
     for volume in filter(_is_steep, scalars):
         raise _of_one_scalar(bound, volume)
-    both = all(is_preintegrated(volume, "pre-integrated") for volume in scene.volumes)
-    steep = any(map(_is_steep, scene.volumes))
+    both = all(is_preintegrated(volume, "pre-integrated") for volume in volumes)
+    steep = any(map(_is_steep, volumes))
     classifications: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
     if steep and both:  # between two samples, slabs that are integrated before miss nothing that is thin
         classifications = ("pre-integrated",)
     # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
-    cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
-    jumps = [_jump_of(volume) * spacing for volume in scene.volumes]
+    cut = len(volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
+    jumps = [_jump_of(volume) * spacing for volume in volumes]
     few = cut or steep or bool(scalars)
-    witness = WITNESS if few else max(_witness(volume, spacing, bound) for volume in scene.volumes)
+    witness = WITNESS if few else max(_witness(volume, spacing, bound) for volume in volumes)
     aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars), max(jumps), witness)
     least = aim.grazed(VERIFIED_FINEST) / (1 - TERMINATION)
     if least > bound:
-        raise _of_a_jump(bound, least, scene.volumes[int(np.argmax(jumps))])
+        raise _of_a_jump(bound, least, volumes[int(np.argmax(jumps))])
     return aim
 
 

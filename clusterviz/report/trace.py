@@ -68,17 +68,17 @@ class Link(Protocol):
     def wait_sends(self) -> None: ...
 
 
-def measure_offset(channel: Link, rounds: int = ROUNDS) -> ClockOffset:
+def measure_offset(channel: Link) -> ClockOffset:
     """Measure the offset of this rank's clock from rank 0's; collective."""
     if channel.rank > 0:
         mine = np.zeros(3)
-        for _ in range(rounds):
+        for _ in range(ROUNDS):
             _receive(channel, np.zeros(1), 0)
             _send(channel, np.array([perf_counter()]), 0)
         _receive(channel, mine, 0)
         return ClockOffset(*mine.tolist())
     for rank in range(1, channel.size):
-        best = min((_round_trip(channel, rank) for _ in range(rounds)), key=lambda offset: offset.round_trip)
+        best = min((_round_trip(channel, rank) for _ in range(ROUNDS)), key=lambda offset: offset.round_trip)
         _send(channel, np.array([best.at, best.seconds, best.round_trip]), rank)
     return ClockOffset(perf_counter(), 0.0, 0.0)
 
