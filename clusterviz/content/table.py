@@ -18,12 +18,7 @@ KINDS: tuple[Kind, ...] = (VOLUME, GEOMETRY, GRID, FLOW)
 
 
 def entries_of(scene: Scene, infos: Sequence[Facts] | None = None) -> list[Entry]:
-    """Return the entries of a scene, in the order of the kinds.
-
-    Parameters
-    ----------
-    infos : facts on each entry in this order; None: nothing is known of them
-    """
+    """Return the entries of a scene, in the order of the kinds, with the facts on them, which have this order."""
     found = [
         Entry(kind, f"{name}[{number}]", section)
         for kind in KINDS

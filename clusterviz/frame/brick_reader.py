@@ -33,11 +33,7 @@ class BrickReader:
     def load(self, run: Run, plan: Plan, wanted: Set[Index], holds: Set[Index] = frozenset()) -> Bricks:
         """Return bricks of this rank; those that are not in memory are read.
 
-        Parameters
-        ----------
-        plan : of the frame
-        wanted : indices of the bricks to return
-        holds : bricks that may be needed again; `Options.keep_bricks` keeps them in memory
+        `Options.keep_bricks` keeps those in memory that this rank `holds`, which may be needed again.
         """
         with run.local("load", "load"):
             held = plan.content.suiting(self._held)
@@ -55,13 +51,7 @@ class BrickReader:
         return set(self._held)
 
     def replace(self, opened: Opened, changed: Set[Index], bricks: Bricks) -> None:
-        """Read from other time steps.
-
-        Parameters
-        ----------
-        changed : bricks in memory that may differ
-        bricks : of the other time steps that have been read
-        """
+        """Read from other time steps, of which some bricks have been read; those in memory that may differ go."""
         self._opened = opened
         self._held = {index: brick for index, brick in self._held.items() if index not in changed} | bricks
 

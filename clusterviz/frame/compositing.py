@@ -145,7 +145,6 @@ class Compositing:
         return image, counts
 
     def _warn_of_change(self, run: Run, asked: str, counters: CompositeCounters) -> None:
-        """Warn on rank 0, once a run, if another algorithm ran than the scene names."""
         used = counters.algorithm
         if asked in ("auto", used) or counters.transport == "shared" or "compositing" in self._warned:
             return
@@ -257,7 +256,6 @@ def _finished(run: Run, work: RankWork, composed: NDArray[Any] | None) -> Image 
 
 
 def _annotated(image: Image, drawn: DrawnFrame) -> Image:
-    """Return the picture with the annotations of its scene; other layers stay as they are."""
     if drawn.work.scene.annotations.is_empty:
         return image
     from clusterviz.annotations import annotated
@@ -284,7 +282,6 @@ def _check(
 
 
 def _provenance(run: Run, drawn: DrawnFrame) -> Provenance:
-    """Return how a frame was made; on rank 0."""
     work, counts = drawn.work, drawn.counts
     rounding = rounding_bound(work.scene.quality.pixel, max(1, len(work.order)))
     detail = work.plan.detail if work.plan else ()

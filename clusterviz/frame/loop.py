@@ -233,14 +233,7 @@ class FrameLoop:
         return DrawnFrame(run.frame, work, partials, counts, *found, painted)
 
     def _averaged(self, run: Run, scene: Scene, compositing: Compositing) -> tuple[DrawnFrame, Image | None, RankFrame]:
-        """Draw and composite a frame once for each eye point of its lens; return the mean on rank 0.
-
-        Returns
-        -------
-        drawn : of the last eye point, with the scene of the lens
-        image : the mean, on rank 0
-        counts : costs of all
-        """
+        """Draw a frame once for each eye point of its lens; return the last one, the mean on rank 0, and all costs."""
         count = scene.quality.lens.eye_points or 1
         total: NDArray[np.float64] | None = None
         counts = list[RankFrame]()
@@ -274,7 +267,6 @@ class FrameLoop:
             self._drawing.drop(changed)
 
     def _changes(self, run: Run, work: RankWork) -> tuple[Change, ...]:
-        """Return settings of a frame that are not used as given; rank 0 warns of each once."""
         on_cpu = work.scene.quality.filter == "hardware" and prefers_cpu(run.options.device)
         changes = changed_settings(work.scene, run.channel.size, on_cpu)
         for change in changes:

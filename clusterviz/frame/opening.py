@@ -155,10 +155,6 @@ class Opened:
 def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened | None, Bricks]:
     """Open the entries of a scene, each rank its share of them, and complete the scene; collective.
 
-    Parameters
-    ----------
-    source : replaces the files of the scene
-
     Returns
     -------
     scene : completed
@@ -183,16 +179,9 @@ def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
 
 
 def _opened(run: Run, scene: Scene, given: dict[str, Any]) -> tuple[Scene, Opened]:
-    """Open all entries, those first that are drawn as entries of other kinds; collective.
+    """Open all entries, those first that are drawn as entries of other kinds, which then are in the scene, too.
 
-    Parameters
-    ----------
-    given : by key, what replaces the file of an entry
-
-    Returns
-    -------
-    scene : with the entries that others are drawn as
-    opened : all of them
+    `given` has by key what replaces the file of an entry. Collective.
     """
     found = dict[str, tuple[Any, ...]]()
     for kind in reversed(KINDS):
@@ -208,12 +197,7 @@ def _opened(run: Run, scene: Scene, given: dict[str, Any]) -> tuple[Scene, Opene
 
 
 def open_time_steps(run: Run, scene: Scene, opened: Opened) -> tuple[Opened, Bricks]:
-    """Open those volumes of a scene whose time steps differ from the opened ones; collective.
-
-    Returns
-    -------
-    opened : the same content if no time step differs
-    bricks : that were read and can be drawn, as of `open_content`
+    """Open those volumes of a scene whose time steps differ; return the content, and bricks as of `open_content`.
 
     Raises
     ------
@@ -225,12 +209,10 @@ def open_time_steps(run: Run, scene: Scene, opened: Opened) -> tuple[Opened, Bri
 
 
 def _placed_in(scene: Scene) -> list[Any]:
-    """Return the sections of the entries whose members lie in bricks of the domain."""
     return [entry.section for entry in entries_of(scene) if entry.kind.must_fit]
 
 
 def _owners(cost: NDArray[np.float64], ranks: int) -> NDArray[np.int64]:
-    """Return the rank of each brick in a coherent distribution, int64 (bz, by, bx)."""
     tree, found = build_tree(cost, ranks), np.zeros(cost.shape, np.int64)
     for rank in range(ranks):
         found[tuple(bricks_of(tree, rank, cost).T)] = rank
@@ -238,7 +220,6 @@ def _owners(cost: NDArray[np.float64], ranks: int) -> NDArray[np.int64]:
 
 
 def _check_picture(scene: Scene) -> None:
-    """Refuse a picture that no rank could hold."""
     width, height = scene.image.size
     needed, there = PIXEL_BYTES * width * height, memory().total_bytes
     if 0 < there < needed:

@@ -54,11 +54,7 @@ class FramePlanner:
         self.auto_mode = AutoMode(run, drawing, opened, scene, several)
 
     def plan(self, run: Run, scene: Scene) -> RankWork:
-        """Plan a frame; collective.
-
-        Parameters
-        ----------
-        scene : completed; may differ from those of earlier frames in camera, transfer function and quality
+        """Plan a frame of a completed scene; collective.
 
         Raises
         ------
@@ -108,7 +104,6 @@ class FramePlanner:
         return self._error_bound.settle(run, scene)
 
     def _work(self, run: Run, scene: Scene, plan: Plan | None, accuracy: Accuracy | None) -> RankWork:
-        """Choose mode and distribution, and assign the pieces of a frame."""
         auto_mode = self.auto_mode
         if plan is None:
             return RankWork(scene, None, (), frozenset(), sharing=auto_mode.sharing)
@@ -118,7 +113,6 @@ class FramePlanner:
         return _assigned(run, scene, plan, auto_mode.distribution, accuracy, auto_mode.sharing)
 
     def _small_picture(self, run: Run, scene: Scene) -> SmallPicture:
-        """Draw a picture for a calibration."""
         with run.local("plan", "plan"):
             plan = self.opened.plan(scene) if self.opened else None
         assert plan is not None, "only what shows a volume has settings to choose"
@@ -142,7 +136,6 @@ def _assigned(
     accuracy: Accuracy | None = None,
     sharing: Sharing | None = None,
 ) -> RankWork:
-    """Assign the pieces of a plan to ranks; with `accuracy` its error bound determines the format of pixels."""
     with run.local("plan", "plan"):
         pieces = distribution.assign(plan)
         if accuracy is not None:

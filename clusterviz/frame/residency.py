@@ -53,12 +53,7 @@ def has_passes(plan: Plan) -> bool:
 
 
 def least_bytes(sizes: NDArray[np.int64], plan: Plan) -> int:
-    """Return the least limit with which bricks can be drawn in passes: that of a single brick.
-
-    Parameters
-    ----------
-    sizes : int64 (bz, by, bx), bytes of their slots
-    """
+    """Return the least limit with which bricks, given the bytes of their slots, can be drawn in passes: of one."""
     return int(sizes.max()) + READING * slot_of(plan).sample_bytes if sizes.any() else 0
 
 
@@ -122,10 +117,7 @@ class Residency:
     def prepare(self, plan: Plan, holds: Set[Index], limit: int | None, most: int) -> Residency | None:
         """Drop bricks that do not suit a plan, and return this; None if all bricks may be loaded at once.
 
-        Parameters
-        ----------
-        holds : bricks that this rank may draw
-        limit : bytes of bricks in memory; None: `most` limits them if they take more
+        Those that this rank `holds` may take `limit` bytes in memory; where that is None, `most`.
         """
         self._sizes = brick_bytes(plan, self._on_cpu)
         if limit is None and sum(int(self._sizes[index]) for index in holds) <= most:
@@ -235,14 +227,12 @@ class Residency:
         return [piece.part(one + box.begin_zyx) for one in found if len(one)]
 
     def _distance(self, index: Index) -> int:
-        """Return the parts between now and the next use of a brick."""
         if index in self._missing:
             return -1
         count = len(self._bricks)
         return (self._order[index] - self._now - 1) % count if index in self._order else count
 
     def _make_slots(self, missing: Set[Index], keep: Collection[Index]) -> None:
-        """Drop bricks from slots until others fit."""
         there = self._renderers.bricks
         used = sum(self._slot_bytes.get(index, 0) for index in there)
         need = used + sum(int(self._sizes[index]) for index in missing) - self._shares.slots
@@ -296,7 +286,6 @@ class Residency:
         return bricks
 
     def _reading(self, batch: Sequence[Index]) -> int:
-        """Return the bytes that reading bricks takes: their samples, and the box around them."""
         around = bounding_box(np.array(batch, np.int64)).bricks
         return (len(batch) + around * (READING - 1)) * self._sample
 
@@ -310,13 +299,11 @@ class Residency:
             wait = False
 
     def _take(self, bricks: Bricks) -> None:
-        """Keep samples, instead of those of the same bricks."""
         self.drop(bricks.keys())
         self._samples |= bricks
         self._held_bytes += sum(brick.nbytes for brick in bricks.values())
 
     def _note(self) -> None:
-        """Note the memory that is taken."""
         samples = self._held_bytes + sum(size for *_, size in self._batches)
         self.most_bytes = max(self.most_bytes, self._renderers.held.get("voxel_bytes", 0) + samples + CACHE.bytes)
 

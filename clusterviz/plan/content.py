@@ -174,7 +174,6 @@ class VolumeLayer:
 
     @cached_property
     def _cuts(self) -> list[Cut]:
-        """Cuts of the levels."""
         coarsest = 0 if self.brick_levels is None else int(self.brick_levels.max())
         return [self.cut.at(level) for level in range(coarsest + 1)]
 
@@ -341,7 +340,6 @@ def _lone_layer(
 
 
 def _mixed_layer(scene: Scene, number: int, known: KnownVolume, bricks: BrickGrid, step_world: float) -> VolumeLayer:
-    """Return the layer of one of the volumes of mixed content."""
     volume, key = scene.volumes[number], f"volumes[{number}]"
     reach, around = reach_of(volume, scene.quality.classification), occlusion_reach(volume, known.grid)
     margin = margin_of(volume, has_layers=scene.needs_layers, around=around) - reach_of(volume)

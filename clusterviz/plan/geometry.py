@@ -78,7 +78,6 @@ class Layer:
         return self._bytes(*(sum(int(np.prod(shape)) * dtype.itemsize for shape, dtype in some) for some in forms))
 
     def _bytes(self, member: int, position: int) -> NDArray[np.int64]:
-        """Return the bytes of each brick by those of a member and of a position."""
         found: NDArray[np.int64] = self.in_bricks[0] * member + self.in_bricks[1] * position
         return found
 

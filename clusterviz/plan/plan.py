@@ -229,10 +229,7 @@ def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
 def domain_bricks(scene: Scene, volumes: Sequence[KnownVolume], placed: Sequence[tuple[Any, Any]] = ()) -> BrickGrid:
     """Return the bricks of a completed scene, in which the primitives of its geometry and grids are then looked for.
 
-    Parameters
-    ----------
-    volumes : their metadata, in the order of the scene
-    placed : sections and facts of meshes, lines, points and unstructured grids
+    `placed` are sections and facts of meshes, lines, points and unstructured grids.
 
     Raises
     ------

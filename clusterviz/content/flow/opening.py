@@ -86,13 +86,7 @@ class OpenedFlow:
 
 
 class ComponentSource:
-    """One component of vectors as a volume.
-
-    Parameters
-    ----------
-    vectors : of which it is one
-    axis : 0 for x, 1 for y, 2 for z
-    """
+    """Component of vectors along x, y or z (0, 1, 2) as a volume."""
 
     dtype = np.dtype(np.float32)
 
@@ -112,12 +106,7 @@ class ComponentSource:
 
 
 def open_flow(section: FlowSection, given: Any, key: str, channel: Channel) -> OpenedFlow:
-    """Open a flow; collective.
-
-    Parameters
-    ----------
-    given : vectors in memory; None: the section's file
-    key : of the section, for errors
+    """Open a flow, of vectors in memory if they are given; collective. Errors name the key.
 
     Raises
     ------
@@ -175,11 +164,6 @@ def geometry_with_flows(
 
 def open_flow_vectors(section: FlowSection, given: Any = None, key: str = "flows[0]") -> VectorSource | Cells:
     """Open the vectors of a flow as its kind needs them: those of unstructured grids in their cells, or resampled.
-
-    Parameters
-    ----------
-    given : vectors in memory; None: the section's file
-    key : of the section, for errors
 
     Raises
     ------

@@ -307,7 +307,6 @@ class FlowInfo(Facts):
 
 
 def _refuse_others(section: Section, chosen: str, keys: dict[str, Any], choice: str, before: str = "") -> None:
-    """Refuse keys that are set and have no meaning for what was chosen."""
     for key, choices in keys.items():
         if getattr(section, key) is not None and choice not in choices:
             found = getattr(section, key)

@@ -128,7 +128,6 @@ def _found(view: View, layers: Sequence[FoundLayers], objects: Sequence[int], sa
 
 
 def _tints(flow: FlowSection, speed: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the colours by which those of the surfaces are multiplied, float32 (n, 3)."""
     if flow.color_by == "color":
         return np.broadcast_to(np.array(background_rgb(flow.color) or (1, 1, 1), np.float32), (len(speed), 3))
     assert flow.clim is not None, "the scene is completed"

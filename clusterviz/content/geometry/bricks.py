@@ -66,13 +66,7 @@ COMPONENTS = (1, 3, 4)
 
 @dataclass(frozen=True, eq=False)
 class Normals:
-    """Normals of some vertices.
-
-    Attributes
-    ----------
-    rows : int64 (k,), the vertices, ascending
-    along : float32 (k, 3), in the world, of any length
-    """
+    """Normals of some vertices, int64 (k,), ascending: float32 (k, 3), in the world, of any length."""
 
     rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     along: NDArray[np.float32] = field(default_factory=lambda: NOTHING)
@@ -133,14 +127,7 @@ class KnownGeometry(PlacedEntry[GeometryLayer, Primitives]):
         )
 
     def layer(self, section: GeometrySection, lights: tuple[Light, ...], grid: BrickGrid) -> GeometryLayer:
-        """Return the layer of a plan.
-
-        Parameters
-        ----------
-        section : completed
-        lights : of the scene
-        grid : of the plan
-        """
+        """Return the layer of a plan, for a completed section."""
         channels = _channels(section, self.info.arrays, self._key)
         r, g, b = background_rgb(section.color) or (1.0, 1.0, 1.0)
         opacity = section.opacity if isinstance(section.opacity, float) and channels != 1 else 1.0
@@ -287,7 +274,6 @@ def _culled_side(section: GeometrySection) -> Literal["none", "front", "back"]:
 
 
 def _edges(section: GeometrySection, spacing: float) -> tuple[float, float, float, float, float] | None:
-    """Return `GeometryLayer.edges` of a completed section."""
     edges = section.edges if isinstance(section, MeshSection) else None
     if edges is None:
         return None
@@ -335,7 +321,6 @@ def _channels(section: GeometrySection, arrays: Any, key: str, name: str | None 
 def _cropped(
     numbers: Numbers, layer: GeometryLayer, drawn: DrawnPrimitives, normals: Normals, rows_of: DistinctRows
 ) -> Primitives:
-    """Return some primitives with what belongs to them."""
     rows, corners = rows_of.renumber(drawn.corners[numbers])
     positions, section = drawn.positions[rows], layer.section
     radii = np.empty(0, np.float32)

@@ -210,7 +210,6 @@ def _is_same(source: Source, other: Source, box: Box) -> bool:
 
 
 def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
-    """Return the bricks of a volume, with the margins that its blend mode needs."""
     known = not scene.automatic and volume.preset is None
     quality, has_layers = scene.quality, scene.needs_layers
     around = occlusion_reach(volume, source.grid)
@@ -222,13 +221,7 @@ def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
 def _summarised(
     run: Run, sources: Sequence[Source], layouts: Sequence[BrickLayout], limit_bytes: int | None
 ) -> tuple[list[VolumeSummary], list[Samples]]:
-    """Summarise the volumes; of those whose source keeps no summary, an equal share is read.
-
-    Returns
-    -------
-    summaries : of the volumes
-    bricks : those read, of each volume, if they fit into memory
-    """
+    """Summarise the volumes; of sources without summaries an equal share is read, and returned if it fits."""
     with run.collective("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
         most_bytes = min(most_bytes, limit_bytes or most_bytes)
@@ -252,10 +245,6 @@ def with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opened
 
     It stays as it is if bricks have one size. Bricks that were read are forgotten.
 
-    Parameters
-    ----------
-    scene : completed
-
     References
     ----------
     M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.6.
@@ -270,7 +259,6 @@ def with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opened
 
 
 def _with_joined_bricks(summary: VolumeSummary, edges: Edges) -> VolumeSummary:
-    """Return the summary of a volume with the extremes of larger bricks."""
 
     def joined(pick: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
         for axis, inner in enumerate(edges):
@@ -306,7 +294,6 @@ def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
 def _sources(
     volumes: Sequence[Volume], given: Sequence[Source | None], warns: bool
 ) -> tuple[list[Source], list[dict[str, Any]]]:
-    """Open the source of each volume; return them, and the keys of the parts of their files that were chosen."""
     sources, parts = list[Source](), list[dict[str, Any]]()
     for number, (each, volume) in enumerate(zip(given, volumes, strict=True)):
         at_first = volume.model_copy(update={"time": _first_step(volume)})
@@ -319,7 +306,6 @@ def _sources(
 
 
 def _first_step(volume: Volume) -> int | None:
-    """Return the time step of a volume with which a row of frames begins."""
     return 0 if volume.time == "all" else volume.time
 
 
@@ -347,7 +333,6 @@ def _summary(run: Run, source: Source, layout: BrickLayout, share: list[Index], 
 
 
 def _info(source: Source, summary: VolumeSummary, path: str, parts: Mapping[str, Any]) -> VolumeInfo:
-    """Return the facts on a volume of a path; `parts` are the keys of the parts of its file that were chosen."""
     array = source.name.removesuffix(getattr(getattr(source, "slab", None), "label", ""))
     array = array.removeprefix(f"{path}:").lstrip("/") if array.startswith(f"{path}:") else ""
     grid, known, known_format = source.grid, summary.categories, format_of(Path(path))
