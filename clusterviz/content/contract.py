@@ -101,6 +101,11 @@ class Kind:
     painter : (run, scene, opened entries) -> what adds to composited pictures, or None; collective
     free : opened entry -> None; releases what ranks share; collective
     must_fit : it has primitives or cells in bricks of the domain, all of which have to fit into memory at once
+    read : section -> its data, as may be given in place of its file; samples are read later
+    referenced : (section, data) -> what the float64 reference draws
+    unchecked : section -> what the reference does not draw of it, as "shows no …", or ""
+    faint : settings beside `opacity` that make an entry nearly transparent, such as optics=null
+    preset : (section, info) -> name of the preset that automatic settings choose, or ""
     """
 
     name: str
@@ -122,6 +127,11 @@ class Kind:
     painter: Callable[[Run, Scene, Sequence[Any]], Painter | None] = lambda *_: None
     free: Callable[[Any], None] = lambda _: None
     must_fit: bool = False
+    read: Callable[[Any], Any] = lambda _: None
+    referenced: Callable[[Any, Any], Any] = lambda _, data: data
+    unchecked: Callable[[Any], str] = lambda _: ""
+    faint: tuple[str, ...] = ()
+    preset: Callable[[Any, Any], str] = lambda *_: ""
 
 
 @dataclass(frozen=True, eq=False)

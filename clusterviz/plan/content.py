@@ -261,11 +261,8 @@ class Content:
 
 def is_mixed(scene: Scene) -> bool:
     """Return whether the content of a scene is mixed: it is unless there is one volume, without levels, and no more."""
-    return (
-        len(scene.volumes) != 1
-        or bool(scene.geometry or scene.grids or scene.flows)
-        or scene.volumes[0].detail != "full"
-    )
+    sampled = [*scene.drawn_as("samples").values()]
+    return len(scene.entries) != 1 or not sampled or sampled[0].detail != "full"
 
 
 def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -303,9 +300,11 @@ def make_content(
         The margin of a volume alone is too small, so that pictures would depend on the bricks; or as `choose_levels`.
     """
     mixed, cost, volume_layers = is_mixed(scene), np.zeros(bricks.layout.counts_zyx), list[VolumeLayer]()
-    for number, known in enumerate(volumes):
-        part = _mixed_layer(scene, number, known, bricks, step_world) if mixed else None
-        part = part or _lone_layer(scene, known, bricks, step_world, spectrum)
+    for (key, volume), known in zip(scene.drawn_as("samples").items(), volumes, strict=True):
+        if mixed:
+            part = _mixed_layer(scene, key, volume, known, bricks, step_world)
+        else:
+            part = _lone_layer(scene, volume, known, bricks, step_world, spectrum)
         hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
         cost += samples_in_bricks(part.cut, known.layout, hidden) if mixed else brick_cost(bricks.layout, hidden)
         volume_layers.append(part)
@@ -321,10 +320,10 @@ def make_content(
 
 
 def _lone_layer(
-    scene: Scene, known: KnownVolume, bricks: BrickGrid, step_world: float, spectrum: Spectrum | None
+    scene: Scene, volume: Volume, known: KnownVolume, bricks: BrickGrid, step_world: float, spectrum: Spectrum | None
 ) -> VolumeLayer:
     """Return the layer of a volume alone, whose own bricks are drawn."""
-    (volume,), quality, layout = scene.volumes, scene.quality, bricks.layout
+    quality, layout = scene.quality, bricks.layout
     how, around = (quality.classification, quality.borders), occlusion_reach(volume, known.grid)
     if layout.margin < (needed := margin_of(volume, *how, scene.needs_layers, around)):
         text = "bricks lack the margin that the blend mode needs"
@@ -339,8 +338,9 @@ def _lone_layer(
     )
 
 
-def _mixed_layer(scene: Scene, number: int, known: KnownVolume, bricks: BrickGrid, step_world: float) -> VolumeLayer:
-    volume, key = scene.volumes[number], f"volumes[{number}]"
+def _mixed_layer(
+    scene: Scene, key: str, volume: Volume, known: KnownVolume, bricks: BrickGrid, step_world: float
+) -> VolumeLayer:
     reach, around = reach_of(volume, scene.quality.classification), occlusion_reach(volume, known.grid)
     margin = margin_of(volume, has_layers=scene.needs_layers, around=around) - reach_of(volume)
     cut = make_cut(bricks.domain, bricks.layout, known.grid, margin, reach)
