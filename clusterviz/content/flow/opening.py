@@ -53,31 +53,22 @@ class OpenedFlow:
     info: FlowInfo
     lic: Source | None = None
 
-    def sources(self) -> list[Source]:
-        """Return the volumes that the flow becomes: three components and the convolution, or none."""
-        if self.lic is None or isinstance(self.vectors, Cells):
-            return []
-        return [*(ComponentSource(self.vectors, axis) for axis in range(3)), self.lic]
-
     def drawn(self, channel: Channel) -> list[Any]:
-        """Return the volumes, or the lines or arrows, that the flow becomes, in their order; collective."""
-        geometry = self.geometry(channel)
-        return self.sources() if geometry is None else [geometry]
-
-    def geometry(self, channel: Channel) -> Geometry | None:
-        """Return the lines or arrows that the flow becomes, on every rank, or None; collective."""
-        section = self.section
+        """Return what the flow becomes on every rank: components and convolution, lines, or arrows; collective."""
+        section, vectors = self.section, self.vectors
         seeds = section.seeds or Seeds()
-        if section.show == "glyphs" and not isinstance(self.vectors, Cells):
-            return Geometry(points=glyphs(self.vectors, seeds, channel))
-        if section.show not in LINES:
-            return None
-        # Importing numba takes longer than many a render without lines.
-        from clusterviz.flow.tracing import trace
+        if section.show in LINES:
+            # Importing numba takes longer than many a render without lines.
+            from clusterviz.flow.tracing import trace
 
-        kind = cast("LineKind", section.show)
-        traced = trace(self.vectors, seeds, section.trace, kind, channel=channel, first_step=section.time)
-        return Geometry(lines=traced.lines)
+            kind = cast("LineKind", section.show)
+            traced = trace(vectors, seeds, section.trace, kind, channel=channel, first_step=section.time)
+            return [Geometry(lines=traced.lines)]
+        if isinstance(vectors, Cells):
+            return []
+        if section.show == "glyphs":
+            return [Geometry(points=glyphs(vectors, seeds, channel))]
+        return [*(ComponentSource(vectors, axis) for axis in range(3)), self.lic] if self.lic else []
 
     def free(self) -> None:
         """Release a convolution that lies in the memory of all ranks; collective."""
