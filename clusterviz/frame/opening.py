@@ -21,13 +21,7 @@ from clusterviz.content.facts import Facts
 from clusterviz.content.flow.expansion import without_flows
 from clusterviz.content.table import KINDS, entries_of
 from clusterviz.content.volume import opening as volumes_opening
-from clusterviz.content.volume.opening import (
-    OpenedVolume,
-    is_brick_same,
-    read_layer,
-    times_of,
-    with_larger_bricks,
-)
+from clusterviz.content.volume.opening import OpenedVolume, is_brick_same, read_layer, times_of, with_larger_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.source import Index, Source
 from clusterviz.data.unstructured import UnstructuredGrid
@@ -91,10 +85,8 @@ class Opened:
 
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame; collective with geometry or grids, of which the ranks look for what each brick holds."""
-        known, placed = (
-            [volume.known for volume in self.volumes],
-            list(zip(self.placed, _placed_in(scene), strict=True)),
-        )
+        known, sections = [volume.known for volume in self.volumes], scene.drawn_as("fragments", "segments").values()
+        placed = list(zip(self.placed, sections, strict=True))
         bricks = domain_bricks(scene, known, [(section, one.info) for one, section in placed])
         layers = [one.layer(section, scene.lights, bricks) for one, section in placed]
         return self.with_detail(make_plan(scene, known, bricks, layers), scene)
@@ -208,10 +200,6 @@ def open_time_steps(run: Run, scene: Scene, opened: Opened) -> tuple[Opened, Bri
     return opened.with_volumes(volumes).taken(scene)
 
 
-def _placed_in(scene: Scene) -> list[Any]:
-    return [entry.section for entry in entries_of(scene) if entry.kind.must_fit]
-
-
 def _owners(cost: NDArray[np.float64], ranks: int) -> NDArray[np.int64]:
     tree, found = build_tree(cost, ranks), np.zeros(cost.shape, np.int64)
     for rank in range(ranks):
@@ -233,7 +221,6 @@ def _given_by_key(scene: Scene, given: Given) -> dict[str, Any]:
         return {}
     each = list(given) if isinstance(given, Sequence) else [given]
     entries = entries_of(scene)
-    volumes = sum(entry.kind is KINDS[0] for entry in entries)
-    if len(each) not in (len(entries), volumes):
+    if len(each) not in (len(entries), len(scene.drawn_as("samples"))):
         raise InputError("not one for each volume", where="sources", found=len(each), allowed=len(entries))
     return {entry.key: one for entry, one in zip(entries, each, strict=False)}
