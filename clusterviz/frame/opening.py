@@ -85,11 +85,10 @@ class Opened:
 
     def plan(self, scene: Scene) -> Plan:
         """Plan a frame; collective with geometry or grids, of which the ranks look for what each brick holds."""
-        known, sections = [volume.known for volume in self.volumes], scene.drawn_as("fragments", "segments").values()
-        placed = list(zip(self.placed, sections, strict=True))
-        bricks = domain_bricks(scene, known, [(section, one.info) for one, section in placed])
+        placed = list(zip(self.placed, scene.drawn_as("fragments", "segments").values(), strict=True))
+        bricks = domain_bricks(scene, self.volumes, [(section, one.info) for one, section in placed])
         layers = [one.layer(section, scene.lights, bricks) for one, section in placed]
-        return self.with_detail(make_plan(scene, known, bricks, layers), scene)
+        return self.with_detail(make_plan(scene, self.volumes, bricks, layers), scene)
 
     def with_detail(self, plan: Plan, scene: Scene) -> Plan:
         """Return a plan with the levels of volumes that its view needs, and the bounds of their errors."""

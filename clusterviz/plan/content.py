@@ -19,7 +19,7 @@ from clusterviz.content.grid.section import KBuffer
 from clusterviz.content.transfer import transfer_function
 from clusterviz.data.bricks import Boxes, BrickLayout
 from clusterviz.data.levels import LevelMap, mixed_type
-from clusterviz.data.source import Grid, Index, MultilevelSource
+from clusterviz.data.source import Grid, Index, Source, levels_of
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError, SceneError
 from clusterviz.plan.blend_mode import (
@@ -89,21 +89,23 @@ def bricks_of_volume(layout: BrickLayout, samples: Iterable[tuple[Index, NDArray
 
 @dataclass(frozen=True, eq=False)
 class KnownVolume:
-    """Metadata of a volume that planning needs.
+    """A volume as planning needs it; all but the source is the same on every rank.
 
     Attributes
     ----------
-    grid, dtype : grid and dtype of its voxels
+    source : of its voxels
     layout : bricks of the volume itself, which the summary describes; their margin is at least `margin_of`'s
     summary : extremes of its bricks, and its histogram
-    source : its data if they have levels
     """
 
-    grid: Grid
-    dtype: np.dtype[Any]
+    source: Source
     layout: BrickLayout
     summary: VolumeSummary
-    source: MultilevelSource | None = None
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the voxels."""
+        return self.source.grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,14 +346,15 @@ def _mixed_layer(
     reach, around = reach_of(volume, scene.quality.classification), occlusion_reach(volume, known.grid)
     margin = margin_of(volume, has_layers=scene.needs_layers, around=around) - reach_of(volume)
     cut = make_cut(bricks.domain, bricks.layout, known.grid, margin, reach)
-    levels = choose_levels(volume, known.source, key)
+    levels = choose_levels(volume, levels_of(known.source), key)
     if levels is None:
         return _volume_layer(volume, known, scene, cut, step_world)
     if volume.interpolation == "nearest" and not levels.is_uniform:
         text, allowed = "no levels beside each other", "linear, or detail: {level: n}"
         raise SceneError(text, where=f"{key}.interpolation", found="nearest", allowed=allowed)
-    part = _volume_layer(volume, replace(known, dtype=mixed_type(known.dtype, levels)), scene, cut, step_world)
-    return replace(part, levels=levels, brick_levels=levels_in_bricks(cut, levels))
+    part = _volume_layer(volume, known, scene, cut, step_world)
+    encoding = make_encoding(mixed_type(known.source.dtype, levels), part.transfer.domain)
+    return replace(part, encoding=encoding, levels=levels, brick_levels=levels_in_bricks(cut, levels))
 
 
 def domain_of(volumes: Sequence[KnownVolume], placed: Sequence[tuple[Any, Any]]) -> Domain:
@@ -392,7 +395,7 @@ def _volume_layer(
     return VolumeLayer(
         cut,
         make_blend_mode(volume, transfer, shading, grading),
-        make_encoding(known.dtype, transfer.domain),
+        make_encoding(known.source.dtype, transfer.domain),
         transfer,
         segments,
         volume.interpolation,

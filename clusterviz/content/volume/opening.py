@@ -24,7 +24,7 @@ from clusterviz.data import ALL_STEPS, ONE_STEP, format_of, open_first_parts, op
 from clusterviz.data.axes import warn_of_choices
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
 from clusterviz.data.levels import MixedSource, halved
-from clusterviz.data.source import Grid, Index, Source, levels_of
+from clusterviz.data.source import Index, Source, levels_of
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time
 from clusterviz.errors import DataError, InputError, SceneError
 from clusterviz.frame.run import Run
@@ -45,24 +45,18 @@ Samples = dict[Index, NDArray[Any]]
 """Samples of bricks of a volume."""
 
 
-@dataclass(frozen=True)
-class OpenedVolume:
-    """Opened volume, with what plans need; all but the source and what was read is the same on every rank.
+@dataclass(frozen=True, eq=False)
+class OpenedVolume(KnownVolume):
+    """Opened volume.
 
     Attributes
     ----------
-    source : of its voxels
-    layout : of its bricks
-    summary : of its values
     info : facts on it
     time : step of the scene's volume
     read_bricks : that were read for the summary and can be drawn, until they are taken over
     bytes_per_second : of samples that a rank reads, where a picture may take some time only
     """
 
-    source: Source
-    layout: BrickLayout
-    summary: VolumeSummary
     info: VolumeInfo
     time: int | None = None
     read_bricks: Samples = field(default_factory=Samples)
@@ -73,16 +67,6 @@ class OpenedVolume:
         """What is known of the levels of a store; None without one."""
         source = levels_of(self.source)
         return VolumeLevels(self.grid, source.dtype, field_error(source)) if source else None
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of the voxels."""
-        return self.source.grid
-
-    @property
-    def known(self) -> KnownVolume:
-        """What plans need."""
-        return KnownVolume(self.grid, self.source.dtype, self.layout, self.summary, levels_of(self.source))
 
     def has_margin_for(self, scene: Scene) -> bool:
         """Return whether its own bricks have the margins that a scene needs, which shows it alone."""
@@ -252,7 +236,7 @@ def with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opened
     largest, brick = scene.cluster.largest_brick, scene.cluster.brick
     if largest in (None, brick):
         return opened
-    tree = build_tree(make_plan(scene, [opened.known]).cost, ranks)
+    tree = build_tree(make_plan(scene, [opened]).cost, ranks)
     edges = refined_edges(tree, largest // brick)
     layout, summary = replace(opened.layout, edges_zyx=edges), _with_joined_bricks(opened.summary, edges)
     return replace(opened, layout=layout, summary=summary, read_bricks={})
