@@ -63,14 +63,14 @@ class PlacedEntry(ABC, Generic[OwnLayer, Held]):
         self._forget()
         return found
 
-    def _counted(self, section: Placed, grid: BrickGrid) -> NDArray[np.int64]:
+    def _counted(self, section: Any, grid: BrickGrid) -> NDArray[np.int64]:
         """Return members and positions of each brick, int64 (2, bz, by, bx)."""
         return self._in_all_bricks("counts", section, grid, lambda drawn, members: members.counted(drawn))
 
     def _in_all_bricks(
         self,
         name: str,
-        section: Placed,
+        section: Any,
         grid: BrickGrid,
         measure: Callable[[DrawnPrimitives, BrickMembers], NDArray[Any]],
     ) -> NDArray[Any]:
@@ -84,7 +84,7 @@ class PlacedEntry(ABC, Generic[OwnLayer, Held]):
         return self._of_bricks[key]
 
     @abstractmethod
-    def _kept_members(self, section: Placed, grid: BrickGrid) -> tuple[DrawnPrimitives, BrickMembers]:
+    def _kept_members(self, section: Any, grid: BrickGrid) -> tuple[DrawnPrimitives, BrickMembers]:
         """Return the primitives of the bricks r, r + n, r + 2 n, … on rank r of n, and which each has; collective."""
 
     @abstractmethod

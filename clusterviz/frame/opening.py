@@ -165,7 +165,7 @@ def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
         scene = complete_scene(scene, opened.infos)
         labelled = with_chosen_labels(asked, scene)
         if labelled is None and not is_mixed(scene):
-            opened = opened.with_volumes([with_larger_bricks(*opened.volumes, scene, run.channel.size)])
+            opened = opened.with_volumes([with_larger_bricks(opened.volumes[0], scene, run.channel.size)])
     return open_content(run, labelled, source) if labelled else (scene, *opened.taken(scene))
 
 

@@ -8,6 +8,7 @@ half a slab of it, and each fragment counts once on any ranks.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -59,12 +60,17 @@ class Layer:
     position_type: np.dtype[Any]
     in_bricks: NDArray[np.int64]
 
-    holds: ClassVar[type[Members]]
+    holds: ClassVar[Callable[..., Members]]
     """What bricks hold of it; its arrays are keywords."""
 
     @property
     def cost(self) -> Floats:
         """Cost of drawing each brick, float64 (bz, by, bx), in cells of a volume."""
+        raise NotImplementedError
+
+    @property
+    def table_bytes(self) -> NDArray[np.int64]:
+        """Bytes that each brick adds to what is drawn, at most, int64 (bz, by, bx)."""
         raise NotImplementedError
 
     def forms(self, members: int, positions: int) -> Forms:

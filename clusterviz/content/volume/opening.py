@@ -59,7 +59,7 @@ class OpenedVolume(KnownVolume):
 
     info: VolumeInfo
     time: int | None = None
-    read_bricks: Samples = field(default_factory=Samples)
+    read_bricks: Samples = field(default_factory=dict)
     bytes_per_second: float = 0.0
 
     @cached_property
@@ -234,7 +234,7 @@ def with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opened
     M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.6.
     """
     largest, brick = scene.cluster.largest_brick, scene.cluster.brick
-    if largest in (None, brick):
+    if largest is None or largest == brick:
         return opened
     tree = build_tree(make_plan(scene, [opened]).cost, ranks)
     edges = refined_edges(tree, largest // brick)
