@@ -54,7 +54,7 @@ class AutoMode:
     ----------
     run : of the opening
     drawing : that draws a cost probe, and keeps its bricks
-    opened : volumes, if any
+    opened : content
     scene : completed
     several : True if more than one frame may come
 
@@ -70,7 +70,7 @@ class AutoMode:
         As `groups_of` does; the same on every rank.
     """
 
-    def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
+    def __init__(self, run: Run, drawing: Drawing, opened: Opened, scene: Scene, several: bool) -> None:
         self._drawing, self._opened, self._several = drawing, opened, several
         self._cluster, self._ranks = scene.cluster, run.channel.size
         with run.local("plan", "plan"):
@@ -79,7 +79,7 @@ class AutoMode:
         with run.collective("plan", "plan"):
             has_surfaces = any(entry.kind.must_fit for entry in entries_of(scene))
             self._budget = memory_budget_of(run, self._cluster, shares_screen, has_surfaces)
-        self._is_open = opened is not None and len(self._candidates) > 1
+        self._is_open = bool(opened.infos) and len(self._candidates) > 1
         self._groups = self._candidates[0] if not self._is_open else None
         self._seconds_per_sample: float | None = None
         self._held_cost: object = None
@@ -170,7 +170,7 @@ class AutoMode:
             from clusterviz.distribution.tile_scheduler import TileScheduler
 
             return TileScheduler(self._drawing, self.distribution)
-        if self._several and self._opened is not None and self._cluster.distribution == "dynamic":
+        if self._several and self._opened.infos and self._cluster.distribution == "dynamic":
             from clusterviz.distribution.dynamic import Dynamic
             from clusterviz.migration.driver import MigrationDriver
 

@@ -44,7 +44,7 @@ unstructured grid and flow, in this order; None: the file is read."""
 
 @dataclass(frozen=True)
 class Opened:
-    """Opened content of a scene.
+    """Opened content of a scene, which may be none.
 
     Attributes
     ----------
@@ -83,8 +83,10 @@ class Opened:
         """Return whether the bricks suit a scene: those of mixed content are read with the margins of each plan."""
         return is_mixed(scene) or self.volumes[0].has_margin_for(scene)
 
-    def plan(self, scene: Scene) -> Plan:
-        """Plan a frame; collective with geometry or grids, of which the ranks look for what each brick holds."""
+    def plan(self, scene: Scene) -> Plan | None:
+        """Plan a frame, None without content; collective where ranks look for what each brick holds."""
+        if not self.infos:
+            return None
         placed = list(zip(self.placed, scene.drawn_as("fragments", "segments").values(), strict=True))
         bricks = domain_bricks(scene, self.volumes, [(section, one.info) for one, section in placed])
         layers = [one.layer(section, scene.lights, bricks) for one, section in placed]
@@ -143,23 +145,20 @@ class Opened:
         return self.with_volumes(replace(volume, read_bricks={}) for volume in self.volumes), bricks
 
 
-def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened | None, Bricks]:
+def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened, Bricks]:
     """Open the entries of a scene, each rank its share of them, and complete the scene; collective.
 
     Returns
     -------
     scene : completed
-    opened : its content; None if the scene has none
+    opened : its content
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
     with run.local("open", "load"):
         _check_picture(scene)
     asked, scene = scene, without_flows(scene)
-    if not scene.has_content:
-        with run.local("plan", "plan"):
-            return complete_scene(scene, ()), None, {}
     with run.local("open", "load"):
-        given = _given_by_key(scene, source)
+        given = _given_by_key(scene, source) if scene.has_content else {}
     scene, opened = _opened(run, scene, given)
     with run.local("plan", "plan"):
         scene = complete_scene(scene, opened.infos)

@@ -39,17 +39,17 @@ class FramePlanner:
     ----------
     run : of the opening
     drawing : that draws small pictures, and keeps their bricks
-    opened : volumes, if any
+    opened : content
     scene : completed
     several : True if more than one frame may come
 
     Attributes
     ----------
-    opened : volumes, if any, at the time steps of the frame
+    opened : content at the time steps of the frame
     auto_mode : present mode and distribution
     """
 
-    def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
+    def __init__(self, run: Run, drawing: Drawing, opened: Opened, scene: Scene, several: bool) -> None:
         self.opened, self._drawing = opened, drawing
         self._error_bound: ErrorBoundController | None = None
         self._last: RankWork | None = None
@@ -68,7 +68,7 @@ class FramePlanner:
                 check_same_volume(self._last.scene, scene)
             plan = self._plan(scene) if scene.quality.max_error is None else None
         accuracy = None
-        if scene.quality.max_error is not None and self.opened is not None:
+        if scene.quality.max_error is not None and self.opened.infos:
             scene, accuracy = self._settled(run, scene, self.opened.infos)
             with run.local("plan", "plan"):
                 plan = self._plan(scene)
@@ -89,8 +89,6 @@ class FramePlanner:
     def _plan(self, scene: Scene) -> Plan | None:
         """Plan the drawing of a scene; where only the camera moved, reuse all but the view of the last plan."""
         opened, last = self.opened, self._last
-        if opened is None:
-            return None
         has_lens = scene.camera.aperture > 0 or bool(last and last.scene.camera.aperture)
         if not has_lens and last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
             view = make_view(scene.camera, scene.image.size, last.plan.content.domain.grid)
@@ -117,7 +115,7 @@ class FramePlanner:
 
     def _small_picture(self, run: Run, scene: Scene) -> SmallPicture:
         with run.local("plan", "plan"):
-            plan = self.opened.plan(scene) if self.opened else None
+            plan = self.opened.plan(scene)
         assert plan is not None, "only what shows a volume has settings to choose"
         # A copy, since the distribution must not learn from these pictures.
         work = _assigned(run, scene, plan, deepcopy(self.auto_mode.distribution))
