@@ -98,15 +98,12 @@ class SurfacePainter:
 def objects_of(scene: Scene, flow: FlowSection) -> list[int]:
     """Return the numbers, as in the layer `object`, of the isosurfaces and meshes that a flow is shown on."""
     found, first = list[int](), 0
-    for number, volume in enumerate(scene.volumes):
-        surfaces = range(first + 1, first + 1 + len(volume.isosurfaces))
-        found += surfaces if _shows(flow, f"volumes[{number}]") else ()
-        first += 1 + len(volume.isosurfaces)
-    return found + [first + n for n in range(len(scene.meshes)) if _shows(flow, f"meshes[{n}]")]
-
-
-def _shows(flow: FlowSection, key: str) -> bool:
-    return flow.surfaces is None or key in flow.surfaces
+    for key, section in scene.entries.items():
+        if key.startswith(("volumes", "meshes")) and (flow.surfaces is None or key in flow.surfaces):
+            # Volumes come before their isosurfaces.
+            found += range(first + (section.drawn_as == "samples"), first + section.objects)
+        first += section.objects
+    return found
 
 
 def _found(view: View, layers: Sequence[FoundLayers], objects: Sequence[int], samples: VectorSamples) -> SurfacePixels:
