@@ -31,15 +31,7 @@ class PlacedEntry(ABC, Generic[OwnLayer, Held]):
 
     After a rank has read its bricks it forgets the file, which it reads again if bricks are missing later.
 
-    Parameters
-    ----------
-    section : as in the scene file
-    key : of the entry, such as meshes[0], for errors
-    channel : to the other ranks
-
-    Attributes
-    ----------
-    info : facts on it
+    It has facts, `info`. The section is that of the scene file, the key is for errors.
     """
 
     info: Any
@@ -49,13 +41,7 @@ class PlacedEntry(ABC, Generic[OwnLayer, Held]):
         self._of_bricks: dict[Any, NDArray[Any]] = {}
 
     def read(self, layer: Any, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, Held]:
-        """Return what the entry has in bricks by index, and forget the others; those without anything are left out.
-
-        Parameters
-        ----------
-        layer, grid : of the plan
-        wanted : indices of bricks
-        """
+        """Return what the entry has in some bricks of a plan, but those without anything, and forget the others."""
         with agree(self._channel, 0, "load"):
             some = sorted(index for index in wanted if layer.in_bricks[0][index])
         most = self._channel.maximum(len(some))

@@ -35,13 +35,7 @@ def name_of(section: Any) -> str:
 def legend_of(
     section: Any, name: str, by: str, opacity: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 ) -> LegendEntry:
-    """Return how a section of one colour, of directions, or of scalars with a colour map is listed.
-
-    Parameters
-    ----------
-    by : what gives the colour: direction, color, or scalars
-    opacity : scalars and opacities; None: all is visible
-    """
+    """Return how a section is listed, coloured by direction, color, or scalars; without opacities all is visible."""
     if by == "direction":
         return LegendEntry(name, np.eye(3))
     if by == "color" or section.clim is None:
@@ -101,13 +95,9 @@ def unseen_scalars(section: Any, low: float, high: float, has_surfaces: bool = F
 def placed_warnings(
     key: str, section: Any, info: Any, mine: Corners, others: Sequence[Corners], left_out: str, more: str = ""
 ) -> dict[str, str]:
-    """Return what cannot be drawn of an entry with primitives or cells, and whether it is apart from all others.
+    """Return what cannot be drawn of an entry with primitives or cells, and whether its box is apart from all others.
 
-    Parameters
-    ----------
-    mine, others : corners of boxes
-    left_out : what is, and why
-    more : where nothing is drawn
+    `left_out` says what is, and why, and `more` is said where nothing is drawn.
     """
     name, found = key if section.path == key else f"{key} ({PurePath(section.path).name})", dict[str, str]()
     if info.left_out:

@@ -53,12 +53,7 @@ ROW = "compositing"
 
 
 class Compositing:
-    """Compositor of a loop; its buffers are made for the first frame and kept.
-
-    Parameters
-    ----------
-    several : True if more than one frame may come
-    """
+    """Compositor of a loop; its buffers are made for the first frame and kept, if several frames may come."""
 
     def __init__(self, several: bool) -> None:
         self._several = several
@@ -300,11 +295,8 @@ def _canvas_size(work: RankWork) -> tuple[int, int]:
 class AsyncCompositing:
     """Compositing thread of this rank, which holds at most one frame.
 
-    All ranks learn of a failure when they take that frame. A failure in the thread of a single rank ends the job.
-
-    Parameters
-    ----------
-    channel : to the other ranks, used by the compositing thread only
+    All ranks learn of a failure when they take that frame. A failure in the thread of a single rank ends the job. Only
+    this thread uses the channel.
     """
 
     def __init__(self, channel: Channel) -> None:

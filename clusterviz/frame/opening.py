@@ -44,13 +44,7 @@ unstructured grid and flow, in this order; None: the file is read."""
 
 @dataclass(frozen=True)
 class Opened:
-    """Opened content of a scene, which may be none.
-
-    Attributes
-    ----------
-    entries : by the name of a kind, its opened entries, in the order of the scene; what others are drawn as included
-    ranks : that draw
-    """
+    """Opened content of a scene, which may be none: entries by the name of their kind, what others become included."""
 
     entries: Mapping[str, tuple[Any, ...]]
     ranks: int = 1

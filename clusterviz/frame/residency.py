@@ -67,14 +67,7 @@ class Shares:
 
     @classmethod
     def of(cls, limit: int, total: int, largest: int, sample: int, decodes: bool) -> Shares:
-        """Divide a limit.
-
-        Parameters
-        ----------
-        total, largest : bytes of the slots of all bricks, and of the largest one
-        sample : bytes of the samples of a brick, at most
-        decodes : bricks of stores are decoded
-        """
+        """Divide a limit by the bytes of the slots of all bricks, of the largest one, and of its samples at most."""
         decoded, reading = int(DECODED * limit * decodes), READING * sample
         if total + reading + decoded // 4 <= limit:
             decoded = min(decoded, limit - total - reading)

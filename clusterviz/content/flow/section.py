@@ -308,13 +308,7 @@ class FlowSection(ContentSection):
 
 @dataclass(frozen=True)
 class FlowInfo(Facts):
-    """Facts on a flow of a scene.
-
-    Attributes
-    ----------
-    fastest : 99th percentile of the speeds of a sample; 0 if there is none
-    summary : what was done over ranks, in one line; empty if nothing was
-    """
+    """Facts on a flow: 99th percentile of the speeds of a sample, or 0, and what was done over ranks, if anything."""
 
     fastest: float
     summary: str = ""

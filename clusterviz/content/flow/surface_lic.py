@@ -46,13 +46,7 @@ STRENGTH = 0.7
 
 
 class SurfacePainter:
-    """Painter of the surface LIC of a loop's frames; it keeps the vectors that it has read near the surfaces.
-
-    Parameters
-    ----------
-    run : of the opening
-    flows : of the scene
-    """
+    """Painter of the surface LIC of a loop's frames; it keeps the vectors that it has read near the surfaces."""
 
     def __init__(self, run: Run, flows: Sequence[OpenedFlow]) -> None:
         each = (flow.vectors for flow in flows)
@@ -63,12 +57,7 @@ class SurfacePainter:
             self._device = devices_of(None if run.options.device is None else [run.options.device], local_rank)[0]
 
     def paint(self, run: Run, scene: Scene, layers: Sequence[FoundLayers]) -> Image | None:
-        """Return what is added to the picture, float32 (h, w, 4), on rank 0; None elsewhere; collective.
-
-        Parameters
-        ----------
-        layers : that this rank has found; see `Drawing.find_layers`
-        """
+        """Return what is added to the picture, float32 (h, w, 4), on rank 0; see `Painter`."""
         size = scene.image.size
         view = make_view(scene.camera, size, WORLD)
         total: Image | None = None

@@ -186,14 +186,7 @@ class Optics(Section):
 
 @dataclass(frozen=True, eq=False)
 class IndexFunction:
-    """Piecewise-linear refractive index of a scalar, see `OpticalFunction`.
-
-    Attributes
-    ----------
-    values : float64 (m,), ascending
-    indices : float64 (m, n), above 0
-    outside : index around the volume
-    """
+    """Piecewise-linear refractive index at values (m,), (m, n) above 0, and around a volume; see `OpticalFunction`."""
 
     values: Floats
     indices: Floats
