@@ -127,8 +127,6 @@ class Drawing:
 
         Parameters
         ----------
-        run : of the frame
-        work : whose bricks are loaded
         tiles : parts of the picture in which all pieces are drawn, one after the other, as from a work queue; None: the
             rectangles of the pieces
 
@@ -165,13 +163,7 @@ class Drawing:
     def find_layers(self, run: Run, work: RankWork, partials: Sequence[PartialImage]) -> list[FoundLayers]:
         """Find where the opacity of pixels passes one half, in the pieces drawn last; collective.
 
-        Parameters
-        ----------
-        work, partials : as drawn
-
-        Returns
-        -------
-        found : for each piece with pixels, see `as_partials`; empty if the scene has no layers
+        It is that of each piece with pixels, see `as_partials`; nothing if the scene has no layers.
         """
         if work.plan is None or not work.plan.layers:
             return []
@@ -211,7 +203,6 @@ class Drawing:
         return self._residency.prepare(plan, work.holds, limit, self._most_bytes or 0)
 
     def _in_tiles(self, run: Run, pieces: Sequence[Piece], tiles: Iterable[Rect]) -> Iterator[Piece]:
-        """Yield all pieces of each tile, and keep those that were drawn."""
         for tile in tiles:
             run.options.poll()
             for piece in pieces:
@@ -258,6 +249,5 @@ class Drawing:
 
 
 def _report(options: Options, done: float) -> None:
-    """Report the progress of drawing, which may end it."""
     options.progress("render", done)
     options.poll()

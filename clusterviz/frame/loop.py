@@ -163,8 +163,7 @@ class FrameLoop:
                 run = with_right_device(run, scene, None, "open")
             self.scene, opened, bricks = open_content(run, scene, source)
             run = self._run = with_right_device(run, self.scene, opened, "plan")
-            self._painter = opened.painter(run, self.scene) if opened else None
-        self._infos = opened.infos if opened else ()
+            self._painter = opened.painter(run, self.scene)
         self._opened, self._is_given = opened, source is not None
         self._reader = BrickReader(opened, bricks)
         self._drawing = Drawing(self._reader)
@@ -235,18 +234,18 @@ class FrameLoop:
                 yield last
 
     @property
-    def opened(self) -> Opened | None:
-        """The content; None if the scene has none."""
+    def opened(self) -> Opened:
+        """The content."""
         return self._opened
 
     def suits(self, scene: Scene) -> bool:
         """Return whether a frame may show a completed scene; if not, its content has to be opened anew."""
-        return is_same_volume(self.scene, scene) and (self._opened is None or self._opened.suits(scene))
+        return is_same_volume(self.scene, scene) and self._opened.suits(scene)
 
     def _completed(self, run: Run, scene: Scene) -> Scene:
         """Complete a scene by what is known of the content, which is the same at all time steps."""
         with run.local("plan", "plan"):
-            return scene if scene is self.scene else complete_scene(scene, self._infos)
+            return scene if scene is self.scene else complete_scene(scene, self._opened.infos)
 
     def _draw(self, run: Run, scene: Scene) -> DrawnFrame:
         """Open what a completed scene shows anew, plan its frame, and draw this rank's part."""
@@ -266,18 +265,11 @@ class FrameLoop:
         counts = hooks.counted(counts) if hooks else counts
         if not self._several:
             self._drawing.release()
-        found = self._infos, self._changes(run, work), layers, self._drawing.fragments
+        found = self._opened.infos, self._changes(run, work), layers, self._drawing.fragments
         return DrawnFrame(run.frame, work, partials, counts, *found, painted, self._drawing.sample_counts)
 
     def _averaged(self, run: Run, scene: Scene, compositing: Compositing) -> tuple[DrawnFrame, Image | None, RankFrame]:
-        """Draw and composite a frame once for each eye point of its lens; return the mean on rank 0.
-
-        Returns
-        -------
-        drawn : of the last eye point, with the scene of the lens
-        image : the mean, on rank 0
-        counts : costs of all
-        """
+        """Draw a frame once for each eye point of its lens; return the last one, the mean on rank 0, and all costs."""
         count = scene.quality.lens.eye_points or 1
         total: NDArray[np.float64] | None = None
         counts = list[RankFrame]()
@@ -297,7 +289,7 @@ class FrameLoop:
             with run.local("open"):  # all ranks see it, and may go on with another scene
                 raise problem
         before, plan = self._opened, self._planner.last_plan
-        if before is None or not before.shows_other_times(scene):
+        if not before.shows_other_times(scene):
             return
         if self._is_given:
             with run.local("open"):
@@ -311,7 +303,6 @@ class FrameLoop:
             self._drawing.drop(changed)
 
     def _changes(self, run: Run, work: RankWork) -> tuple[Change, ...]:
-        """Return settings of a frame that are not used as given; rank 0 warns of each once."""
         on_cpu = work.scene.quality.filter == "hardware" and prefers_cpu(run.options.device)
         changes = changed_settings(work.scene, run.channel.size, on_cpu)
         for change in changes:
@@ -327,7 +318,6 @@ class FrameLoop:
         self._drawing.release()
         # After a failure other ranks may never reach a collective call.
         if kind is None:
-            if self._opened is not None:
-                self._opened.free()
+            self._opened.free()
             self._compositing.close()
             self._planner.auto_mode.close()

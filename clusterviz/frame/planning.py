@@ -40,28 +40,24 @@ class FramePlanner:
     ----------
     run : of the opening
     drawing : whose bricks may migrate
-    opened : volumes, if any
+    opened : content
     scene : completed
     several : True if more than one frame may come
 
     Attributes
     ----------
-    opened : volumes, if any, at the time steps of the frame
+    opened : content at the time steps of the frame
     auto_mode : present mode and distribution
     """
 
-    def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
+    def __init__(self, run: Run, drawing: Drawing, opened: Opened, scene: Scene, several: bool) -> None:
         self.opened, self._drawing = opened, drawing
         self._error_bound: ErrorBoundController | None = None
         self._last: RankWork | None = None
         self.auto_mode = self._auto_mode(run, scene, several)
 
     def plan(self, run: Run, scene: Scene) -> Planning[RankWork]:
-        """Plan a frame; collective.
-
-        Parameters
-        ----------
-        scene : completed; may differ from those of earlier frames in camera, transfer function and quality
+        """Plan a frame of a completed scene; collective.
 
         Raises
         ------
@@ -73,7 +69,7 @@ class FramePlanner:
                 check_same_volume(self._last.scene, scene)
             plan = self._plan(scene) if scene.quality.max_error is None else None
         accuracy = None
-        if scene.quality.max_error is not None and self.opened is not None:
+        if scene.quality.max_error is not None and self.opened.infos:
             scene, accuracy = yield from self._settled(run, scene, self.opened.infos)
             with run.local("plan", "plan"):
                 plan = self._plan(scene)
@@ -94,7 +90,7 @@ class FramePlanner:
                 from clusterviz.distribution.tile_scheduler import TileScheduler
 
                 return TileScheduler(distribution)
-            if several and self.opened is not None and scene.cluster.distribution == "dynamic":
+            if several and self.opened.infos and scene.cluster.distribution == "dynamic":
                 from clusterviz.distribution.dynamic import Dynamic
                 from clusterviz.migration.driver import MigrationDriver
 
@@ -102,7 +98,7 @@ class FramePlanner:
                     return MigrationDriver(distribution, self._drawing)
             return None
 
-        return AutoMode(run, hooks_of, self.opened is not None, scene, several)
+        return AutoMode(run, hooks_of, bool(self.opened.infos), scene, several)
 
     @property
     def last_plan(self) -> Plan | None:
@@ -112,8 +108,6 @@ class FramePlanner:
     def _plan(self, scene: Scene) -> Plan | None:
         """Plan the drawing of a scene; where only the camera moved, reuse all but the view of the last plan."""
         opened, last = self.opened, self._last
-        if opened is None:
-            return None
         has_lens = scene.camera.aperture > 0 or bool(last and last.scene.camera.aperture)
         if not has_lens and last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
             view = make_view(scene.camera, scene.image.size, last.plan.content.domain.grid)
@@ -142,7 +136,7 @@ class FramePlanner:
     def _small_picture(self, run: Run, scene: Scene) -> Planning[SmallPicture]:
         """Ask for a picture of a calibration."""
         with run.local("plan", "plan"):
-            plan = self.opened.plan(scene) if self.opened else None
+            plan = self.opened.plan(scene)
         assert plan is not None, "only what shows a volume has settings to choose"
         # A copy, since the distribution must not learn from these pictures.
         work = _assigned(run, scene, plan, deepcopy(self.auto_mode.distribution))
@@ -161,7 +155,6 @@ def _assigned(
     accuracy: Accuracy | None = None,
     sharing: Sharing | None = None,
 ) -> RankWork:
-    """Assign the pieces of a plan to ranks; with `accuracy` its error bound determines the format of pixels."""
     with run.local("plan", "plan"):
         pieces = distribution.assign(plan)
         if accuracy is not None:

@@ -55,14 +55,7 @@ class Shares:
 
     @classmethod
     def of(cls, limit: int, total: int, largest: int, sample: int, decodes: bool) -> Shares:
-        """Divide a limit.
-
-        Parameters
-        ----------
-        total, largest : bytes of the slots of all bricks, and of the largest one
-        sample : bytes of the samples of a brick, at most
-        decodes : bricks of stores are decoded
-        """
+        """Divide a limit by the bytes of the slots of all bricks, of the largest one, and of its samples at most."""
         decoded, reading = int(DECODED * limit * decodes), READING * sample
         if total + reading + decoded // 4 <= limit:
             decoded = min(decoded, limit - total - reading)
@@ -105,10 +98,7 @@ class Residency:
     def prepare(self, plan: Plan, holds: Set[Index], limit: int | None, most: int) -> Residency | None:
         """Drop bricks that do not suit a plan, and return this; None if all bricks may be loaded at once.
 
-        Parameters
-        ----------
-        holds : bricks that this rank may draw
-        limit : bytes of bricks in memory; None: `most` limits them if they take more
+        Those that this rank `holds` may take `limit` bytes in memory; where that is None, `most`.
         """
         self._sizes = brick_bytes(plan, self._on_cpu)
         if limit is None and sum(int(self._sizes[index]) for index in holds) <= most:
@@ -218,14 +208,12 @@ class Residency:
         return [piece.part(one + box.begin_zyx) for one in found if len(one)]
 
     def _distance(self, index: Index) -> int:
-        """Return the parts between now and the next use of a brick."""
         if index in self._missing:
             return -1
         count = len(self._bricks)
         return (self._order[index] - self._now - 1) % count if index in self._order else count
 
     def _make_slots(self, missing: Set[Index], keep: Collection[Index]) -> None:
-        """Drop bricks from slots until others fit."""
         there = self._renderers.bricks
         used = sum(self._slot_bytes.get(index, 0) for index in there)
         need = used + sum(int(self._sizes[index]) for index in missing) - self._shares.slots
@@ -279,7 +267,6 @@ class Residency:
         return bricks
 
     def _reading(self, batch: Sequence[Index]) -> int:
-        """Return the bytes that reading bricks takes: their samples, and the box around them."""
         around = bounding_box(np.array(batch, np.int64)).bricks
         return (len(batch) + around * (READING - 1)) * self._sample
 
@@ -293,13 +280,11 @@ class Residency:
             wait = False
 
     def _take(self, bricks: Bricks) -> None:
-        """Keep samples, instead of those of the same bricks."""
         self.drop(bricks.keys())
         self._samples |= bricks
         self._held_bytes += sum(brick.nbytes for brick in bricks.values())
 
     def _note(self) -> None:
-        """Note the memory that is taken."""
         samples = self._held_bytes + sum(size for *_, size in self._batches)
         self.most_bytes = max(self.most_bytes, self._renderers.held.get("voxel_bytes", 0) + samples + CACHE.bytes)
 

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.content.complete import complete_scene
-from clusterviz.content.description import bounds
-from clusterviz.content.facts import Facts
+from clusterviz.content.facts import Facts, bounds
 from clusterviz.content.table import KINDS, drawn_entries, infos_of, own_entries
 from clusterviz.content.volume.kind import MOST_BINS, VOLUME
 from clusterviz.content.volume.presets import PRESETS, apply_preset

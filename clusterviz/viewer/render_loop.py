@@ -149,8 +149,7 @@ class RenderLoop:
     @property
     def content(self) -> Content:
         """What is known of the data."""
-        opened = self._loop.opened
-        return Content(opened.infos if opened else ())
+        return Content(self._loop.opened.infos)
 
     def follow(self) -> None:
         """Draw what rank 0 says until the end; for all other ranks."""
@@ -232,8 +231,7 @@ class RenderLoop:
 
     def _picked(self, scene: Scene, hidden: Sequence[str], message: Pick) -> dict[str, Any]:
         nothing = {"position": None, "index": None, "value": None, "name": ""}
-        opened = self._loop.opened
-        if opened is None:
+        if not self._loop.opened.infos:
             return nothing
         small = scene_of_pick(scene, message.x, message.y)
         rendered = self._draw_on_all(Command("draw", small, alone=True))
@@ -244,9 +242,8 @@ class RenderLoop:
         position = position_at(small, float(layers["depth"][middle]))
         name, volume = names_of_objects(scene, hidden)[int(layers["object"][middle])]
         found = {**nothing, "position": position.tolist(), "name": name}
-        opened = self._loop.opened
-        if volume is not None and opened is not None:
-            source = opened.volumes[volume].source
+        if volume is not None:
+            source = self._loop.opened.volumes[volume].source
             index = index_of(source.grid, position)
             found |= {"index": index.tolist(), "value": value_at(source, index)}
         return found

@@ -20,7 +20,6 @@ MAY_ASK = ("content", "reference", "scene/compatibility.py", "scene/values.py")
 """The kinds, the reference, which has a file for each, and the scene, whose sections exclude and require each other."""
 STILL_ASK = """
 data/given.py
-plan/content.py
 """
 """Files that do so today; the list may only get shorter."""
 
