@@ -38,7 +38,6 @@ class Choice:
     noun: str
 
     def __str__(self) -> str:
-        """Return the choice, and how many there are."""
         names = f" ({listed(self.parts)})" if isinstance(self.parts[0], str) else ""
         return f"{self.noun} {self.parts[0]} of {len(self.parts)}{names}"
 
@@ -145,7 +144,6 @@ class Hyperslab:
 
     @property
     def samples(self) -> int:
-        """Number of samples in the whole array."""
         return prod(self.shape)
 
     @property

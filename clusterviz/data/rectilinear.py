@@ -47,7 +47,6 @@ class Line:
 
 
 def even_line(count: int, first: float = 0.0, step: float = 1.0) -> Line:
-    """Return an axis all of whose samples are stored."""
     return Line(first, step, np.arange(count, dtype=np.int64))
 
 

@@ -68,17 +68,14 @@ class RemotePath:
         return public_address(self.url)
 
     def joinpath(self, *names: str) -> RemotePath:
-        """Return the path of a file below this one."""
         return self / "/".join(names)
 
     @property
     def name(self) -> str:
-        """Last part of the path."""
         return self.url.rstrip("/").rpartition("/")[2]
 
     @property
     def parent(self) -> RemotePath:
-        """Folder that holds it."""
         return replace(self, url=self.url.rstrip("/").rpartition("/")[0])
 
 
@@ -99,12 +96,10 @@ class Version:
 
 
 def is_url(text: str) -> bool:
-    """Return whether the path of data is a URL."""
     return _URL.match(text) is not None
 
 
 def remote_path(text: str) -> RemotePath:
-    """Return the path of a URL."""
     url, mark, query = text.partition("?")
     return RemotePath(url.rstrip("/"), mark + query)
 
@@ -120,11 +115,6 @@ def read_range(
     count : bytes; None: to the end of the file. Fewer are returned at its end.
     version : that the file must have
     most : bytes that may be read; by default `count`, and of a whole file `WHOLE_FILE_BYTES`
-
-    Raises
-    ------
-    DataError
-        Missing, unreadable, too large, not of the version, or the server does not send it.
     """
     found = find_range(path, begin, count, version, most=most)
     if found is None:
@@ -341,7 +331,6 @@ def _read_body(answer: Any, most: int, began: float) -> bytes | None:
 
 
 def _described(error: Exception) -> str:
-    """Return a failure of a request in a few words."""
     names = {
         "ConnectTimeoutError": f"no connection within {TIMEOUT_SECONDS:g} s",
         "ReadTimeoutError": f"no answer within {TIMEOUT_SECONDS:g} s",
@@ -357,7 +346,6 @@ def _described(error: Exception) -> str:
 
 
 def _proxy(address: str) -> str | None:
-    """Return the proxy of a URL by the environment."""
     from urllib.request import getproxies, proxy_bypass  # slow to import
 
     parts = urlsplit(address)

@@ -26,7 +26,6 @@ cli/animate.py
 cli/scene.py
 cli/trace.py
 cli/verify.py
-data/given.py
 frame/brick_reader.py
 frame/loop.py
 frame/opening.py

@@ -22,7 +22,6 @@ _FIXED_ACCURACY, _REVERSIBLE = 4, 5
 
 
 def metadata(error: float) -> dict[str, Any]:
-    """Return Zarr's entry of the codec."""
     mode = {"mode": _FIXED_ACCURACY, "tolerance": error} if error > 0 else {"mode": _REVERSIBLE}
     return {"name": NAME, "configuration": mode}
 
@@ -47,7 +46,6 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0) -> bytes:
 
 
 def decode_brick(data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
-    """Return the samples of a brick."""
     import zfpy
 
     try:
