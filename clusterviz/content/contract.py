@@ -89,6 +89,11 @@ class Kind:
     check : scene -> None; refuses what can be said of the kind's entries, but no renderer draws
     becomes : (scene, infos) -> scene with the entries of other kinds that this one is drawn as
     must_fit : all bricks have to fit into memory at once
+    read : section -> its data, as may be given in place of its file; samples are read later
+    referenced : (section, data) -> what the float64 reference draws
+    unchecked : section -> what the reference does not draw of it, as "shows no …", or ""
+    faint : settings beside `opacity` that make an entry nearly transparent, such as optics=null
+    preset : (section, info) -> name of the preset that automatic settings choose, or ""
     """
 
     name: str
@@ -108,6 +113,11 @@ class Kind:
     check: Callable[[Scene], None] = lambda _: None
     becomes: Callable[[Scene, Sequence[Any]], Scene] | None = None
     must_fit: bool = False
+    read: Callable[[Any], Any] = lambda _: None
+    referenced: Callable[[Any, Any], Any] = lambda _, data: data
+    unchecked: Callable[[Any], str] = lambda _: ""
+    faint: tuple[str, ...] = ()
+    preset: Callable[[Any, Any], str] = lambda *_: ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,4 +39,5 @@ FLOW = Kind(
     legend=legend,
     panel=lambda *_: {},
     warnings=lambda *_: {},
+    unchecked=lambda flow: "shows no flow on surfaces" if flow.show == "surface-lic" else "",
 )

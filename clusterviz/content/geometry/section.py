@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,9 @@ from clusterviz.scene.field_types import (
     Background,
     Clim,
     Cmap,
+    ContentSection,
     Diffuse,
+    DrawnAs,
     Flag,
     Fraction,
     Number,
@@ -54,7 +56,7 @@ Row = Annotated[tuple[Number, Number, Number, Number], BeforeValidator(to_builti
 Transform = Annotated[tuple[Row, Row, Row, Row], BeforeValidator(to_builtin), AfterValidator(_check_transform)]
 
 
-class GeometrySection(Section):
+class GeometrySection(ContentSection):
     """Colour, opacity, light and place that meshes, lines and points have in common."""
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
@@ -87,6 +89,8 @@ class GeometrySection(Section):
         examples=[[[1, 0, 0, 10], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]],
         description="World from the file's coordinates: 4 x 4, row by row, affine. Radii do not change.",
     )
+
+    drawn_as: ClassVar[DrawnAs] = "fragments"
 
     @property
     def shown_array(self) -> str | None:
