@@ -114,19 +114,17 @@ def nibabel_write(path: Path) -> None:
     nibabel.save(nibabel.Nifti1Image(np.moveaxis(ARRAY, 1, 0).T, np.eye(4), dtype="<i2"), path)
 
 
+FOUR_AXES = {"NDims": "4", "DimSize": "6 5 4 3", "ElementNumberOfChannels": "2"}
+BIG: dict[str, Any] = {"byteorder": ">", "metadata": {"axes": "TZCYX"}}
 WITH_AXES: dict[str, Callable[[Path], object]] = {
     "a.npy": lambda path: np.save(path, ARRAY),
     "fortran.npy": lambda path: np.save(path, np.asfortranarray(ARRAY)),
     "a.raw": lambda path: writers.raw(path, ARRAY),
     "a.nrrd": lambda path: writers.pynrrd(path, LAST, encoding="gzip", kinds=["vector", *["domain"] * 3, "time"]),
-    "a.mha": lambda path: writers.packed_metaimage(
-        path, LAST, NDims="4", DimSize="6 5 4 3", ElementNumberOfChannels="2"
-    ),
+    "a.mha": lambda path: writers.packed_metaimage(path, LAST, **FOUR_AXES),
     "a.nii": nibabel_write,
     "a.nii.gz": nibabel_write,
-    "a.tif": lambda path: tifffile.imwrite(
-        path, np.moveaxis(ARRAY, 1, 2), imagej=True, byteorder=">", metadata={"axes": "TZCYX"}
-    ),
+    "a.tif": lambda path: tifffile.imwrite(path, np.moveaxis(ARRAY, 1, 2), imagej=True, **BIG),
     "a.ome.tif": ome_tiff,
     "rgb.tif": interleaved_tiff,
     "a.h5": labelled_hdf5,
@@ -191,6 +189,7 @@ def test_four_axes_three_and_two(tmp_path: Path) -> None:
 
 HUGE = (2500, 2000, 2000)  # 20 GB of holes
 HUGE_XYZ, HUGE_EXTENT = "2000 2000 2500", "0 1999 0 1999 0 2499"
+HUGE_LINES = "POINT_DATA 10000000000", "SCALARS s short 1"
 
 
 def huge_vti(path: Path, array: np.ndarray) -> None:
@@ -207,11 +206,7 @@ HEADS: dict[str, dict[str, Any]] = {
     "a.mha": {"DimSize": HUGE_XYZ},
     "a.mrc": {"w0": 2000, "w1": 2000, "w2": 2500, "w7": 2000, "w8": 2000, "w9": 2500, "w10": 1.0},
     "a.nii": {"version": 2, "dim": [3, 2000, 2000, 2500, 1, 1, 1, 1]},
-    "a.vtk": {
-        "by": lambda path, array: writers.vtk_parts(
-            path, "BINARY", "POINT_DATA 10000000000", "SCALARS s short 1", size=HUGE_XYZ
-        )
-    },
+    "a.vtk": {"by": lambda path, array: writers.vtk_parts(path, "BINARY", *HUGE_LINES, size=HUGE_XYZ)},
     "a.vti": {"by": huge_vti},
 }
 

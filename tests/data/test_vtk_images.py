@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -166,11 +167,9 @@ def vtr(
 
 
 def legacy(path: Path, array: np.ndarray, form: str) -> Path:
-    lines = [
-        part
-        for name, line in zip("XYZ", (X, Y, Z), strict=True)
-        for part in (f"{name}_COORDINATES {len(line)} double", line)
-    ]
+    lines = list[str | np.ndarray]()
+    for name, line in zip("XYZ", (X, Y, Z), strict=True):
+        lines += [f"{name}_COORDINATES {len(line)} double", line]
     head = "# vtk DataFile Version 3.0\na title\n{form}\nDATASET RECTILINEAR_GRID\nDIMENSIONS {size}\n"
     kind = "POINT_DATA" if array.shape == ARRAY.shape else "CELL_DATA"
     parts = (*lines, f"{kind} {array.size}", "SCALARS s short 1", "LOOKUP_TABLE default", array)
@@ -189,12 +188,8 @@ def pvtr(path: Path) -> Path:
 
 
 def test_rectilinear_grids(tmp_path: Path) -> None:
-    points = [
-        vtr(tmp_path / "p.vtr", ARRAY),
-        pvtr(tmp_path / "q.pvtr"),
-        legacy(tmp_path / "a.vtk", ARRAY, "ASCII"),
-        legacy(tmp_path / "b.vtk", ARRAY, "BINARY"),
-    ]
+    points = [vtr(tmp_path / "p.vtr", ARRAY), pvtr(tmp_path / "q.pvtr")]
+    points += [legacy(tmp_path / f"{form}.vtk", ARRAY, form) for form in ("ASCII", "BINARY")]
     expected = np.apply_along_axis(lambda line: np.interp(np.arange(8), X, line), 2, ARRAY.astype(float))
     expected = np.apply_along_axis(lambda line: np.interp(np.arange(9), Z, line), 0, expected)
     for path in points:
@@ -203,7 +198,7 @@ def test_rectilinear_grids(tmp_path: Path) -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-2)
         check_source(source, found)
         check_placed(source, np.eye(4))
-    refused(lambda: open_source(cut(points[3], 9)), "b.vtk", "lies about its size")
+    refused(lambda: open_source(cut(points[3], 9)), "BINARY.vtk", "lies about its size")
     assert open_volume(Volume(path=str(points[0]), spacing=(1, 2, 3))).grid.spacing == (1, 2, 3)
     # Cells' centres: x 0.5 to 4.5 and 6, z 0.5, 1.5, 3 and 6.
     for path in (
@@ -283,11 +278,8 @@ def test_images_that_are_none(tmp_path: Path, changes: dict[str, Any], parts: li
 
 COARSE = np.random.default_rng(1).normal(size=(4, 4, 6)).astype("f4")
 FINE, FINEST = COARSE[:2, :2, :3].repeat(2, 0).repeat(2, 1).repeat(2, 2) + 5, np.full((3, 6, 3), 9, "f4")
-LEVELS = [
-    (4.0, {(0, 0, 0): COARSE[:, :, :2].copy(), (2, 0, 0): COARSE[:, :, 2:].copy()}),
-    (2.0, {(4, 2, 2): FINE}),
-    (2 / 3, {(15, 6, 9): FINEST}),
-]
+LEVELS = [(4.0, {(0, 0, 0): COARSE[:, :, :2].copy(), (2, 0, 0): COARSE[:, :, 2:].copy()}), (2.0, {(4, 2, 2): FINE})]
+LEVELS.append((2 / 3, {(15, 6, 9): FINEST}))
 
 
 def test_overlapping_levels(tmp_path: Path) -> None:
@@ -351,24 +343,22 @@ def test_levels_that_do_not_fit(tmp_path: Path, levels: Any, parts: list[str]) -
     refused(lambda: open_source(writers.amr(tmp_path / "a.vtkhdf", levels)), *parts)
 
 
-def test_damaged_levels(tmp_path: Path) -> None:
-    def changed(change: Any) -> Path:
-        path = writers.amr(tmp_path / f"{len(list(tmp_path.iterdir()))}.vtkhdf", LEVELS)
-        with h5py.File(path, "r+") as file:
-            change(file["VTKHDF"])
-        return path
+def boxed(*box: int) -> Callable[[Any], object]:
+    return lambda root: root["Level1/AMRBox"].write_direct(np.array([box]))
 
-    refused(
-        lambda: open_source(changed(lambda root: root["Level1/AMRBox"].write_direct(np.array([[9, 5, 0, 1, 0, 1]])))),
-        "impossible AMRBox",
-    )
-    refused(
-        lambda: open_source(changed(lambda root: root["Level1/AMRBox"].write_direct(np.array([[0, 5, 0, 1, 0, 1]])))),
-        "cells do not fit",
-        "level 1",
-    )
-    refused(
-        lambda: open_source(changed(lambda root: root.pop("Level1/CellData/c"))), "cells do not fit", "found nothing"
-    )
-    refused(lambda: open_source(changed(lambda root: root.pop("Level0"))), "no levels")
-    refused(lambda: open_source(changed(lambda root: root.create_group("Steps"))), "has time steps")
+
+@pytest.mark.parametrize(
+    ("change", "parts"),
+    [
+        (boxed(9, 5, 0, 1, 0, 1), ["impossible AMRBox"]),
+        (boxed(0, 5, 0, 1, 0, 1), ["cells do not fit", "level 1"]),
+        (lambda root: root.pop("Level1/CellData/c"), ["cells do not fit", "found nothing"]),
+        (lambda root: root.pop("Level0"), ["no levels"]),
+        (lambda root: root.create_group("Steps"), ["has time steps"]),
+    ],
+)
+def test_damaged_levels(change: Callable[[Any], object], parts: list[str], tmp_path: Path) -> None:
+    path = writers.amr(tmp_path / "a.vtkhdf", LEVELS)
+    with h5py.File(path, "r+") as file:
+        change(file["VTKHDF"])
+    refused(lambda: open_source(path), *parts)

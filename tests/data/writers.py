@@ -36,14 +36,8 @@ META_NAMES = {code: name for name, code in reversed(meta.TYPES.items())}
 MRC_MODES = {"i1": 0, "i2": 1, "f4": 2, "u2": 6, "f2": 12}
 VTK_NAMES = {"i1": "char", "u1": "unsigned_char", "i2": "short", "u2": "unsigned_short", "i4": "int"}
 VTK_NAMES |= {"u4": "unsigned_int", "i8": "vtktypeint64", "u8": "unsigned_long", "f4": "float", "f8": "double"}
-VTK_HEAD = """# vtk DataFile Version 5.1
-a title
-{form}
-DATASET STRUCTURED_POINTS
-DIMENSIONS {size}
-SPACING 2 3 4
-ORIGIN 1 2 3
-"""
+VTK_HEAD = "# vtk DataFile Version 5.1\na title\n{form}\nDATASET STRUCTURED_POINTS\n"
+VTK_HEAD += "DIMENSIONS {size}\nSPACING 2 3 4\nORIGIN 1 2 3\n"
 
 
 def _native(array: np.ndarray) -> str:
