@@ -158,7 +158,7 @@ def readable(path: _Named) -> Iterator[None]:
 
 def _remedy(path: _Named) -> str | None:
     """Return the option that sets the path of sample data, which examples name by the sample's name alone."""
-    from clusterviz.data.samples import SAMPLES
+    from clusterviz.data.samples import SAMPLES  # slow to import
 
     name = path.name.split(".")[0]
     return f"-D volumes.0.path=$(clusterviz samples {name})" if name in SAMPLES else None

@@ -354,7 +354,7 @@ def _proxy(address: str) -> str | None:
 
 @cache
 def _pool(proxy: str | None) -> Any:
-    import urllib3
+    import urllib3  # which may be missing
 
     options: dict[str, Any] = {"retries": False, "maxsize": CONNECTIONS}
     pool: Any = urllib3.ProxyManager(proxy, **options) if proxy else urllib3.PoolManager(**options)

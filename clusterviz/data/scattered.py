@@ -63,7 +63,7 @@ class ScatteredSource:
 
     @cached_property
     def voxels(self) -> NDArray[np.float32]:
-        from clusterviz.image.pyramid.interpolation import interpolate
+        from clusterviz.image.pyramid.interpolation import interpolate  # slow to import
 
         shape = self.sides
         counts = np.bincount(self.index, minlength=prod(shape))

@@ -145,7 +145,7 @@ def open_dataset(dataset: Any, subset: Subset, where: str) -> Source:
 
 
 def _datasets(path: Path, array: str | None) -> dict[str, Any]:
-    import h5py
+    import h5py  # slow to import
 
     if not h5py.is_hdf5(path):
         kind = kind_of(start_of(path))

@@ -68,7 +68,7 @@ def placed_volume(
 
 
 def _read_header(path: Path) -> tuple[Any, Any, str]:
-    import nibabel
+    import nibabel  # slow to import
 
     found = None if path.name.lower().endswith(".gz") else kind_of(start_of(path))
     with explained("wrong magic or damaged header", path, found=found, allowed="NIfTI-1 or NIfTI-2"):

@@ -167,7 +167,7 @@ class ZarrSource:
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
-        from clusterviz.data.store.zarr_files import read_array
+        from clusterviz.data.store.zarr_files import read_array  # which may be missing
 
         return np.array(read_array(self.array, self.slab.box(begin_zyx, end_zyx)), self.dtype, order="C").reshape(shape)
 
@@ -346,7 +346,7 @@ def _name(path: FilePath, wanted: str, datasets: Sequence[Any], slab: Hyperslab)
 
 def _open_by_zarr(path: FilePath, wanted: str) -> Any:
     library("zarr", "store", str(path))
-    from clusterviz.data.store.zarr_files import open_zarr
+    from clusterviz.data.store.zarr_files import open_zarr  # which may be missing
 
     place, kind, is_newer = path / wanted, "", False
     if find_range(place / "zarr.json"):

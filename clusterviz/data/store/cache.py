@@ -106,7 +106,7 @@ def for_each(work: Callable[[T], object], items: Iterable[T], threads: int | Non
 
 
 def _cores() -> int:
-    from numba import config
+    from numba import config  # slow to import
 
     return int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009
 

@@ -461,7 +461,7 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 def checksum(data: bytes) -> bytes:
     """Return the CRC-32C of bytes, little-endian."""
-    import google_crc32c
+    import google_crc32c  # which may be missing
 
     return int(google_crc32c.value(data)).to_bytes(_CRC_BYTES, "little")
 

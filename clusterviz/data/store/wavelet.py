@@ -185,7 +185,7 @@ def compress(numbers: NDArray[Any], effort: int, repeats: bool = True) -> bytes:
     ----------
     repeats : whether they may repeat in other ways than as runs; residuals do not, and level 1 then looks for runs only
     """
-    import zstandard
+    import zstandard  # which may be missing
 
     if effort == 1 and not repeats:
         runs = {"strategy": zstandard.STRATEGY_FAST, "min_match": 7, "hash_log": 10, "window_log": 18}
@@ -196,7 +196,7 @@ def compress(numbers: NDArray[Any], effort: int, repeats: bool = True) -> bytes:
 
 
 def decompress(frame: memoryview, size: int, where: str) -> bytes:
-    import zstandard
+    import zstandard  # which may be missing
 
     try:
         found = zstandard.frame_content_size(frame)

@@ -164,13 +164,13 @@ def _compressors(codecs: Iterable[str]) -> tuple[str, ...]:
 
 
 def _zstd_bytes(data: bytes) -> int:
-    import zstandard
+    import zstandard  # which may be missing
 
     return int(zstandard.frame_content_size(data))
 
 
 def _zstd_stream(data: bytes) -> Any:
-    import zstandard
+    import zstandard  # which may be missing
 
     return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True)
 

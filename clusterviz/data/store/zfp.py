@@ -34,7 +34,7 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0) -> bytes:
     error : largest difference between a sample and the decoded one, for floats; 0: bit for bit, as with samples that
         zfp does not keep within it
     """
-    import zfpy
+    import zfpy  # which may be missing
 
     samples = np.ascontiguousarray(samples)
     if error > 0 and np.isfinite(samples).all():
@@ -46,7 +46,7 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0) -> bytes:
 
 
 def decode_brick(data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
-    import zfpy
+    import zfpy  # which may be missing
 
     try:
         header = zfpy.header(data)
