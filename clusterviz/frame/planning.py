@@ -97,7 +97,7 @@ class FramePlanner:
             return None
         has_lens = scene.camera.aperture > 0 or bool(last and last.scene.camera.aperture)
         if not has_lens and last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
-            view = make_view(scene.camera, scene.image.size, opened.grid_of(last.plan))
+            view = make_view(scene.camera, scene.image.size, last.plan.content.domain.grid)
             return opened.with_detail(replace(last.plan, view=view), scene)
         return opened.plan(scene)
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.geometry.section import GeometryInfo
-from clusterviz.content.grid.section import GridInfo
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid, Index
 from clusterviz.image.partial import Rect
@@ -29,7 +28,6 @@ from clusterviz.plan.blend_mode import (
     lattice_of,
     step_of,
 )
-from clusterviz.plan.cells import CellLayer
 from clusterviz.plan.content import (
     Content,
     Filter,
@@ -39,10 +37,9 @@ from clusterviz.plan.content import (
     is_mixed,
     layout_of,
     make_content,
-    make_lone_content,
 )
 from clusterviz.plan.domain import BrickGrid
-from clusterviz.plan.geometry import GeometryLayer
+from clusterviz.plan.geometry import Layer
 from clusterviz.plan.layers import LayeredContent, make_layers
 from clusterviz.plan.lens import Lens, make_lens
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length
@@ -229,25 +226,21 @@ def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
 
-def domain_bricks(
-    scene: Scene,
-    volumes: Sequence[KnownVolume],
-    geometry: Sequence[GeometryInfo] = (),
-    grids: Sequence[GridInfo] = (),
-) -> BrickGrid:
+def domain_bricks(scene: Scene, volumes: Sequence[KnownVolume], placed: Sequence[tuple[Any, Any]] = ()) -> BrickGrid:
     """Return the bricks of a completed scene, in which the primitives of its geometry and grids are then looked for.
 
     Parameters
     ----------
-    volumes, geometry, grids : their metadata, in the order of the scene
+    volumes : their metadata, in the order of the scene
+    placed : sections and facts of meshes, lines, points and unstructured grids
 
     Raises
     ------
     InputError
         The domain would have too many bricks, or a ray too many slabs.
     """
-    domain = domain_of(scene, volumes, geometry, grids)
-    layout = layout_of(scene, domain, volumes, bool(geometry), grids)
+    domain = domain_of(volumes, placed)
+    layout = layout_of(scene, domain, volumes, placed)
     # Fragments lie up to half a slab from the midpoint that a brick holds.
     half = _rays_of(scene, domain.grid)[1] / domain.spacing / 2
     return BrickGrid(domain, layout, max(1, math.ceil(half)) if is_mixed(scene) else 0)
@@ -257,8 +250,7 @@ def make_plan(
     scene: Scene,
     volumes: Sequence[KnownVolume],
     bricks: BrickGrid | None = None,
-    geometry: Sequence[GeometryLayer] = (),
-    grids: Sequence[tuple[CellLayer, NDArray[np.float64]]] = (),
+    layers: Sequence[Layer] = (),
 ) -> Plan:
     """Make the plan of a frame.
 
@@ -267,7 +259,7 @@ def make_plan(
     scene : a completed scene
     volumes : their metadata, in the order of the scene
     bricks : of the scene; None: it shows volumes only
-    geometry, grids : meshes, lines and points, and unstructured grids, in these bricks, as in `make_content`
+    layers : meshes, lines and points, then unstructured grids, in these bricks
 
     Raises
     ------
@@ -280,10 +272,7 @@ def make_plan(
     view, step_world, shortest = _rays_of(scene, domain)
     sampled = [*scene.drawn_as("samples").values()]
     spectrum = None if mixed else make_spectrum(sampled[0], scene.image.background)
-    if mixed:
-        content, cost = make_content(scene, volumes, bricks, geometry, grids, step_world)
-    else:
-        content, cost = make_lone_content(scene, volumes[0], bricks, step_world, spectrum)
+    content, cost = make_content(scene, volumes, bricks, layers, step_world, spectrum)
     planes, surfaces = clip_planes(scene.clip, domain), bool(content.layers)
     # A slab's midpoint may be clipped where a fragment in the slab is not.
     beyond = planes.copy()
@@ -296,7 +285,7 @@ def make_plan(
             quality.early_termination,
             lattice_of(sampled, quality),
             frame_coherence=None if surfaces else make_frame_coherence(scene, all_grids, shortest * step_world),
-            discard_margin=quality.early_discarding if geometry and not grids else None,
+            discard_margin=quality.early_discarding if content.geometry and not content.cells else None,
         ),
         content,
         planes,

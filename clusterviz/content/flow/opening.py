@@ -79,6 +79,11 @@ class OpenedFlow:
         traced = trace(self.vectors, seeds, section.trace, kind, channel=channel, first_step=section.time)
         return Geometry(lines=traced.lines)
 
+    def free(self) -> None:
+        """Release a convolution that lies in the memory of all ranks; collective."""
+        if isinstance(self.lic, LicOverRanks):
+            self.lic.free()
+
 
 class ComponentSource:
     """One component of vectors as a volume.

@@ -299,6 +299,11 @@ class GeometryInfo(Facts):
         flat = np.flatnonzero(sides <= FLAT_SHARE * sides.max())
         return int(flat[0]) if len(flat) == 1 else None
 
+    @property
+    def side(self) -> None:
+        """None: bricks need not be larger for its primitives."""
+        return None
+
     def grown_box(self, section: GeometrySection) -> NDArray[np.float64]:
         """Return the box with the radius of a completed section, float64 (2, 3) or (0, 3)."""
         radius = 0.0 if is_arrows(section) else getattr(section, "radius", 0.0)

@@ -28,14 +28,14 @@ def open_grids(
 ) -> list[KnownCells]:
     """Open unstructured grids; collective."""
 
-    def opened(section: GridSection, data: UnstructuredGrid | None) -> KnownCells:
+    def opened(key: str, section: GridSection, data: UnstructuredGrid | None) -> KnownCells:
         path = Path(section.path)
         if data is None:
-            return KnownCells(section, partial(grid_files, path, section.time), read_piece, run.channel)
-        return KnownCells(section, lambda: [GridFile(path)], lambda _: data, run.channel)
+            return KnownCells(section, key, partial(grid_files, path, section.time), read_piece, run.channel)
+        return KnownCells(section, key, lambda: [GridFile(path)], lambda _: data, run.channel)
 
     with run.local("open", "load"):
-        return [opened(section, data) for (_, section), data in zip(keyed, given, strict=True)]
+        return [opened(key, section, data) for (key, section), data in zip(keyed, given, strict=True)]
 
 
 def complete_grid(section: GridSection, info: GridInfo) -> GridSection:

@@ -161,3 +161,7 @@ class GridInfo(Facts):
     def left_out(self) -> int:
         """Number of cells that cannot be drawn."""
         return sum(self.counts.get(name, 0) for name in ("flat", "misplaced", "invalid"))
+
+    def grown_box(self, _: GridSection) -> NDArray[np.float64]:
+        """Return the box."""
+        return self.box
