@@ -9,11 +9,31 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import DerivedSource
+from clusterviz.data.axes import Hyperslab
 from clusterviz.data.bricks import Box, read_boxes
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.source import Grid, Index, MultilevelSource, Source, levels_of
 from clusterviz.errors import DataError, guard
+
+
+@dataclass(frozen=True)
+class DerivedSource:
+    """Base of volumes that are made of another one: their name, type and part of a file are that one's."""
+
+    source: Any
+
+    @property
+    def name(self) -> str:
+        return str(self.source.name)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        found: np.dtype[Any] = self.source.dtype
+        return found
+
+    @property
+    def slab(self) -> Hyperslab | None:
+        return getattr(self.source, "slab", None)
 
 
 @dataclass(frozen=True)

@@ -260,15 +260,8 @@ def _fetch_http(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
 def _answer(address: str, headers: Mapping[str, str]) -> Any:
     """Return the answer to a request, after redirections; only its headers are read."""
     for _ in range(REDIRECTIONS + 1):
-        answer = _pool(_proxy(address)).request(
-            "GET",
-            address,
-            headers=headers,
-            preload_content=False,
-            decode_content=False,
-            redirect=False,
-            timeout=TIMEOUT_SECONDS,
-        )
+        options: dict[str, Any] = {"headers": headers, "timeout": TIMEOUT_SECONDS, "redirect": False}
+        answer = _pool(_proxy(address)).request("GET", address, preload_content=False, decode_content=False, **options)
         # urllib3 would read all of an answer that redirects, however long it is.
         location = answer.get_redirect_location()
         if not location:

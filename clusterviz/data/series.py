@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import DerivedSource, Hyperslab, Subset, UnnamedPartError, first_parts
+from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, first_parts
+from clusterviz.data.derived import DerivedSource
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError

@@ -20,7 +20,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import DerivedSource, Subset, UnnamedPartError
+from clusterviz.data.axes import Subset, UnnamedPartError
+from clusterviz.data.derived import DerivedSource
 from clusterviz.data.geometry import Attributes
 from clusterviz.data.header import check_shape, make_grid, stated_numbers
 from clusterviz.data.rectilinear import line_of, placed

@@ -130,13 +130,9 @@ def open_pvti(path: Path, subset: Subset) -> Source:
     assert first.source.slab, "the piece is a part of an array"
     slab = replace(first.source.slab, shape=(*shape, first.source.slab.channels), shape_zyx=shape)
     check_packed(sum(map(require_file, files)), slab.samples * first.source.stored_dtype.itemsize, packing, where)
-    coordinates = (
-        tuple(
-            np.full(last - begin + 1, np.nan, np.result_type(line, np.float32))
-            for (begin, last), line in zip(whole.tolist(), first.coordinates, strict=True)
-        )
-        if first.coordinates
-        else ()
+    coordinates = tuple(
+        np.full(last - begin + 1, np.nan, np.result_type(line, np.float32))
+        for (begin, last), line in zip(whole.tolist(), first.coordinates, strict=False)  # an image has none
     )
     for number in range(len(files)) if coordinates else ():
         for line, part, begin in zip(

@@ -311,17 +311,9 @@ def _parts(path: Path, scan: _Scan) -> tuple[NDArray[Any], dict[str, Cells], Att
     if scan.points is None:
         raise DataError("no POINTS", where=str(path), allowed="POINTS n type")
     points = _load(path, scan, scan.points).reshape(-1, 3)
-    cells = {
-        section: _cells([_load(path, scan, a) for a in arrays], str(path)) for section, arrays in scan.cells.items()
-    }
-    of_points, of_cells = (
-        {
-            a.name: _load(path, scan, a)
-            for a in scan.arrays
-            if a.on_cells == on_cells and a.kind in TYPES and a.components
-        }
-        for on_cells in (False, True)
-    )
+    cells = {key: _cells([_load(path, scan, a) for a in arrays], str(path)) for key, arrays in scan.cells.items()}
+    usable = [a for a in scan.arrays if a.kind in TYPES and a.components]
+    of_points, of_cells = ({a.name: _load(path, scan, a) for a in usable if a.on_cells == on} for on in (False, True))
     return points, cells, of_points, of_cells
 
 

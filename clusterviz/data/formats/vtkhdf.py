@@ -261,11 +261,7 @@ def read_vtkhdf(path: Path) -> UnstructuredGrid:
             raise DataError("the counts do not fit", where=str(path), found=f"{len(corners)} indices")
         corners += np.repeat(np.cumsum(counts["Points"]) - counts["Points"], counts["ConnectivityIds"])
         of_points, of_cells = (
-            {
-                name: load(f"{group}/{name}")
-                for name in root.get(group, {})
-                if root[f"{group}/{name}"].dtype.kind in "iuf"
-            }
+            {name: load(f"{group}/{name}") for name, data in root.get(group, {}).items() if data.dtype.kind in "iuf"}
             for group in ("PointData", "CellData")
         )
     return grid_of_cells(points, types, np.concatenate(begins), corners, of_points, of_cells, str(path))
