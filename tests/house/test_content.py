@@ -19,7 +19,6 @@ CLASSES |= {"LicVolume", "VectorVolume", "FlowLines", "FlowPoints"}
 MAY_ASK = ("content", "reference", "scene/compatibility.py", "scene/values.py")
 """The kinds, the reference, which has a file for each, and the scene, whose sections exclude and require each other."""
 STILL_ASK = """
-plan/accuracy.py
 plan/content.py
 """
 """Files that do so today; the list may only get shorter."""
