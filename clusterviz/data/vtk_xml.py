@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-import lz4.block
+import lz4.block  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 

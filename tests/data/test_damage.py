@@ -12,7 +12,8 @@ import pytest
 from data import grid_writers, mesh_writers
 from data.checks import refused
 
-from clusterviz.data import EXTENSIONS, GRID_EXTENSIONS, MESH_EXTENSIONS, open_source, read_geometry, read_grid
+from clusterviz.data import open_source, read_geometry, read_grid
+from clusterviz.data.formats import EXTENSIONS, GRID_EXTENSIONS, MESH_EXTENSIONS
 from clusterviz.data.formats.raw import KEYS
 from clusterviz.errors import DataError
 

@@ -15,7 +15,8 @@ from data import writers
 from data.checks import refused
 from data.mesh_writers import FILES, HEAT, LABEL, OFFSETS, PATH, TRIANGLES, VERTICES
 
-from clusterviz.data import mesh_format_of, open_source, read_geometry
+from clusterviz.data import open_source, read_geometry
+from clusterviz.data.formats import mesh_format_of
 from clusterviz.data.geometry import (
     Geometry,
     Lines,

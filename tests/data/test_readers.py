@@ -22,17 +22,10 @@ from data.checks import check_placed, check_source, cut, refused, values
 from data.writers import SHORTS
 from PIL import Image
 
-from clusterviz.data import (
-    EXTENSIONS,
-    GRID_EXTENSIONS,
-    MESH_EXTENSIONS,
-    open_source,
-    open_volume,
-    read_geometry,
-    read_grid,
-)
+from clusterviz.data import open_source, open_volume, read_geometry, read_grid
 from clusterviz.data.axes import Subset
 from clusterviz.data.files import AMREX, GADGET, UNREAD
+from clusterviz.data.formats import EXTENSIONS, GRID_EXTENSIONS, MESH_EXTENSIONS
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.errors import DataError, DataWarning, guard

@@ -12,8 +12,9 @@ import pytest
 from data import writers
 from data.checks import check_placed, check_source, cut, refused, values
 
-from clusterviz.data import grid_format_of, open_source, open_volume
+from clusterviz.data import open_source, open_volume
 from clusterviz.data.axes import Subset
+from clusterviz.data.formats import grid_format_of
 from clusterviz.scene import Volume
 
 ARRAY = values("<i2")

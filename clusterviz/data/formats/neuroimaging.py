@@ -84,7 +84,6 @@ def read_freesurfer(path: Path) -> Geometry:
     return Geometry(mesh=Mesh(where, (vertices + centre).astype(np.float32), triangles.astype(np.int64)))
 
 
-nibabel: Any = import_module("nibabel")  # whose functions have no types
 TRK_HEADER, MAX_LINE = 1000, 1 << 16  # bytes
 TCK_TYPES = {"Float32LE": "<f4", "Float32BE": ">f4", "Float64LE": "<f8", "Float64BE": ">f8"}
 
