@@ -15,10 +15,11 @@ from rich.console import Console
 
 from clusterviz.cli.console import print_document
 from clusterviz.cli.histogram import Histogram, check_plot, histograms_of, write_plot
-from clusterviz.data import EXTENSIONS, grid_format_of, mesh_format_of, open_source, read_geometry, read_grid
+from clusterviz.data import open_source, read_geometry, read_grid
 from clusterviz.data.axes import Subset, first_parts
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.faces import find_neighbours
+from clusterviz.data.formats import EXTENSIONS, grid_format_of, mesh_format_of
 from clusterviz.data.geometry import Attributes, Geometry, Lines, Mesh, Points
 from clusterviz.data.source import Source, levels_of
 from clusterviz.data.summary import kept_summary, summarise
