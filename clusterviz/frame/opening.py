@@ -179,6 +179,7 @@ def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, O
     with run.local("plan", "plan"):
         bricks = [dict(volume.read_bricks) for volume in found["volumes"]]
         volumes = tuple(replace(volume, read_bricks={}) for volume in found["volumes"])
+        # A single volume keeps the bricks that were read; mixed content reads its own boxes.
         several = OpenedContent(**{**found, "volumes": volumes}, ranks=run.channel.size)
         opened = several if is_mixed(scene) else volumes[0]
         scene = complete_scene(scene, opened.infos)
