@@ -17,9 +17,10 @@ import numpy as np
 from measuring import Row, alternate, loaded, opened, options, positional, prepared, sample, show, whole_pieces, write
 
 from clusterviz.cli.arguments import parse_device
+from clusterviz.data.bricks import read_bricks
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.plan.content import brick_cost
+from clusterviz.plan.content import brick_cost, bricks_of_volume
 from clusterviz.render import brick_atlas
 from clusterviz.render.cpu import caster as vectors
 from clusterviz.scene import Scene
@@ -93,8 +94,9 @@ def waves_within(grid: Grid) -> list[ArraySource]:
 def nothing_skipped(stack: ExitStack) -> None:
     """Call every group of cells visible."""
     bits = lambda ranges, plan, slot: np.full((len(ranges[0]), slot.visibility_words), 0xFFFFFFFF, np.uint32)  # noqa: E731
+    every = lambda ranges, plan: np.ones((len(ranges[0]), *ranges[0].shape[2:]), bool)  # noqa: E731
     stack.enter_context(patch.object(brick_atlas, "visibility_bits", bits))
-    stack.enter_context(patch.object(vectors, "visible_groups", lambda ranges, plan: np.ones(ranges[0].shape, bool)))
+    stack.enter_context(patch.object(vectors, "visible_groups", every))
 
 
 def way_of(scene: Scene, sources: list[Any], device: Any, every_group: bool) -> Any:
@@ -103,7 +105,9 @@ def way_of(scene: Scene, sources: list[Any], device: Any, every_group: bool) -> 
     with ExitStack() as stack:
         if every_group:
             nothing_skipped(stack)
-            plan = replace(plan, cost=brick_cost(plan.layout, np.zeros(plan.layout.counts_zyx, bool)))
+            layout = plan.layout
+            bricks = bricks_of_volume(layout, read_bricks(sources[0], layout, np.ndindex(*layout.counts_zyx)))
+            plan = replace(plan, cost=brick_cost(layout, np.zeros(layout.counts_zyx, bool)))
         caster = loaded(plan, bricks, device)
         caster.draw(plan, whole_pieces(plan))
     return lambda: caster.draw(plan, whole_pieces(plan))[0]

@@ -243,7 +243,7 @@ def beside_orbit(
     """Yield what is noted of frames of an orbit, drawn with several settings in turn; the first one is left out."""
     from contextlib import ExitStack
 
-    from clusterviz.comm.open import open_channel
+    from clusterviz.comm import open_channel
     from clusterviz.frame import FrameLoop, Options
     from clusterviz.scene.animation import orbit
 

@@ -137,7 +137,7 @@ def _following(last: Calibration, anew: Calibration, scene: Scene, aim: Aim) -> 
     if not aim.jumps:  # where something jumps, all views are verified in all pixels
         aim = replace(aim, safety=aim.safety * anew.worse)
     following = aim.following(last.choice.trial)
-    if covered_pixels(following, last.covered) >= LEAST_PIXELS or scene.volumes != anew.scene.volumes:
+    if covered_pixels(following, last.covered) >= LEAST_PIXELS or scene.entries != anew.scene.entries:
         return following
     return aim.following(last.choice.trial, coarsest=anew.choice.trial.level)
 

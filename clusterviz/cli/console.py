@@ -163,9 +163,7 @@ class _StepLines:
 class _Bar:
     """Progress bar that appears after a delay.
 
-    Parameters
-    ----------
-    weights : relative durations of the steps; empty for a bar of one step at a time
+    `weights`: relative durations of the steps; empty for a bar of one step at a time.
     """
 
     def __init__(self, terminal: TextIO, steps: Sequence[str], weights: Sequence[float]) -> None:

@@ -50,10 +50,7 @@ def histograms_of(arrays: Mapping[str, Any]) -> list[Histogram]:
 def check_plot(path: Path) -> None:
     """Check before reading that a plot can be written.
 
-    Raises
-    ------
-    OutputError
-        Not a .png, or the folder is missing or cannot be written.
+    Raises OutputError: not a .png, or the folder is missing or cannot be written.
     """
     if path.suffix.lower() != ".png":
         raise OutputError("not a name for the plot", where="--plot", found=path.name, allowed="a .png")
@@ -63,10 +60,7 @@ def check_plot(path: Path) -> None:
 def write_plot(path: Path, title: str, histograms: Sequence[Histogram]) -> None:
     """Draw histograms with logarithmic counts and marked percentiles, one below the other.
 
-    Raises
-    ------
-    OutputError
-        There is no histogram, or the file cannot be written.
+    Raises OutputError: there is no histogram, or the file cannot be written.
     """
     if not histograms:
         raise OutputError("nothing to plot", where="--plot", found="no finite values", allowed="a file with some")

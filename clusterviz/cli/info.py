@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import json as json_text
 import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
 import typer
+from rich.console import Console
 
 from clusterviz.cli.console import print_document
+from clusterviz.cli.histogram import Histogram, check_plot, histograms_of, write_plot
+from clusterviz.data import EXTENSIONS, grid_format_of, mesh_format_of, open_source, read_geometry, read_grid
+from clusterviz.data.axes import Subset, first_parts
+from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.faces import find_neighbours
+from clusterviz.data.geometry import Attributes, Geometry, Lines, Mesh, Points
+from clusterviz.data.source import Source, levels_of
+from clusterviz.data.summary import kept_summary, summarise
+from clusterviz.data.tetrahedra import COUNTS, make_tetrahedra
+from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.data.vectors import open_vectors
 from clusterviz.errors import DataError, escaped, public_address
-
-if TYPE_CHECKING:
-    from clusterviz.data.geometry import Attributes, Geometry, Lines, Mesh, Points
-    from clusterviz.data.source import Source
-    from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.flow.lic import SpeedSource
 
 BARS = " ▁▂▃▄▅▆▇█"
 SPARK_WIDTH = 64
@@ -40,15 +50,8 @@ def command(
     Of a volume: format, grid, type, range, percentiles, histogram, bricks. Of meshes, lines and points: counts, bounds,
     arrays, and whether a mesh is closed. Of unstructured grids: cells, tetrahedra, bounds, arrays, and flaws.
     """
-    from rich.console import Console
-
-    from clusterviz.data import grid_format_of, mesh_format_of, open_source, read_geometry, read_grid
-    from clusterviz.data.axes import Subset, first_parts
-
     arrays: dict[str, Any] = {}
     if plot:
-        from clusterviz.cli.histogram import check_plot
-
         check_plot(plot)
     with Console(stderr=True).status(f"reading {escaped(public_address(file))}"):
         mesh_format, grid_format = mesh_format_of(Path(file)), grid_format_of(Path(file))
@@ -73,8 +76,6 @@ def command(
                 source = _speeds_of(file, array, time, error)
             found = describe(source, brick) | _vectors_of(file, array)
     if plot:
-        from clusterviz.cli.histogram import Histogram, histograms_of, write_plot
-
         histograms = histograms_of(arrays)
         if found.get("percentiles"):
             percentiles = {float(q): value for q, value in found["percentiles"].items()}
@@ -91,10 +92,6 @@ def command(
 
 def _speeds_of(file: str, array: str | None, time: int | None, error: DataError) -> Source:
     """Return the speeds of a file that has no scalars but vectors; raise the error if it has neither."""
-    from clusterviz.data.axes import Subset, first_parts
-    from clusterviz.data.vectors import open_vectors
-    from clusterviz.flow.lic import SpeedSource
-
     try:
         return SpeedSource(first_parts(lambda part: open_vectors(file, part.array, part.time), Subset(array, time))[0])
     except DataError:
@@ -103,8 +100,6 @@ def _speeds_of(file: str, array: str | None, time: int | None, error: DataError)
 
 def _vectors_of(file: str, array: str | None) -> dict[str, Any]:
     """Return the array of vectors of a file as `flows` shows it; nothing if there is none, or several."""
-    from clusterviz.data.vectors import open_vectors
-
     try:
         return {"vectors": open_vectors(file, array).name.removeprefix(file).strip(":") or "the only array"}
     except DataError:
@@ -112,7 +107,6 @@ def _vectors_of(file: str, array: str | None) -> dict[str, Any]:
 
 
 def _arrays_of(geometry: Geometry) -> dict[str, Any]:
-    """Return all arrays of meshes, lines and points by name."""
     mesh, lines, points = geometry.mesh, geometry.lines, geometry.points
     found: dict[str, Any] = {}
     for part in (
@@ -179,13 +173,6 @@ def _points(points: Points) -> dict[str, Any]:
 
 def describe_grid(grid: UnstructuredGrid) -> dict[str, Any]:
     """Return counts, bounds, arrays and flaws of an unstructured grid, as JSON values."""
-    from dataclasses import replace
-
-    import numpy as np
-
-    from clusterviz.data.faces import find_neighbours
-    from clusterviz.data.tetrahedra import make_tetrahedra
-
     whole = replace(grid, point_arrays={"any": np.zeros(len(grid.points), np.float32)}, cell_arrays={})
     tetrahedra = make_tetrahedra(whole)
     faces = find_neighbours(tetrahedra.corners, len(tetrahedra.points))
@@ -208,8 +195,6 @@ def describe_grid(grid: UnstructuredGrid) -> dict[str, Any]:
 
 def _arrays(arrays: Attributes) -> dict[str, Any]:
     """Return type, number of components and range of finite numbers of arrays by name."""
-    import numpy as np
-
     found = {}
     for name, array in arrays.items():
         finite = array[np.isfinite(array)]
@@ -231,11 +216,9 @@ def describe(source: Source, brick: int) -> dict[str, Any]:
     source : the volume; all of it is read, unless it keeps its summary
     brick : samples along the side of a brick
     """
-    from clusterviz.data.bricks import BrickLayout, read_bricks
-    from clusterviz.data.summary import kept_summary, summarise
-
     grid, layout = source.grid, BrickLayout(source.grid.shape_zyx, brick)
-    indices = [(z, y, x) for z, y, x in _indices(layout.counts_zyx)]
+    nz, ny, nx = layout.counts_zyx
+    indices = [(z, y, x) for z in range(nz) for y in range(ny) for x in range(nx)]
     summary = kept_summary(source, layout) or summarise(
         source.dtype, layout, lambda: read_bricks(source, layout, indices), lambda value: [value]
     )
@@ -265,8 +248,6 @@ def describe(source: Source, brick: int) -> dict[str, Any]:
 
 def format_name(name: str) -> str:
     """Return the format of a volume from its name: npy, nifti, …; field for a formula, slices for a folder."""
-    from clusterviz.data import EXTENSIONS
-
     lower = name.lower()
     if lower.startswith("field:"):
         return "field"
@@ -279,8 +260,6 @@ def format_name(name: str) -> str:
 
 def _other_axes(source: Any) -> dict[str, Any]:
     """Return time steps and channels of the file, and the ones read; levels of a store."""
-    from clusterviz.data.source import levels_of
-
     slab = getattr(source, "slab", None)
     levels, found = levels_of(source), dict[str, Any]()
     if levels is not None:
@@ -318,13 +297,7 @@ def sparkline(counts: list[int], width: int = SPARK_WIDTH) -> str:
     return "".join(BARS[math.ceil(math.log1p(n) / top * (len(BARS) - 1))] if n else BARS[0] for n in sums)
 
 
-def _indices(counts: tuple[int, int, int]) -> list[tuple[int, int, int]]:
-    nz, ny, nx = counts
-    return [(z, y, x) for z in range(nz) for y in range(ny) for x in range(nx)]
-
-
 def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts in the order of output."""
     z, y, x = found["shape_zyx"]
     bricks, percentiles = found["bricks"], found["percentiles"]
     counts = " × ".join(str(n) for n in bricks["counts_zyx"][::-1])
@@ -360,7 +333,6 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _geometry_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts in the order of output."""
     rows = [("name", found["name"]), ("format", found["format"])]
     for kind in ("mesh", "lines", "points"):
         part = found.get(kind)
@@ -390,9 +362,6 @@ def _geometry_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _grid_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts in the order of output."""
-    from clusterviz.data.tetrahedra import COUNTS
-
     grid = found["grid"]
     cells = ", ".join(f"{count} {kind}" for kind, count in grid["cells"].items()) or "none"
     rows = [("name", found["name"]), ("format", found["format"]), ("cells", cells)]
@@ -415,7 +384,6 @@ def _grid_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _array(name: str, array: dict[str, Any]) -> str:
-    """Return an array in one line."""
     components = f" × {array['components']}" if array["components"] > 1 else ""
     within = "nothing finite" if array["minimum"] is None else f"{array['minimum']:g}  to  {array['maximum']:g}"
     invalid = f", {array['not_finite']} not finite" if array["not_finite"] else ""
@@ -427,7 +395,6 @@ def _vector(values: list[float]) -> str:
 
 
 def _size(count: float) -> str:
-    """Return a number of bytes with a binary unit."""
     for unit in ("bytes", "KiB", "MiB", "GiB", "TiB"):
         if count < 1024 or unit == "TiB":
             return f"{count:.0f} {unit}" if unit == "bytes" else f"{count:.1f} {unit}"

@@ -29,10 +29,7 @@ def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
 
     A launcher from the environment starts all jobs, so that a single rank has the same resources as each of several.
 
-    Raises
-    ------
-    ClustervizError
-        mpirun is not found.
+    Raises ClustervizError: mpirun is not found.
     """
     alone = [sys.executable, "-m", "clusterviz", *arguments]
     named = shlex.split(os.environ.get(LAUNCHER_VARIABLE, ""))
@@ -44,10 +41,7 @@ def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
 def find_mpirun() -> str:
     """Return the mpirun of this Python's mpi4py, else the first one on the PATH.
 
-    Raises
-    ------
-    ClustervizError
-        mpirun is not found.
+    Raises ClustervizError: mpirun is not found.
     """
     for folder in mpirun_folders():
         found = shutil.which("mpirun", path=folder)
@@ -64,15 +58,13 @@ def run_job(
 ) -> str:
     """Run clusterviz on some ranks and return its standard output.
 
+    Raises ClustervizError, InputError: the job failed; the class follows from the exit status, the message from the
+    job's errors.
+
     Parameters
     ----------
     arguments : the command line without the program's name
     timeout_seconds : time limit; None for no limit
-
-    Raises
-    ------
-    ClustervizError, InputError
-        The job failed; the class follows from the exit status, the message from the job's errors.
     """
     command, variables = job_command(ranks, arguments), {**OVERSUBSCRIBE, **os.environ, **(environment or {})}
     done = subprocess.run(command, capture_output=True, text=True, env=variables, timeout=timeout_seconds)
@@ -87,10 +79,7 @@ def run_job(
 def refuse_launcher(command: str, why: str = "starts mpirun by itself") -> None:
     """Refuse to run a command under mpirun that starts mpirun itself, or is one process for another reason.
 
-    Raises
-    ------
-    InputError
-        This process was started by a launcher.
+    Raises InputError: this process was started by a launcher.
     """
     if launched():
         raise InputError(f"`clusterviz {command}` {why}: run it without")

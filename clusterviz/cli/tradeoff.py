@@ -13,11 +13,10 @@ from typing import Annotated, Any
 
 import typer
 
-from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.arguments import Define, Frames, SceneArgument, Size, overrides_of
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
 from clusterviz.cli.reporting import (
-    Frames,
     OneJob,
     Output,
     check_report,
@@ -76,15 +75,10 @@ def command(
 
 @dataclass(frozen=True)
 class MpirunJob:
-    """Drawing of scenes in MPI jobs; see `survey.Job`.
-
-    Attributes
-    ----------
-    folder : folder for files exchanged with the jobs
-    """
+    """Drawing of scenes in MPI jobs; see `survey.Job`."""
 
     ranks: int
-    folder: Path
+    folder: Path  # folder for files exchanged with the jobs
 
     def __call__(self, scene: Scene, frames: int, warm_up: int = 1) -> Measured:
         """Draw one scene; errors are those of `run_job`."""
@@ -95,7 +89,6 @@ class MpirunJob:
 
 
 def _draw(channel: Channel, order: dict[str, Any]) -> tuple[dict[str, Any], Image | None]:
-    """Do one job; collective."""
     measured = measure(Scene.model_validate(order["scene"]), channel, order["frames"], order["warm_up"])
     found = {"cost": measured.cost.as_json(), "scene": measured.scene.model_dump(mode="json")}
     return found | {"renderer": measured.renderer}, measured.image

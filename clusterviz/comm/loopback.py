@@ -39,8 +39,6 @@ class _EndedError(Exception):
 
 @dataclass
 class _Receive:
-    """Posted receive."""
-
     buffer: NDArray[np.uint8]
     source: int
     tag: int

@@ -36,8 +36,6 @@ Images = PartialImage | Pixels | Sequence[PartialImage]
 
 @dataclass(frozen=True, eq=False)
 class _FramePlan:
-    """Choice and plan for certain footprints."""
-
     footprints: Footprints
     window: SharedWindow | None
     choice: Choice

@@ -9,8 +9,6 @@ from typing import Any
 
 @dataclass(frozen=True)
 class _Counters:
-    """Counters of what was sent and received."""
-
     # sent to other ranks
     messages_sent: int = 0
     pixels_sent: int = 0

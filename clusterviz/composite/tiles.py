@@ -3,9 +3,8 @@
 Each rank tells the root its rectangles, and sends their pixels in one message. The assignment of tiles to
 ranks may be known only after drawing, and other ranks do not need it.
 
-References
-----------
-M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.2.2.
+Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section
+5.2.2.
 """
 
 from __future__ import annotations

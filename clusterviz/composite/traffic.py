@@ -141,7 +141,6 @@ def owned_ranges(schedule: Schedule) -> list[tuple[int, int, int]] | None:
 
 
 def _whole_ranges(stage: StageTraffic, pixels: int, width: int) -> StageTraffic:
-    """Return the stage with merges that make all pixels of their ranges."""
     canvas = Patch(width, 0, pixels, Rect(0, 0, width, pixels // max(width, 1)))
     merges = (replace(merge, result=canvas.cut(merge.zone.begin, merge.zone.end)) for merge in stage.merges)
     return replace(stage, merges=tuple(merges))
@@ -188,7 +187,6 @@ def _merges(kept: Held, incoming: Iterable[Part], depth: int, width: int) -> tup
 
 
 def _messages(zones: Iterable[tuple[int, Zone]]) -> tuple[Message, ...]:
-    """Return one message for each peer, of the parts that are not empty."""
     by_peer: dict[int, list[Part]] = {}
     for peer, zone in zones:
         if zone.parts:

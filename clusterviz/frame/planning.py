@@ -97,7 +97,7 @@ class FramePlanner:
             return None
         has_lens = scene.camera.aperture > 0 or bool(last and last.scene.camera.aperture)
         if not has_lens and last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
-            view = make_view(scene.camera, scene.image.size, opened.grid_of(last.plan))
+            view = make_view(scene.camera, scene.image.size, last.plan.content.domain.grid)
             return opened.with_detail(replace(last.plan, view=view), scene)
         return opened.plan(scene)
 
@@ -134,7 +134,8 @@ class FramePlanner:
         image, counts = Compositing(several=False).picture(run, work, partials, counts)
         every = run.channel.allgather((counts.samples, seconds, not prefers_cpu(run.options.device)))
         samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
-        return SmallPicture(image, samples, slowest, plan.filter, all(one[2] for one in every))
+        is_textured, volumes = all(one[2] for one in every), len(plan.content.volume_layers)
+        return SmallPicture(image, samples, slowest, plan.filter, is_textured, volumes)
 
 
 def _assigned(

@@ -117,10 +117,7 @@ def machine(effort: int = 3) -> Any:
 def cpu() -> tuple[str, str]:
     """Return LLVM's name and features of the CPU for which code is made.
 
-    Raises
-    ------
-    InputError
-        CLUSTERVIZ_CPU is neither "generic", nor "native" or empty.
+    Raises InputError: CLUSTERVIZ_CPU is neither "generic", nor "native" or empty.
     """
     import llvmlite.binding as llvm
 
@@ -148,7 +145,6 @@ def _file_of(name: str, sources: Iterable[bytes]) -> str:
 
 
 def _find(file: str) -> tuple[Path, bytes | None]:
-    """Return the path and the content of a file that is kept; without a file the path for it, and None."""
     for each in folders():
         content = read_code(each / file)
         if content is not None:

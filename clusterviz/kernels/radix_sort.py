@@ -4,10 +4,8 @@ The least significant digit of 8 bits comes first. One pass over the keys counts
 share needs no pass. With several threads, each moves a part of the items, and counts the later digits of its part
 again.
 
-References
-----------
-S. P. Callahan, M. Ikits, J. L. D. Comba, C. T. Silva: Hardware-assisted visibility sorting for unstructured volume
-rendering, IEEE TVCG 11(3), 2005, section 5.1. (The signs of its formula for negative numbers are lost in print.)
+Reference: S. P. Callahan, M. Ikits, J. L. D. Comba, C. T. Silva: Hardware-assisted visibility sorting for unstructured
+volume rendering, IEEE TVCG 11(3), 2005, section 5.1. (The signs of its formula for negative numbers are lost in print.)
 """
 
 from __future__ import annotations

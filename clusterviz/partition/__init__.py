@@ -6,8 +6,7 @@
 - edges.py    units of bricks that move together
 - fronts.py   partition at fronts, which divide a layer of bricks
 - owners.py   the rank of each brick
-- groups.py   groups of bricks in visibility order, for any assignment
-- pieces.py   the partial images of a frame, in visibility order
+- pieces.py   the partial images of a frame: groups of bricks in visibility order, for any assignment
 - interleave.py, replicate.py   assignments that are not a tree
 
 Arrays and boxes count bricks along (z, y, x); positions and directions are (x, y, z) in units of bricks, in which the
@@ -19,10 +18,9 @@ from __future__ import annotations
 from clusterviz.partition.bsp import build_tree
 from clusterviz.partition.edges import refined_edges, units
 from clusterviz.partition.fronts import PARALLEL_ORIGIN, RayOrigin, front_owners, ray_origin
-from clusterviz.partition.groups import BrickGroup, visible_groups
 from clusterviz.partition.interleave import interleave
 from clusterviz.partition.owners import UNASSIGNED, Owners, bricks_of, owners_of
-from clusterviz.partition.pieces import Piece, bounding_box, leaf_pieces, owner_pieces
+from clusterviz.partition.pieces import BrickGroup, Piece, bounding_box, leaf_pieces, owner_pieces, visible_groups
 from clusterviz.partition.replicate import Replicas, assign_replicas, replicate
 from clusterviz.partition.search import busiest, move_planes, search_tree
 from clusterviz.partition.tree import BrickBox, BspTree, Leaf, Node, Split, draw, front_to_back

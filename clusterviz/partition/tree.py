@@ -129,16 +129,14 @@ def front_to_back(tree: BspTree, eye_brick: Vector | None, direction_index: Vect
     Returns every rank once, the nearest first. No ray visits a leaf of a later rank before one of an earlier rank. A
     position or direction that is not finite raises InputError.
 
+    Reference: H. Fuchs, Z. Kedem, B. Naylor: On visible surface generation by a priori tree structures, SIGGRAPH 1980.
+
     Parameters
     ----------
     eye_brick : (x, y, z) position of the eye in bricks, or None for parallel projection; may lie inside the volume or
         on a plane
     direction_index : (x, y, z) view direction in index space, of any length; in perspective it is used only if the eye
         lies on a plane, where either order is right
-
-    References
-    ----------
-    H. Fuchs, Z. Kedem, B. Naylor: On visible surface generation by a priori tree structures, SIGGRAPH 1980.
     """
     check_finite(eye_brick, direction_index)
     ranks: list[int] = []

@@ -42,6 +42,7 @@ from clusterviz.plan.estimate import (
     still_missing,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.transfer import TransferFunction, rescale
 from clusterviz.scene.values import Scene, Volume
 
 COARSEST, FINEST = -1, 6
@@ -57,12 +58,15 @@ VERIFIED_SAFETY, VERIFIED_FINEST = 2.0, FINEST + 1
 or colour jump, or nearly so, single pixels have far larger errors than all others, which a sample of pixels misses.
 Then an estimate needs a picture one level finer, and every view is verified."""
 WITNESS = 4
-"""Level down to which the first view is drawn for that where something jumps: longer steps may all miss a feature that
-is thin along one ray. So it is where a pixel is the colour of one scalar: a ray that crosses a corner of the volume
-within the shortest step has one sample at all of them. Later views are verified by steps around their own."""
+"""Level down to which a first view is drawn for that where something jumps: longer steps may all miss a feature that is
+thin along one ray. So it is where a pixel is the colour of one scalar: a ray that crosses a corner of the volume within
+the shortest step has one sample at all of them. Elsewhere it is drawn down to the first level between whose samples
+little can hide, but not beyond this one. Later views are verified by steps around their own."""
 STEEP = 8.0
 """Slope of opacity or colour, in full scales over the range of clim, above which a transfer function counts as a
 jump."""
+PLACES = 1025
+"""Scalars over clim between which changes of opacity and colour are looked for."""
 NARROW = 2.0**-13
 """Share of clim's range below which a change of opacity or colour counts as one at a single scalar. Along a ray, a
 trilinear field leaves the line between two samples 1/128 of a voxel apart by less."""
@@ -87,6 +91,7 @@ class Aim:
     jumps : opacity or colour jump, or nearly so, along rays
     of_one_scalar : a pixel is the colour of one scalar, such as the maximum
     jump : largest change of extinction, or of extinction times colour, at a single scalar, per voxel
+    witness : level down to which a first view is verified at least
     last : choice of the frame before, which is updated; None if there is none
     coarsest : level of the longest step that may be chosen
     safety : factor of all errors estimated in a sample of pixels
@@ -98,6 +103,7 @@ class Aim:
     jumps: bool = False
     of_one_scalar: bool = False
     jump: float = 0.0
+    witness: int = FIRST
     last: Trial | None = None
     coarsest: float = COARSEST
     safety: float = SAFETY
@@ -111,11 +117,6 @@ class Aim:
     def residual(self) -> float:
         """Part of the bound for early ray termination."""
         return TERMINATION * self.bound
-
-    @property
-    def needs_witness(self) -> bool:
-        """Whether long steps may agree on a picture that is wrong."""
-        return self.jumps or self.of_one_scalar
 
     def grazed(self, level: float) -> float:
         """Bound of what a ray can miss that touches the far side of a jump between two samples.
@@ -182,7 +183,9 @@ def make_aim(scene: Scene, spacing: float) -> Aim:
     # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
     cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
     jumps = [_jump_of(volume) * spacing for volume in scene.volumes]
-    aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars), max(jumps))
+    few = cut or steep or bool(scalars)
+    witness = WITNESS if few else max(_witness(volume, spacing, bound) for volume in scene.volumes)
+    aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars), max(jumps), witness)
     least = aim.grazed(VERIFIED_FINEST) / (1 - TERMINATION)
     if least > bound:
         raise _of_a_jump(bound, least, scene.volumes[int(np.argmax(jumps))])
@@ -207,15 +210,32 @@ def _jump_of(volume: Volume) -> float:
     """Return the largest change of extinction, or of extinction times colour, at a single scalar, per world unit."""
     if volume.interpolation == "nearest":  # rays graze no corner of a voxel: what they miss falls with the step
         return 0.0
-    transfer, largest_change = transfer_function(volume), 0.0
+    transfer = transfer_function(volume)
     narrow = NARROW * (transfer.domain[1] / 2 - transfer.domain[0] / 2)
+    changes = [0.0]
     for values in (transfer.opacity_values, transfer.colour_values):
         at = np.flatnonzero(np.diff(values / 2) <= narrow)
-        sides = np.stack([np.nextafter(values[at], -np.inf), values[at + 1]])
-        extinction = transfer.extinction(sides)[..., None]
-        shown = np.concatenate([extinction, extinction * transfer.colour(sides)], axis=-1)
-        largest_change = max(largest_change, float(np.abs(shown[1] - shown[0]).max(initial=0.0)))
-    return largest_change
+        changes.append(_largest_change(transfer, np.nextafter(values[at], -np.inf), values[at + 1]))
+    return max(changes)
+
+
+def _witness(volume: Volume, spacing: float, bound: float) -> int:
+    """Return the first level whose samples hide no more than the bound of a field that changes by clim in a voxel."""
+    transfer, places = transfer_function(volume), np.linspace(0.0, 1.0, PLACES)
+    for level in range(FIRST, WITNESS):
+        half = math.exp2(-level) / 2  # a peak between two samples is no farther away, and this long in the mean
+        sides = (rescale(np.clip(places + move, 0.0, 1.0), transfer.domain) for move in (0.0, half))
+        if -math.expm1(-_largest_change(transfer, *sides) * half * spacing) <= bound:
+            return level
+    return WITNESS
+
+
+def _largest_change(transfer: TransferFunction, one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the largest change of extinction, or of extinction times colour, between scalars (n,), per world unit."""
+    scalars = np.stack([one, other])
+    extinction = transfer.extinction(scalars)[..., None]
+    shown = np.concatenate([extinction, extinction * transfer.colour(scalars)], axis=-1)
+    return float(np.abs(shown[1] - shown[0]).max(initial=0.0))
 
 
 def _is_steep(volume: Volume) -> bool:

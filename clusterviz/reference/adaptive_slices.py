@@ -2,10 +2,8 @@
 
 Slabs between a pixel's samples are integrated exactly, by quadrature between the control points.
 
-References
-----------
-M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 4.3.1,
-figure 4.12.
+Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section
+4.3.1, figure 4.12.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.fields import SAMPLERS
+from clusterviz.reference.lighting import SAMPLERS
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.pyramid import convolve
 from clusterviz.reference.rays import Floats, camera_frame, camera_rays, inside, to_index_space

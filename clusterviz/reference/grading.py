@@ -30,16 +30,13 @@ def glow_and_extinction(
 ) -> tuple[Floats, Floats]:
     """Return straight colour (n, 3) and extinction (n,) of samples.
 
+    Raises InputError: the volume has a shader that is not in `LOOKS`.
+
     Parameters
     ----------
     scalar : float64 (n,)
     gradient : float64 (n, 3), per voxel along (x, y, z), of a LIC volume the vectors; None if nothing depends on it
     point : float64 (n, 3), in index space
-
-    Raises
-    ------
-    InputError
-        The volume has a shader that is not in `LOOKS`.
     """
     if gradient is None or not (volume.gradient_opacity or volume.transfer_2d or volume.shader):
         return classify.colour(scalar), classify.extinction(scalar)

@@ -24,19 +24,12 @@ BORDER = 2.0**-10
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines of vectors on a grid.
+    """Lines of vectors on a grid."""
 
-    Attributes
-    ----------
-    vectors : float64 (z, y, x, 3), components along x, y, z of the world
-    grid : positions of the samples
-    integrator : "euler", "rk4" or "rk45"
-    by_speed : a unit of a line's parameter moves it as far as the vector, in parts of the largest one; else by 1
-    """
-
-    vectors: Floats
-    grid: Grid
-    integrator: str = "rk4"
+    vectors: Floats  # float64 (z, y, x, 3), components along x, y, z of the world
+    grid: Grid  # positions of the samples
+    integrator: str = "rk4"  # "euler", "rk4" or "rk45"
+    # a unit of a line's parameter moves it as far as the vector, in parts of the largest one; else by 1
     by_speed: bool = False
 
     def velocity(self, places: Floats) -> Floats:
@@ -73,16 +66,8 @@ def line_integral_convolution(
 ) -> Floats:
     """Return the mean of the noise along the line through each sample.
 
-    Parameters
-    ----------
-    noise : (z, y, x)
-    weight : of the sample n steps downstream, −steps to steps
-    steps : of half a line
-    step : in units of the smallest spacing
-
-    Returns
-    -------
-    values : float64 (z, y, x); NaN at samples without vectors
+    `noise`: (z, y, x); `weight`: of the sample n steps downstream, −steps to steps; `steps`: of half a line; `step`: in
+    units of the smallest spacing. Returns float64 (z, y, x); NaN at samples without vectors.
     """
     shape = lines.grid.shape_zyx
     index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)[:, ::-1].astype(float)

@@ -18,10 +18,7 @@ Flags = NDArray[np.bool_]
 class Extreme:
     """Maximum and minimum: colour and opacity of the ray's largest or smallest scalar.
 
-    Parameters
-    ----------
-    rays : number of rays
-    sign : 1 for the largest, −1 for the smallest
+    `rays`: number of rays; `sign`: 1 for the largest, −1 for the smallest.
     """
 
     def __init__(self, rays: int, sign: int) -> None:

@@ -2,10 +2,8 @@
 
 All masks are outer products of a mask along each axis. Beyond the border the nearest pixel counts.
 
-References
-----------
-M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, sections 4.1 and
-4.2.
+Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, sections
+4.1 and 4.2.
 """
 
 from __future__ import annotations
@@ -84,14 +82,12 @@ def gaussian(image: Doubles, sigma: float) -> Doubles:
 def pull_push(values: Doubles, weights: Doubles) -> Doubles:
     """Return values everywhere from those that are given at some pixels.
 
+    Returns float64, of the same shape.
+
     Parameters
     ----------
     values : float64 (h, w, c) or (d, h, w, c)
     weights : float64 (h, w) or (d, h, w), the support of each pixel, 0: no value is given; not 0 everywhere
-
-    Returns
-    -------
-    values : float64, of the same shape
     """
     support = weights[..., None]
     if values.shape[:-1] == (1,) * weights.ndim:

@@ -27,7 +27,6 @@ def _check_switch(value: Any) -> Any:
 
 
 def _as_lines(value: Any) -> Any:
-    """Return one text as a list of its lines."""
     return value.splitlines() if isinstance(value, str) else to_builtin(value)
 
 

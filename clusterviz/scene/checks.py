@@ -21,12 +21,8 @@ ORTHONORMAL = 1e-3
 class InvalidValueError(ValueError):
     """Invalid value of a scene key; `scene.validation_messages` turns it into a `SceneError`.
 
-    Parameters
-    ----------
-    what : the problem
-    allowed : the values allowed
-    key : the key inside the checked section, for checks of whole sections
-    found : the value found, if it is not the checked value itself
+    `what`: the problem; `allowed`: the values allowed; `key`: the key inside the checked section, for checks of whole
+    sections; `found`: the value found, if it is not the checked value itself.
     """
 
     def __init__(self, what: str, allowed: str, *, key: str = "", found: object = None) -> None:

@@ -46,10 +46,7 @@ def constant(element: str, value: Number) -> Part:
 class Emitter:
     """Function in the making.
 
-    Parameters
-    ----------
-    lanes : of its vectors
-    caller : function that calls it
+    `lanes`: of its vectors; `caller`: function that calls it.
 
     Attributes
     ----------

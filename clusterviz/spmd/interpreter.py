@@ -33,37 +33,23 @@ STORED = DTYPES | {"b": np.uint32}
 
 @dataclass(frozen=True)
 class Texture:
-    """Texels of a sampler.
+    """Texels of a sampler."""
 
-    Attributes
-    ----------
-    texels : float32 (…, height, width, components)
-    linear : the texture unit interpolates
-    stored : moderngl's name of their type in memory
-    """
-
-    texels: NDArray[np.float32]
-    linear: bool
-    stored: str = "f4"
+    texels: NDArray[np.float32]  # float32 (…, height, width, components)
+    linear: bool  # the texture unit interpolates
+    stored: str = "f4"  # moderngl's name of their type in memory
 
 
 @dataclass(frozen=True)
 class Dispatch:
-    """Dispatch of a compute shader, with all that is bound.
+    """Dispatch of a compute shader, with all that is bound."""
 
-    Attributes
-    ----------
-    source : of the shader
-    groups : number of work groups along x, y, z
-    uniforms, buffers : uint8, contents of the blocks by binding; buffers change
-    textures : by binding
-    """
-
-    source: ShaderSource
-    groups: tuple[int, int, int]
+    source: ShaderSource  # of the shader
+    groups: tuple[int, int, int]  # number of work groups along x, y, z
+    # uint8, contents of the blocks by binding; buffers change
     uniforms: Mapping[int, NDArray[np.uint8]]
     buffers: Mapping[int, NDArray[np.uint8]]
-    textures: Mapping[int, Texture] = field(default_factory=dict)
+    textures: Mapping[int, Texture] = field(default_factory=dict)  # by binding
 
 
 @dataclass(eq=False)
@@ -79,21 +65,16 @@ class Repetition:
 
 @dataclass(eq=False)
 class Frame:
-    """Call of a function.
-
-    Attributes
-    ----------
-    entered, returned : lanes
-    statement : that is being executed
-    """
+    """Call of a function."""
 
     function: ir.Function
+    # lanes
     entered: Mask
     returned: Mask
     variables: dict[ir.Variable, Value] = field(default_factory=dict)
     result: Value | None = None
     loops: list[Repetition] = field(default_factory=list)
-    statement: ir.Statement | None = None
+    statement: ir.Statement | None = None  # that is being executed
 
 
 class Interpreter:
@@ -412,7 +393,6 @@ class Interpreter:
         return view, self._inside(node.at, (address + offset) // view.itemsize, len(view), mask)
 
     def _inside(self, at: int, index: Array, size: int, mask: Mask) -> Array:
-        """An index, or the last one that exists."""
         if index.min() >= 0 and index.max() < size:
             return index
         wrong = np.flatnonzero(mask & ((index < 0) | (index >= size)))
@@ -512,8 +492,6 @@ def _fma(a: Array, b: Array, c: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class _Lanes:
-    """Array in place of a part of generated code."""
-
     values: Array
     varying = False
     constant = None

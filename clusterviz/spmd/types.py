@@ -187,7 +187,6 @@ def built_in(name: str, given: list[Type]) -> tuple[Type, list[Type]] | None:
 
 
 def _common(kinds: list[Type]) -> str:
-    """Return the first element to which all convert; "" if there is none."""
     return next((e for e in "biufd" if all(e in CONVERTED[kind.element] for kind in kinds)), "")
 
 

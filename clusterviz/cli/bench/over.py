@@ -18,8 +18,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from clusterviz.cli.arguments import parse_size
-from clusterviz.cli.bench.report import Frames, JsonOption, one_core, write_json
+from clusterviz.cli.arguments import Frames, parse_size
+from clusterviz.cli.bench.report import JsonOption, one_core, write_json
 from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import over, put_before, put_behind
 from clusterviz.composite.over.layers import Layer, blend_layers
@@ -97,7 +97,6 @@ def _measure(variants: dict[str, Variant], frames: int, copy: dict[str, float] |
 
 
 def _time(variant: Variant, frames: int) -> list[float]:
-    """Return seconds of each call, after one warm-up call."""
     seconds = []
     with one_core():
         for number in range(1 + frames):
@@ -129,19 +128,12 @@ RANDOM_PIXELS = 1 << 18  # random pixels, which the pool repeats
 
 @dataclass(frozen=True)
 class Variant:
-    """Variant of the over operator.
+    """Variant of the over operator."""
 
-    Attributes
-    ----------
-    call : blends set number k
-    copies : number of images in a copy of the same bytes
-    slow : whether to time a few repetitions only
-    """
-
-    call: Callable[[int], object]
+    call: Callable[[int], object]  # blends set number k
     sets: int
-    copies: float = 1.0
-    slow: bool = False
+    copies: float = 1.0  # number of images in a copy of the same bytes
+    slow: bool = False  # whether to time a few repetitions only
 
 
 @dataclass(frozen=True)

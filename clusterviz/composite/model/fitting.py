@@ -3,9 +3,7 @@
 All fits are Theil-Sen estimates: the slope is the median of the slopes between all pairs of points. Up to a quarter of
 the times may be outliers, as on a shared machine.
 
-References
-----------
-P. K. Sen, "Estimates of the regression coefficient based on Kendall's tau", J. Am. Stat. Assoc. 63, 1968.
+Reference: P. K. Sen, "Estimates of the regression coefficient based on Kendall's tau", J. Am. Stat. Assoc. 63, 1968.
 """
 
 from __future__ import annotations

@@ -66,10 +66,8 @@ def assign_blocks(
 ) -> tuple[Indices, Indices]:
     """Assign the blocks of all cells to ranks.
 
-    Returns
-    -------
-    table : int64 (transfers, 4), source, target, and begin and end of the first row of a block
-    rows : int64 (transfers,), number of rows of the block, at least one
+    Returns `table`, int64 (transfers, 4), source, target, and begin and end of the first row of a block; `rows`, int64
+    (transfers,), number of rows of the block, at least one.
     """
     owner = np.arange(ranks, dtype=np.int64) if owners_of is None else np.asarray(owners_of, np.int64)
     cells, width = find_cells(footprints, owner), footprints.width
@@ -139,7 +137,6 @@ def find_cells(footprints: Rectangles, owner: Indices) -> Cells:
 
 
 def _ranges(begin: Indices, end: Indices) -> tuple[Indices, Indices]:
-    """Return all numbers of several ranges: the index of the range, and the number."""
     count = end - begin
     row = np.repeat(np.arange(len(count)), count)
     return row, np.arange(len(row)) - np.repeat(count.cumsum() - end, count)

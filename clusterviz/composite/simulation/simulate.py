@@ -21,14 +21,14 @@ from clusterviz.composite.schedules import direct_send, pipeline, radix_k, slic
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, candidates, check_algorithm
 from clusterviz.composite.schedules.rectangles import Rectangles
 from clusterviz.composite.schedules.schedule import Algorithm, Load, Schedule, count_transfers
-from clusterviz.composite.simulation.closed_forms import (
+from clusterviz.composite.simulation.loads import (
+    count_sparse,
     direct_send_dense,
     direct_send_sparse,
     parallel_pipeline_dense,
     parallel_pipeline_sparse,
     pipeline_sparse,
 )
-from clusterviz.composite.simulation.sparse import count_sparse
 from clusterviz.errors import InputError
 from clusterviz.image.partial import Rect
 

@@ -17,8 +17,8 @@ from clusterviz.composite.fragment import Patch
 from clusterviz.composite.model.communication import ImageStatistics
 from clusterviz.composite.schedules.algorithms import make_schedule
 from clusterviz.composite.schedules.rectangles import Rectangles
+from clusterviz.composite.simulation.loads import count_sparse
 from clusterviz.composite.simulation.simulate import Options, count_load
-from clusterviz.composite.simulation.sparse import count_sparse
 from clusterviz.image.compare import Difference
 from clusterviz.image.partial import EMPTY, Rect
 from clusterviz.pages.scale.measure import Measured, RankResources

@@ -4,11 +4,9 @@ A table has the coefficients of light transport: absorption μa, and scattering 
 part. In the two-flux equations, for diffuse light, K = 2 μa and S = 3/4 μs′; the 2 is the mean length of diffuse rays
 through a thin layer. Each table names its sources in its first lines.
 
-References
-----------
-L. F. Gate: Comparison of the photon diffusion model and Kubelka-Munk equation with the exact solution of the radiative
-transport equation, Applied Optics 13(2), 1974. S. N. Thennadil: Relationship between the Kubelka-Munk scattering and
-radiative transfer coefficients, Journal of the Optical Society of America A 25(7), 2008.
+Reference: L. F. Gate: Comparison of the photon diffusion model and Kubelka-Munk equation with the exact solution of the
+radiative transport equation, Applied Optics 13(2), 1974. S. N. Thennadil: Relationship between the Kubelka-Munk
+scattering and radiative transfer coefficients, Journal of the Optical Society of America A 25(7), 2008.
 """
 
 from __future__ import annotations
@@ -45,19 +43,13 @@ DARKEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Optical properties over wavelengths.
+    """Optical properties over wavelengths."""
 
-    Attributes
-    ----------
-    wavelengths : float64 (n,), nm, ascending
-    absorption, scattering : float64 (n,), K and S of the two-flux equations, per millimetre
-    refractive_index : float64 (n,)
-    """
-
-    wavelengths: Floats
+    wavelengths: Floats  # float64 (n,), nm, ascending
+    # float64 (n,), K and S of the two-flux equations, per millimetre
     absorption: Floats
     scattering: Floats
-    refractive_index: Floats
+    refractive_index: Floats  # float64 (n,)
 
     def at(self, wavelengths: ArrayLike) -> Material:
         """Return the material at other wavelengths, by linear interpolation."""
