@@ -43,6 +43,7 @@ SIDES, SEEDS, STEP_VOXELS, LENGTH = (64, 128), 10_000, 0.5, 2.0
 TOLERANCE = 1e-5
 VOLUME_SIDE, SLICE_SIDE, ORIGIN = 256, 512, (0, 0, 0)
 PICTURE, LIC_STEPS, STEP_PIXELS, RINGS = 800, 40, 0.5, 48
+PLACES = np.random.default_rng(1).uniform(-0.9, 0.9, (SEEDS, 3))
 EYES = [(-3.9 + 0.05 * n, -2.9, 1.9) for n in range(4)]
 Traced = tuple[float, int, Any]
 """CPU seconds, points of lines, and their ends by seed."""
@@ -51,10 +52,6 @@ Traced = tuple[float, int, Any]
 def abc(side: int) -> VectorArray:
     field = open_vectors(f"field:abc:{side}")
     return VectorArray(field.read(ORIGIN, field.grid.shape_zyx), field.grid)
-
-
-def seeds_of() -> Any:
-    return np.random.default_rng(1).uniform(-0.9, 0.9, (SEEDS, 3))
 
 
 def vtk(asked: argparse.Namespace, program: str, output: str | Path = "-", **given: Any) -> Row:
@@ -71,9 +68,8 @@ def settings(method: str, refined: int = 1) -> Trace:
 
 def own_lines(vectors: VectorArray, method: str, refined: int = 1) -> Traced:
     """Trace on one core."""
-    seeds = seeds_of()
-    trace(vectors, seeds[:1], settings(method), close=0, threads=1)  # which loads the kernel
-    run = timed(lambda: trace(vectors, seeds, settings(method, refined), close=0, threads=1).lines)
+    trace(vectors, PLACES[:1], settings(method), close=0, threads=1)  # which loads the kernel
+    run = timed(lambda: trace(vectors, PLACES, settings(method, refined), close=0, threads=1).lines)
     lines, ends = run.value, np.full((SEEDS, 3), np.nan)
     ends[lines.line_attributes["seed"]] = lines.points[lines.offsets[1:] - 1]
     return run.cpu, len(lines.points), ends
@@ -86,7 +82,7 @@ def compared(side: int, method: str, asked: argparse.Namespace) -> Iterator[Row]
     stays = (np.abs(exact) < 1 - spacing).all(axis=1)
     found: dict[str, list[Traced]] = {}
     given: dict[str, Any] = {"step": STEP_VOXELS * spacing, "length": LENGTH, "tolerance": TOLERANCE}
-    given |= {"vectors": vectors.read(ORIGIN, vectors.grid.shape_zyx), "spacing": spacing, "seeds": seeds_of()}
+    given |= {"vectors": vectors.read(ORIGIN, vectors.grid.shape_zyx), "spacing": spacing, "seeds": PLACES}
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "ends.npz"
         for turn in range(asked.rounds):
@@ -124,7 +120,7 @@ def rank_job() -> None:
     for over in ("seeds", "data"):
         channel.barrier()
         how: dict[str, Any] = {"channel": channel, "over": over, "threads": 1}
-        run = timed(lambda how=how: trace(vectors, seeds_of(), settings("rk45"), **how))
+        run = timed(lambda how=how: trace(vectors, PLACES, settings("rk45"), **how))
         used = 1e-6 * channel.allgather_numbers([int(1e6 * run.cpu)]).sum()
         if channel.rank == 0:
             row = {"ranks": channel.size, "over": over, "seconds": run.wall, "cpu_seconds": float(used)}

@@ -188,14 +188,13 @@ HEAD = (
     "scene | size | median, least (ms) | first (s) | plan, render, readback, exchange, collect | "
     "dispatches, waits, made | MB up, read | 10⁶ samples/s | VTK drawn; with readback (ms) | ratio to these"
 )
-COLUMNS = HEAD.count("|") + 1
 
 
 def cells_of(row: Answer) -> list[str]:
     ours, vtk, counts = row["ours"], row["vtk"] or {}, row["ours"].get("counts")
     head = [f"{row['name']} {row['side']}", "×".join(map(str, row["picture"]))]
     if "failed" in ours:
-        return [*head, ours["failed"], *[""] * (COLUMNS - 3)]
+        return [*head, ours["failed"], *[""] * (HEAD.count("|") - 2)]
     ms = lambda seconds: f"{1e3 * seconds:.1f}"  # noqa: E731
     told = [vtk[name] for name in ("drawn_s", "median_s")] if "median_s" in vtk else []
     return [
@@ -247,7 +246,7 @@ def main() -> None:
         return turn(Path(arrays), picture, int(frames), int(device), filtering)
     card, has_vtk = driver_of(asked.device), _has("vtkmodules.vtkRenderingVolumeOpenGL2", asked.python)
     lines = [f"{card}; {'VTK beside it' if has_vtk else 'no VTK here'}; medians of {asked.frames} frames", ""]
-    lines += [f"| {HEAD} |", "|" + "---|" * COLUMNS]
+    lines += [f"| {HEAD} |", "|" + "---|" * (HEAD.count("|") + 1)]
     print(*lines, sep="\n", flush=True)
     rows = list[Answer]()
     with tempfile.TemporaryDirectory() as folder:

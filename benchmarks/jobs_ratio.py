@@ -153,8 +153,7 @@ def remote_memory(cluster: jobs.Cluster) -> Row:
     return found
 
 
-def nothing(number: int) -> None:
-    """A task of mpi4py.futures."""
+def nothing(number: int) -> None: ...
 
 
 def futures() -> Row:

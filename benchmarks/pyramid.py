@@ -26,7 +26,6 @@ from clusterviz.pages.tradeoff.rating import luminance, ssim
 Floats = NDArray[np.float32]
 SIDES, SIGMAS = (512, 1024, 2048), (0.5, 1.0, 1.8, 3.0, 8.0, 32.0, 128.0)
 PICTURES = ("head", "bones", "skin_and_brain", "orbital", "flow", "shells", "tissues", "annotated", "surface_flow")
-LIBRARIES = ("Pillow, 8 bit", "SciPy", "OpenCV")
 
 
 def optional(name: str) -> Any:
@@ -124,7 +123,7 @@ def zooms() -> Iterator[Row]:
 def main() -> None:
     asked = options(__doc__)
     print(f"{current_device()}, load {os.getloadavg()[0]:.1f}")
-    sides, others = [f"{side}²" for side in SIDES], list(LIBRARIES)
+    sides, others = [f"{side}²" for side in SIDES], ["Pillow, 8 bit", "SciPy", "OpenCV"]
     head = " | ".join(["sigma", "fetches a pixel", *(f"{side}, ms" for side in sides), *others])
     cells = " | ".join(["{sigma} | {fetches:.1f}", *(f"{{{name}!m:.1f}}" for name in [*sides, *others])])
     write(
