@@ -191,8 +191,9 @@ def main() -> None:
         frames=30,
         passes=3,
     )
-    if not asked.peers and (asked.what == "icet" or not (asked.images or asked.what == "codecs")):
-        raise SystemExit("composite_icet.py: --peers is missing: IceT's programs are no part of clusterviz")
+    needs_peers = asked.what == "icet" or (asked.what == "choices" and not asked.images)
+    if (asked.peers or needs_peers) and not (asked.peers and (asked.peers / "icet.sh").exists()):
+        raise SystemExit("composite_icet.py: --peers names no folder with icet.sh, which is no part of clusterviz")
     shares = [codec for codec in asked.codecs if codec != "raw"]
     tables: dict[str, tuple[Any, str, str]] = {
         "icet": (
