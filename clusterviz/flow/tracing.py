@@ -279,6 +279,7 @@ class _Run:
         self.stores = kind != "streaklines"
         self.boxes: list[tuple[Index, Index]] = []
         longest = LONGEST_STEP * settings.step
+        # What this rank holds: everything, or its block with as many cells around as a step may need.
         if isinstance(vectors, Cells):
             self.domain = cells_domain(vectors)
         elif exact:
@@ -294,6 +295,7 @@ class _Run:
         self.pieces = _Pieces()
         self.steps = self.bytes_sent = self.rounds = 0
         self.numbers, self.floats = np.zeros(key.NUMBERS, np.int64), np.zeros(key.FLOATS)
+        # What the kernel knows of the run; `state.py` names the places.
         domain, numbers, floats = self.domain, self.numbers, self.floats
         numbers[key.ADAPTS], numbers[key.BY_LENGTH] = settings.integrator == "rk45", kind == "streamlines"
         numbers[key.STORES], numbers[key.KIND], numbers[key.ON_CELLS] = self.stores, domain.kind, domain.on_cells
@@ -390,8 +392,10 @@ class _Run:
                 raise InputError("too many particles", where="trace.release", found=found, allowed=MOST_RELEASES)
             rows = np.repeat(self._rows(places, inside * count, 1.0), count, axis=0)
             number = np.tile(np.arange(count), len(places))
+            # One particle after the other is released from the same seed.
             rows[:, key.NUMBER] += number
             rows[:, key.TIME] = self.span.begin + release * number
+        # Over data a particle belongs to the rank of its cell, else to each rank in turn.
         rank = self.channel.rank
         here = rows[:, key.NUMBER] % self.channel.size == rank
         if self.boxes:

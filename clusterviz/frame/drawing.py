@@ -74,6 +74,7 @@ class Drawing:
         received = self._received_for(plan, holds)
         passes = self._passes = self._in_passes(run, work, renderers)
         missing = set() if passes else renderers.missing(plan, holds) - received.keys()
+        # If no rank lacks bricks or programs, nothing below is needed, and no rank waits for another.
         stale = bool(missing) or bool(holds and not renderers.is_compiled(plan))
         if not run.channel.maximum(stale):
             renderers.put(plan, received)

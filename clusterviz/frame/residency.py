@@ -119,6 +119,7 @@ class Residency:
         mine = [piece.members(shown) for piece in pieces]
         each = [sizes[tuple(bricks.T)] for bricks in mine if len(bricks)]
         total, largest = sum(int(one.sum()) for one in each), max((int(one.max()) for one in each), default=0)
+        # Divide the limit between stored bricks, read samples and decoded bricks; cut the pieces so that parts fit.
         self._shares = Shares.of(self._limit, total, largest, self._sample, self._reader.decodes)
         CACHE.limit_bytes = self._shares.decoded
         self._parts = [(piece, part) for piece in pieces for part in self._cut(piece)]
@@ -147,6 +148,7 @@ class Residency:
         wanted = self._bricks[number] if layer is None else _indices(layer.members(self._plan.cost > 0))
         missing = self._missing = self._renderers.missing(self._plan, wanted)
         self._make_slots(missing, wanted)
+        # Load what has been read, in the order in which reads end.
         while missing:
             ready = {index: self._samples[index] for index in missing & self._samples.keys()}
             missing.difference_update(ready)
