@@ -182,7 +182,6 @@ class _Bar:
             self._update()
 
     def close(self) -> None:
-        """Remove the bar."""
         self._timer.cancel()
         with self._lock:
             self._closed = True

@@ -23,8 +23,6 @@ MARKED = (1.0, 25.0, 50.0, 75.0, 99.0)
 
 @dataclass(frozen=True)
 class Histogram:
-    """Histogram of one array."""
-
     name: str
     low: float
     high: float

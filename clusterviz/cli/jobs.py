@@ -14,10 +14,7 @@ from clusterviz.comm.placement import launched
 from clusterviz.errors import ClustervizError, InputError
 
 # Allow more ranks than cores in Open MPI (4, then 5).
-OVERSUBSCRIBE = {
-    "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-}
+OVERSUBSCRIBE = {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
 
 
 LAUNCHER_VARIABLE = "CLUSTERVIZ_LAUNCHER"

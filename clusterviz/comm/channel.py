@@ -199,7 +199,6 @@ class WorkQueue:
         self._counters = channel.counters(1 if alone else 1 + 2 * turns * groups)
 
     def start(self) -> None:
-        """Reset the queue."""
         self._counters.reset()
 
     def take(self, items: int) -> Iterator[int]:
@@ -213,7 +212,6 @@ class WorkQueue:
             turn += 1
 
     def free(self) -> None:
-        """Release the counters."""
         self._counters.free()
 
     def _next(self, turn: int) -> int:

@@ -31,7 +31,6 @@ class BrickBox:
 
     @property
     def bricks(self) -> int:
-        """Number of bricks."""
         z, y, x = self.shape_zyx
         return z * y * x
 

@@ -93,8 +93,6 @@ def near_pairs(rays: Rays, lows: Floats, highs: Floats) -> Iterator[tuple[Indice
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles with an area."""
-
     vertices: Floats  # float64 (n, 3)
     corners: Indices  # int64 (m, 3), indices of vertices
 
@@ -152,8 +150,6 @@ class Triangles:
 
 @dataclass(frozen=True)
 class Spheres:
-    """Spheres."""
-
     centres: Floats  # float64 (m, 3)
     radii: Floats  # float64 (m,)
 

@@ -29,7 +29,6 @@ class Extreme:
         self.found[rays] = np.maximum(self.found[rays], np.where(valid, self.sign * scalar, -np.inf))
 
     def finish(self, classify: TransferFunction) -> Floats:
-        """Return rgba, float64 (rays, 4)."""
         return _classified(self.sign * self.found, np.isfinite(self.found), classify)
 
 
@@ -51,7 +50,6 @@ class LocalMaximum:
         self.first[rays[grows]] = np.maximum(self.first[rays[grows]], scalar[grows])
 
     def finish(self, classify: TransferFunction) -> Floats:
-        """Return rgba, float64 (rays, 4)."""
         scalar = np.where(self.first > -np.inf, self.first, self.largest)
         return _classified(scalar, np.isfinite(scalar), classify)
 
@@ -68,7 +66,6 @@ class FirstHit:
         self.found[rays[hit]] = scalar[hit]
 
     def finish(self, classify: TransferFunction) -> Floats:
-        """Return rgba, float64 (rays, 4)."""
         return _classified(self.found, ~np.isnan(self.found), classify)
 
 

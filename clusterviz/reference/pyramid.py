@@ -17,11 +17,7 @@ Doubles = NDArray[np.float64]
 Mask = tuple[int, tuple[float, ...]]
 """Place of the first weight beside a pixel, and the weights, which are divided by their sum."""
 
-BASIC: dict[str, Mask] = {
-    "box": (0, (1, 1)),
-    "bartlett": (-1, (1, 2, 1)),
-    "gauss 5 x 5": (-2, (1, 4, 6, 4, 1)),
-}
+BASIC: dict[str, Mask] = {"box": (0, (1, 1)), "bartlett": (-1, (1, 2, 1)), "gauss 5 x 5": (-2, (1, 4, 6, 4, 1))}
 ANALYSIS: dict[str, Mask] = {  # beside pixel 2 r of the fine image
     "box 2 x 2": (0, (1, 1)),
     "box 4 x 4": (-1, (1, 1, 1, 1)),

@@ -75,7 +75,6 @@ class Medium:
         return found
 
     def n(self, scalar: float) -> float:
-        """Return the refractive index."""
         return float(self.index.at(scalar)[self.number])
 
     def slope(self, scalar: float) -> float:

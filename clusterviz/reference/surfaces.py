@@ -150,10 +150,6 @@ def extrema(fields: Floats) -> Floats:
     return np.where((square > 0) & (turns > 0) & (turns < 1), turns, 1.0)
 
 
-def _value(entry: float | tuple[float, float]) -> float:
-    return entry[0] if isinstance(entry, tuple) else entry
-
-
 def march_surfaces(
     rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid, passed: HalfOpacity | None = None
 ) -> Floats:
@@ -164,10 +160,8 @@ def march_surfaces(
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
-    wanted = sorted(
-        (entry if isinstance(entry, tuple) else (entry, float(classify.opacity(entry)))) for entry in volume.isosurfaces
-    )
-    numbers = 1 + np.array(sorted(range(len(wanted)), key=lambda n: _value(volume.isosurfaces[n])))
+    entries = [e if isinstance(e, tuple) else (e, float(classify.opacity(e))) for e in volume.isosurfaces]
+    wanted, numbers = sorted(entries), 1 + np.array(sorted(range(len(entries)), key=lambda n: entries[n][0]))
     rgba = np.zeros((len(rays.direction), 4))
 
     def absorb(

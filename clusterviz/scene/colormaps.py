@@ -8,7 +8,9 @@ through white (section 5). CIE 1976 L*a*b* with the D65 white point and the sRGB
 
 from __future__ import annotations
 
+import colorsys
 import json
+import logging
 from collections.abc import Sequence
 from difflib import get_close_matches
 from functools import cache
@@ -167,8 +169,6 @@ def _mix(first: Floats, second: Floats, share: Floats) -> Floats:
 
 
 def _between_hsv(first: Floats, second: Floats, share: Floats, wrap: bool) -> Floats:
-    import colorsys
-
     a, b = np.array(colorsys.rgb_to_hsv(*first)), np.array(colorsys.rgb_to_hsv(*second))
     if wrap and abs(a[0] - b[0]) > 0.5:
         (a if a[0] > b[0] else b)[0] -= 1
@@ -304,8 +304,6 @@ def _named(name: str) -> Any:
 
 def _cmap_package() -> Any:
     """Import the `cmap` package without its warnings about ambiguous names."""
-    import logging
-
     import cmap
 
     logging.getLogger("cmap").setLevel(logging.ERROR)

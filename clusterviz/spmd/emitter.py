@@ -126,7 +126,6 @@ class Emitter:
         return f"%a{self._count}"
 
     def label(self) -> str:
-        """Return a new label."""
         self._count += 1
         return f"b{self._count}"
 

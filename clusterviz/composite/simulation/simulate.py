@@ -200,10 +200,7 @@ def build_schedule(name: str, ranks: int, size: tuple[int, int], footprints: str
 
 
 def count_load(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> tuple[Load, str]:
-    """Return the load of each rank, and how it was counted: "closed form" or "schedule".
-
-    Errors as of `simulate`.
-    """
+    """Return the load of each rank, and how it was counted: "closed form" or "schedule". Errors as of `simulate`."""
     _check(name, ranks, footprints)
     algorithm, pixels = options.algorithm(name), size[0] * size[1]
     if footprints == "dense":

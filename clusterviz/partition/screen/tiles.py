@@ -27,7 +27,6 @@ class ScreenPartition:
 
     @property
     def groups(self) -> int:
-        """Number of groups."""
         return len(self.rects)
 
     def owner(self) -> NDArray[np.int32]:

@@ -43,8 +43,6 @@ DARKEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Optical properties over wavelengths."""
-
     wavelengths: Floats  # float64 (n,), nm, ascending
     # float64 (n,), K and S of the two-flux equations, per millimetre
     absorption: Floats
