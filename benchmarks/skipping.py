@@ -17,7 +17,7 @@ from measuring import Row, loaded, opened, options, picture_of, positional, prep
 from clusterviz.cli.arguments import parse_device
 from clusterviz.data.bricks import read_bricks
 from clusterviz.image import compare
-from clusterviz.plan.content import brick_cost
+from clusterviz.plan.content import brick_cost, bricks_of_volume
 from clusterviz.plan.plan import Plan
 from clusterviz.render import brick_atlas
 from clusterviz.render.cpu import caster as vectors
@@ -37,7 +37,7 @@ def measure(name: str, volume: dict[str, Any], size: int, device: Any) -> Row:
     """One scene with and without skipping."""
     source, _ = opened(volume["path"])
     plan, _ = prepared(Scene.model_validate({"volumes": [volume], "image": {"size": (size, size)}}), [source])
-    bricks = dict(read_bricks(source, plan.layout, np.ndindex(*plan.layout.counts_zyx)))
+    bricks = bricks_of_volume(plan.layout, read_bricks(source, plan.layout, np.ndindex(*plan.layout.counts_zyx)))
 
     def drawn(plan: Plan) -> Any:
         return loaded(plan, dict(bricks), device).draw(plan, whole_pieces(plan))[0]
@@ -46,7 +46,9 @@ def measure(name: str, volume: dict[str, Any], size: int, device: Any) -> Row:
     every = replace(plan, cost=brick_cost(plan.layout, np.zeros(plan.layout.counts_zyx, bool)))
     with (
         patch.object(brick_atlas, "visibility_bits", all_visible),
-        patch.object(vectors, "visible_groups", lambda ranges, plan: np.ones(ranges[0].shape, bool)),
+        patch.object(
+            vectors, "visible_groups", lambda ranges, plan: np.ones((len(ranges[0]), *ranges[0].shape[2:]), bool)
+        ),
     ):
         whole = drawn(every)
     pictures = [picture_of((size, size), [each]) for each in (skipping, whole)]

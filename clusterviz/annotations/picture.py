@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -19,7 +18,7 @@ from clusterviz.content.complete import content_corners
 from clusterviz.content.facts import Facts, box_corners
 from clusterviz.content.sections import CONTENT_SECTIONS
 from clusterviz.content.summary import legends_of
-from clusterviz.content.table import entries_of, with_sections
+from clusterviz.content.table import entries_of
 from clusterviz.scene.annotations import Annotations, AxesGrid, ScalarBar, section_of
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.values import Scene
@@ -77,8 +76,7 @@ def _with_names(scene: Scene, infos: Sequence[Facts]) -> Scene:
     def named(section: Any, info: Facts) -> Any:
         return section.model_copy(update={"array": info.array}) if info.array and not section.shown_array else section
 
-    entries = [replace(entry, section=named(entry.section, entry.info)) for entry in entries_of(scene, infos)]
-    return with_sections(scene, entries)
+    return scene.with_entries({each.key: named(each.section, each.info) for each in entries_of(scene, infos)})
 
 
 def _style(settings: Annotations, background: Colour | None, side: int) -> Style:

@@ -18,7 +18,6 @@ from clusterviz.plan.accuracy import (
     COARSEST,
     SAFETY,
     VERIFIED_FINEST,
-    WITNESS,
     Aim,
     Choice,
     Picked,
@@ -46,6 +45,7 @@ class SmallPicture:
     seconds : of drawing, on the slowest rank
     filter : of the plan
     is_textured : True if all ranks draw by OpenGL
+    volumes : of the plan
     """
 
     image: Image | None
@@ -53,6 +53,7 @@ class SmallPicture:
     seconds: float
     filter: Filter
     is_textured: bool
+    volumes: int = 1
 
 
 Draw = Callable[[Scene], SmallPicture]
@@ -178,7 +179,7 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
     assert choice is not None, "rank 0 has chosen where it wants no further picture"
     if followed is not None:
         picked, choice = followed.filter, replace(choice, error=choice.error + followed.filter.error)
-    elif why := why_exact(small.filter, len(scene.volumes), small.is_textured):
+    elif why := why_exact(small.filter, small.volumes, small.is_textured):
         picked = Picked("exact", reason=why)
     else:
         picked, choice, taken = _picked(_small(scene, choice.trial, scale), pictures, choice, aim, channel, draw)
@@ -223,13 +224,14 @@ def _verified(
     """Verify a choice, or shorten its step, by whole pictures.
 
     Needed because a sample of pixels misses the errors of single pixels, which are far larger than all others where
-    something jumps. Long steps are compared with shorter ones, all others with longer ones.
+    something jumps. Long steps are compared with shorter ones, all others with longer ones. A first view that shows
+    nothing is drawn down to the shortest step, since blank pictures say nothing of what they miss.
 
     Returns the choice, the error of the first that was tried over its estimate, at least 1, and the samples taken.
     """
     level = choice.trial.level
     # Slabs are no longer than those of the coarsest.
-    least = WITNESS if aim.needs_witness and is_first else COARSEST + 2
+    least = aim.witness if is_first else COARSEST + 2
     finest = level + max(0, math.ceil(least - level))
     trial, pictures, samples = choice.trial._replace(level=min(level, finest - 2)), list[Image](), 0
     coarser, errors = round(finest - level), list[float]()
@@ -240,8 +242,10 @@ def _verified(
         samples += drawn.samples
         if drawn.image is not None:
             pictures.append(drawn.image)
+        if is_first and finest <= trial.level <= VERIFIED_FINEST - 1 and channel.broadcast(_is_blank(drawn.image)):
+            finest, coarser = finest + 1, coarser + 1
         while trial.level >= finest and coarser >= 0:
-            errors.append(channel.broadcast(verified(pictures, aim, coarser) if pictures else 0.0))
+            errors.append(channel.broadcast(verified(pictures, aim, trial.level, coarser) if pictures else 0.0))
             if errors[-1] <= aim.bound or (coarser == 0 and trial.level + 1 > VERIFIED_FINEST):
                 found = replace(choice, trial=trial._replace(level=trial.level - coarser), error=errors[-1])
                 return found, max(1.0, (errors[0] - aim.residual) / estimated), samples
@@ -275,6 +279,11 @@ def _with(scene: Scene, **settings: object) -> Scene:
 def _covered(image: Image | None) -> float:
     """Return the covered share of a picture, at least one pixel; 1 on ranks without the picture."""
     return 1.0 if image is None else max(float(np.mean(np.any(image != 0, axis=-1))), 1 / image[..., 0].size)
+
+
+def _is_blank(image: Image | None) -> bool:
+    """Return whether a picture shows nothing; False on ranks without it."""
+    return image is not None and not image.any()
 
 
 def _share(aim: Aim, covered: float) -> float:

@@ -44,19 +44,20 @@ class ErrorBoundController:
         self._last: Calibration | None = None
         self._followed_for = 0
 
-    def settle(self, run: Run, scene: Scene) -> tuple[Scene, Accuracy]:
+    def settle(self, run: Run, scene: Scene, spacing: float) -> tuple[Scene, Accuracy]:
         """Return the scene with settings that keep its `quality.max_error`; collective.
 
         Parameters
         ----------
         scene : completed, with a volume and the bound
+        spacing : smallest distance of the volumes' samples, world units
 
         Raises
         ------
         SceneError
             On every rank: no settings keep the bound for certain.
         """
-        began, aim = perf_counter(), _agreed_aim(scene)
+        began, aim = perf_counter(), _agreed_aim(scene, spacing)
         found, samples = self._found(run, scene, aim)
         trial, error, residual = found.choice.trial, found.choice.error, _for_the_step(aim, found.filter).residual
         settings = (trial.step, trial.classification, found.filter.value, residual, "float32")
@@ -113,10 +114,10 @@ def pixel_of(plan: Plan, accuracy: Accuracy, images: int, ranks: int) -> Picked:
     return pick_pixel(bounds, accuracy.max_error - accuracy.error, ranks, plan.blend_mode.traits.composited)
 
 
-def _agreed_aim(scene: Scene) -> Aim:
+def _agreed_aim(scene: Scene, spacing: float) -> Aim:
     """Return the aim, which is the same on every rank, as is its error."""
     try:
-        return make_aim(scene)
+        return make_aim(scene, spacing)
     except SceneError as error:
         raise mark_agreed(error) from None
 
@@ -136,7 +137,7 @@ def _following(last: Calibration, anew: Calibration, scene: Scene, aim: Aim) -> 
     if not aim.jumps:  # where something jumps, all views are verified in all pixels
         aim = replace(aim, safety=aim.safety * anew.worse)
     following = aim.following(last.choice.trial)
-    if covered_pixels(following, last.covered) >= LEAST_PIXELS or scene.volumes != anew.scene.volumes:
+    if covered_pixels(following, last.covered) >= LEAST_PIXELS or scene.entries != anew.scene.entries:
         return following
     return aim.following(last.choice.trial, coarsest=anew.choice.trial.level)
 

@@ -175,7 +175,7 @@ class AutoMode:
             from clusterviz.migration.driver import MigrationDriver
 
             if isinstance(self.distribution, Dynamic):
-                return MigrationDriver(self.distribution, self._drawing, self._opened.range_type)
+                return MigrationDriver(self.distribution, self._drawing)
         return None
 
     def _pixel(self, scene: Scene, plan: Plan, groups: int, accuracy: Accuracy | None) -> str:

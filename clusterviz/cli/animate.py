@@ -180,10 +180,10 @@ def _animation_record(scene: Scene, frames: int, path: Any) -> dict[str, Any]:
     """Return everything that the pictures depend on, as JSON values."""
     scene_data = public_data(scene, {"cluster"})
     files: dict[str, Any] = {}
-    for volume in scene.volumes:
+    for section in scene.entries.values():
         with suppress(OSError):
-            state = Path(volume.path).stat()
-            files[volume.path] = {"bytes": state.st_size, "modified": state.st_mtime}
+            state = Path(section.path).stat()
+            files[section.path] = {"bytes": state.st_size, "modified": state.st_mtime}
     record_content = {
         "scene": scene_data,
         "size": list(scene.image.size),
@@ -342,8 +342,8 @@ def fit_to_orbit(scene: Scene) -> Scene:
     return scene.model_copy(update={"camera": scene.camera.model_copy(update={"fit": "orbit"})})
 
 
-def with_time_steps(scene: Scene, asked_for: bool) -> tuple[Scene, dict[int, int]]:
-    """Return a scene whose volumes show all time steps, and the number of these steps by the number of the volume.
+def with_time_steps(scene: Scene, asked_for: bool) -> tuple[Scene, dict[str, int]]:
+    """Return a scene whose volumes show all time steps, and the number of these steps by the key of the volume.
 
     Parameters
     ----------
@@ -356,17 +356,17 @@ def with_time_steps(scene: Scene, asked_for: bool) -> tuple[Scene, dict[int, int
     InputError
         No volume has several time steps.
     """
-    volumes, steps = list(scene.volumes), dict[int, int]()
-    for n, volume in enumerate(volumes):
+    volumes, steps = scene.drawn_as("samples"), dict[str, int]()
+    for key, volume in volumes.items():
         if volume.time == "all" or (asked_for and volume.time is None):
             first = open_volume(volume.model_copy(update={"time": None, "spacing": (1.0, 1.0, 1.0)}))
             slab = getattr(first, "slab", None)
             if slab is not None and slab.time_steps > 1:
-                steps[n] = slab.time_steps
-            volumes[n] = volume.model_copy(update={"time": "all" if n in steps else None})
+                steps[key] = slab.time_steps
+            volumes[key] = volume.model_copy(update={"time": "all" if key in steps else None})
     if asked_for and not steps:
         raise InputError("no volume has several time steps", where="--time", allowed="a series or store with some")
-    return scene.model_copy(update={"volumes": tuple(volumes)}), steps
+    return scene.with_entries(volumes), steps
 
 
 def frame_count(

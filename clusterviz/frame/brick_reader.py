@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Set
-from typing import Any
+from collections.abc import Callable, Set
 
-from clusterviz.content.volume.opening import Bricks, OpenedVolume
+from clusterviz.content.volume.opening import OpenedVolume
 from clusterviz.data.source import Index, levels_of
 from clusterviz.data.store.cache import CACHE
 from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
+from clusterviz.plan.content import Bricks
 from clusterviz.plan.plan import Plan
-
-
-def bytes_of(brick: Any) -> int:
-    """Return the bytes of samples, or of those of several volumes."""
-    parts = getattr(brick, "samples", (brick,))
-    return sum(int(part.nbytes) for part in parts if part is not None)
 
 
 class BrickReader:
@@ -24,7 +18,7 @@ class BrickReader:
 
     Parameters
     ----------
-    opened : volumes; None: there is nothing to read
+    opened : content; None: there is nothing to read
     bricks : that have been read
 
     Attributes
@@ -45,10 +39,8 @@ class BrickReader:
         wanted : indices of the bricks to return
         holds : bricks that may be needed again; `Options.keep_bricks` keeps them in memory
         """
-        opened = self._opened
-        assert opened is not None, "only a scene with a volume has a plan"
         with run.local("load", "load"):
-            held = opened.suiting(plan, self._held)
+            held = plan.content.suiting(self._held)
             bricks = {index: held[index] for index in wanted & held.keys()}
             kept = {index: held[index] for index in holds & held.keys()} if run.options.keep_bricks else {}
             held = self._held = {}  # others are freed before further ones are read
@@ -75,19 +67,15 @@ class BrickReader:
 
     def read(self, plan: Plan, wanted: Set[Index], stops: Callable[[], bool] = lambda: False) -> Bricks:
         """Read bricks, in any thread; what was read of them if `stops` says so."""
-        assert self._opened is not None, "only a scene with a volume has a plan"
+        assert self._opened is not None, "only a scene with content has a plan"
         found, encoded = Bricks(), CACHE.bytes_read
         for index, brick in self._opened.read(plan, wanted):
             found[index] = brick
             if stops():
                 break
         self.bricks_read += len(found)
-        self.bytes_read += (CACHE.bytes_read - encoded) or sum(map(bytes_of, found.values()))
+        self.bytes_read += (CACHE.bytes_read - encoded) or sum(brick.nbytes for brick in found.values())
         return found
-
-    def suiting(self, plan: Plan, bricks: Bricks) -> Bricks:
-        """Return those of some bricks that suit a plan."""
-        return self._opened.suiting(plan, bricks) if self._opened else {}
 
     @property
     def decodes(self) -> bool:
@@ -100,9 +88,7 @@ class BrickReader:
         return max((volume.source.dtype.itemsize for volume in self._volumes), default=1)
 
     @property
-    def _volumes(self) -> Sequence[OpenedVolume]:
-        if isinstance(self._opened, OpenedVolume):
-            return (self._opened,)
+    def _volumes(self) -> tuple[OpenedVolume, ...]:
         return self._opened.volumes if self._opened else ()
 
     def taken(self) -> Bricks:

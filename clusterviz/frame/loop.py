@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from clusterviz.comm import Channel
 from clusterviz.content.complete import complete_scene
 from clusterviz.content.diff import is_same_volume
-from clusterviz.content.table import check_drawable
-from clusterviz.content.volume.opening import Bricks
-from clusterviz.data import ALL_STEPS, ONE_STEP
+from clusterviz.content.table import check_drawable, entries_of
+from clusterviz.content.volume.opening import several_steps
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.compositing import Compositing, open_async_compositing
@@ -33,9 +32,9 @@ from clusterviz.frame.driver import with_right_device
 from clusterviz.frame.opening import Given, Opened, open_content, open_time_steps
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Image, Options, Progress, Run
-from clusterviz.frame.surface_lic import open_painter
 from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
 from clusterviz.gl.devices import prefers_cpu
+from clusterviz.plan.content import Bricks
 from clusterviz.plan.plan import changed_settings
 from clusterviz.report.decisions import Change
 from clusterviz.report.statistics import RankFrame, summed
@@ -124,11 +123,11 @@ class FrameLoop:
         self._several, self._warned = several, set[Change]()
         self._compositing = Compositing(several)
         with run.clock.stage("total", "open"):
-            if scene.flows:  # which are convolved as they are opened
+            if any(entry.kind.becomes for entry in entries_of(scene)):  # computed as they are opened
                 run = with_right_device(run, scene, None, "open")
             self.scene, opened, bricks = open_content(run, scene, source)
             run = self._run = with_right_device(run, self.scene, opened, "plan")
-            self._painter = open_painter(run, self.scene, opened)
+            self._painter = opened.painter(run, self.scene) if opened else None
         self._infos = opened.infos if opened else ()
         self._opened, self._is_given = opened, source is not None
         self._reader = BrickReader(opened, bricks)
@@ -226,7 +225,7 @@ class FrameLoop:
         check_consistency(run, work)
         partials, counts = self._drawing.draw(run, work, tiles)
         layers = self._drawing.find_layers(run, work, partials)
-        painted = self._painter.paint(run, work, layers) if self._painter else None
+        painted = self._painter.paint(run, scene, layers) if self._painter else None
         counts = hooks.counted(counts) if hooks else counts
         if not self._several:
             self._drawing.release()
@@ -257,12 +256,11 @@ class FrameLoop:
 
     def _open_time_steps(self, run: Run, scene: Scene) -> None:
         """Open the time steps of a frame, and drop the bricks that may differ from those of the last frame."""
-        if every := [n for n, volume in enumerate(scene.volumes) if volume.time == "all"]:
+        if problem := several_steps(scene):
             with run.local("open"):  # all ranks see it, and may go on with another scene
-                raise SceneError(ONE_STEP, where=f"volumes[{every[0]}].time", found="all", allowed=ALL_STEPS)
+                raise problem
         before, plan = self._opened, self._planner.last_plan
-        times = [volume.time for volume in scene.volumes]
-        if before is None or len(times) != len(before.volumes) or times == [each.time for each in before.volumes]:
+        if before is None or not before.shows_other_times(scene):
             return
         if self._is_given:
             with run.local("open"):

@@ -7,6 +7,7 @@ Small pictures may be drawn on the way: to keep an error bound, to choose the mo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 from clusterviz.auto.calibration import SmallPicture
 from clusterviz.auto.mode import AutoMode
 from clusterviz.content.diff import check_same_volume
+from clusterviz.content.facts import Facts
 from clusterviz.distribution.contract import Distribution
 from clusterviz.frame.compositing import Compositing
 from clusterviz.frame.drawing import Drawing
@@ -71,7 +73,7 @@ class FramePlanner:
             plan = self._plan(scene) if scene.quality.max_error is None else None
         accuracy = None
         if scene.quality.max_error is not None and self.opened is not None:
-            scene, accuracy = self._settled(run, scene)
+            scene, accuracy = self._settled(run, scene, self.opened.infos)
             with run.local("plan", "plan"):
                 plan = self._plan(scene)
         self._last = self._work(run, scene, plan, accuracy)
@@ -95,17 +97,18 @@ class FramePlanner:
             return None
         has_lens = scene.camera.aperture > 0 or bool(last and last.scene.camera.aperture)
         if not has_lens and last and last.plan and scene == last.scene.model_copy(update={"camera": scene.camera}):
-            view = make_view(scene.camera, scene.image.size, opened.grid_of(last.plan))
+            view = make_view(scene.camera, scene.image.size, last.plan.content.domain.grid)
             return opened.with_detail(replace(last.plan, view=view), scene)
         return opened.plan(scene)
 
-    def _settled(self, run: Run, scene: Scene) -> tuple[Scene, Accuracy]:
+    def _settled(self, run: Run, scene: Scene, facts: Sequence[Facts]) -> tuple[Scene, Accuracy]:
         """Choose settings that keep `quality.max_error`; the format of pixels is chosen with the pieces."""
         if self._error_bound is None:
             from clusterviz.auto.error_bound import ErrorBoundController
 
             self._error_bound = ErrorBoundController(self._small_picture)
-        return self._error_bound.settle(run, scene)
+        spacing = min(one.smallest_spacing for one in facts if one.smallest_spacing)
+        return self._error_bound.settle(run, scene, spacing)
 
     def _work(self, run: Run, scene: Scene, plan: Plan | None, accuracy: Accuracy | None) -> RankWork:
         """Choose mode and distribution, and assign the pieces of a frame."""
@@ -131,7 +134,8 @@ class FramePlanner:
         image, counts = Compositing(several=False).picture(run, work, partials, counts)
         every = run.channel.allgather((counts.samples, seconds, not prefers_cpu(run.options.device)))
         samples, slowest = sum(one[0] for one in every), max(one[1] for one in every)
-        return SmallPicture(image, samples, slowest, plan.filter, all(one[2] for one in every))
+        is_textured, volumes = all(one[2] for one in every), len(plan.content.volume_layers)
+        return SmallPicture(image, samples, slowest, plan.filter, is_textured, volumes)
 
 
 def _assigned(

@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.volume.opening import Bricks
 from clusterviz.data.source import Index
 from clusterviz.data.store.cache import CACHE, CACHE_BYTES
-from clusterviz.frame.brick_reader import BrickReader, bytes_of
+from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
+from clusterviz.plan.content import Bricks
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import brick_bytes
 from clusterviz.render.refraction import boxes_that_fit
@@ -138,7 +138,7 @@ class Residency:
         """Cut the pieces of a frame into parts."""
         self._collect(wait=False)
         held, self._samples, self._held_bytes = self._samples | self._reader.taken(), {}, 0
-        self._take(self._reader.suiting(plan, held))
+        self._take(plan.content.suiting(held))
         slot, sizes = slot_of(plan), self._sizes
         stored = {"u8": 1, "u16": 2, "f32": 4}[slot.kind]
         self._sample = slot.sample_bytes * max(1, -(-self._reader.itemsize // stored))
@@ -200,7 +200,7 @@ class Residency:
     def drop(self, bricks: Set[Index]) -> None:
         """Drop bricks that have changed."""
         for index in bricks & self._samples.keys():
-            self._held_bytes -= bytes_of(self._samples.pop(index))
+            self._held_bytes -= self._samples.pop(index).nbytes
 
     def close(self) -> None:
         """Stop reading and free the samples."""
@@ -261,7 +261,7 @@ class Residency:
             for index in sorted(self._samples, key=self._distance, reverse=True):
                 if self._held_bytes <= room or self._distance(index) < after:
                     break
-                self._held_bytes -= bytes_of(self._samples.pop(index))
+                self._held_bytes -= self._samples.pop(index).nbytes
         return self._held_bytes <= room
 
     def _read_ahead(self, part: Piece | None) -> None:
@@ -313,7 +313,7 @@ class Residency:
         """Keep samples, instead of those of the same bricks."""
         self.drop(bricks.keys())
         self._samples |= bricks
-        self._held_bytes += sum(map(bytes_of, bricks.values()))
+        self._held_bytes += sum(brick.nbytes for brick in bricks.values())
 
     def _note(self) -> None:
         """Note the memory that is taken."""

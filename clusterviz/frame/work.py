@@ -82,7 +82,7 @@ class DrawnFrame:
     changes : settings that are not used as given
     layers : what this rank found for other layers, see `Drawing.find_layers`
     fragments : of each partial image, as `RenderResult.fragments`
-    painted : what surface LIC adds to the picture, float32 (h, w, 4); None without it, and on ranks other than 0
+    painted : what a `Painter` adds to the picture, float32 (h, w, 4); None without it, and on ranks other than 0
     """
 
     number: int

@@ -8,8 +8,6 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
 from clusterviz.comm import abort_on_failure
 from clusterviz.data.source import Index
 from clusterviz.distribution.dynamic import Dynamic
@@ -33,11 +31,10 @@ class MigrationDriver:
     ----------
     distribution : that plans flights
     drawing : that stores bricks
-    range_type : of the value ranges of groups of cells
     """
 
-    def __init__(self, distribution: Dynamic, drawing: Drawing, range_type: np.dtype[Any]) -> None:
-        self._distribution, self._drawing, self._range_type = distribution, drawing, range_type
+    def __init__(self, distribution: Dynamic, drawing: Drawing) -> None:
+        self._distribution, self._drawing = distribution, drawing
         self._time_budget = TimeBudget(distribution.migration_share)
         self._transfer: BrickTransfer | None = None
         self._flying: dict[int, Index] = {}
@@ -110,7 +107,7 @@ class MigrationDriver:
                 self._send(run, work.plan, flights, work.holds)
 
     def _send(self, run: Run, plan: Plan, flights: Sequence[Flight], holds: frozenset[Index]) -> None:
-        wire_format = wire_format_of(plan, self._range_type)
+        wire_format = wire_format_of(plan)
         transfer = self._transfer = self._transfer or BrickTransfer(run.channel, wire_format, self._time_budget)
         self._plan = plan
         numbers = transfer.post(flights, wire_format)

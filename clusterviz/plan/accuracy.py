@@ -42,6 +42,7 @@ from clusterviz.plan.estimate import (
     still_missing,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.transfer import TransferFunction, rescale
 from clusterviz.scene.values import Scene, Volume
 
 COARSEST, FINEST = -1, 6
@@ -57,12 +58,18 @@ VERIFIED_SAFETY, VERIFIED_FINEST = 2.0, FINEST + 1
 or colour jump, or nearly so, single pixels have far larger errors than all others, which a sample of pixels misses.
 Then an estimate needs a picture one level finer, and every view is verified."""
 WITNESS = 4
-"""Level down to which the first view is drawn for that where something jumps: longer steps may all miss a feature that
-is thin along one ray. So it is where a pixel is the colour of one scalar: a ray that crosses a corner of the volume
-within the shortest step has one sample at all of them. Later views are verified by steps around their own."""
+"""Level down to which a first view is drawn for that where something jumps: longer steps may all miss a feature that is
+thin along one ray. So it is where a pixel is the colour of one scalar: a ray that crosses a corner of the volume within
+the shortest step has one sample at all of them. Elsewhere it is drawn down to the first level between whose samples
+little can hide, but not beyond this one. Later views are verified by steps around their own."""
 STEEP = 8.0
 """Slope of opacity or colour, in full scales over the range of clim, above which a transfer function counts as a
 jump."""
+PLACES = 1025
+"""Scalars over clim between which changes of opacity and colour are looked for."""
+NARROW = 2.0**-13
+"""Share of clim's range below which a change of opacity or colour counts as one at a single scalar. Along a ray, a
+trilinear field leaves the line between two samples 1/128 of a voxel apart by less."""
 STEADY = math.sqrt(2)
 """A step that still holds is kept until another is cheaper by this factor, so that consecutive frames are similar."""
 FEW = 500
@@ -83,6 +90,8 @@ class Aim:
     classifications : those that may be chosen
     jumps : opacity or colour jump, or nearly so, along rays
     of_one_scalar : a pixel is the colour of one scalar, such as the maximum
+    jump : largest change of extinction, or of extinction times colour, at a single scalar, per voxel
+    witness : level down to which a first view is verified at least
     last : choice of the frame before, which is updated; None if there is none
     coarsest : level of the longest step that may be chosen
     safety : factor of all errors estimated in a sample of pixels
@@ -93,6 +102,8 @@ class Aim:
     classifications: tuple[Classification, ...]
     jumps: bool = False
     of_one_scalar: bool = False
+    jump: float = 0.0
+    witness: int = FIRST
     last: Trial | None = None
     coarsest: float = COARSEST
     safety: float = SAFETY
@@ -107,10 +118,13 @@ class Aim:
         """Part of the bound for early ray termination."""
         return TERMINATION * self.bound
 
-    @property
-    def needs_witness(self) -> bool:
-        """Whether long steps may agree on a picture that is wrong."""
-        return self.jumps or self.of_one_scalar
+    def grazed(self, level: float) -> float:
+        """Bound of what a ray can miss that touches the far side of a jump between two samples.
+
+        Where a ray grazes a surface, the way behind it may be anything below a step. It is so rare that pictures at
+        longer steps do not show it.
+        """
+        return -math.expm1(-self.jump * math.exp2(-level))
 
     @property
     def levels(self) -> tuple[int, ...]:
@@ -144,8 +158,12 @@ class Choice:
     reason: str = ""
 
 
-def make_aim(scene: Scene) -> Aim:
+def make_aim(scene: Scene, spacing: float) -> Aim:
     """Return the aim of a completed scene with a volume and `quality.max_error`.
+
+    Parameters
+    ----------
+    spacing : smallest distance of samples, world units, which steps are in units of
 
     Raises
     ------
@@ -164,7 +182,14 @@ def make_aim(scene: Scene) -> Aim:
         classifications = ("pre-integrated",)
     # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
     cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
-    return Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars))
+    jumps = [_jump_of(volume) * spacing for volume in scene.volumes]
+    few = cut or steep or bool(scalars)
+    witness = WITNESS if few else max(_witness(volume, spacing, bound) for volume in scene.volumes)
+    aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars), max(jumps), witness)
+    least = aim.grazed(VERIFIED_FINEST) / (1 - TERMINATION)
+    if least > bound:
+        raise _of_a_jump(bound, least, scene.volumes[int(np.argmax(jumps))])
+    return aim
 
 
 def _of_one_scalar(bound: float, volume: Volume) -> SceneError:
@@ -172,6 +197,45 @@ def _of_one_scalar(bound: float, volume: Volume) -> SceneError:
     found = f"{volume.blending}, whose pixels may be on either side of a jump of opacity or colour"
     allowed = f"changes of at most {STEEP:.3g} full scales over clim, a composited mode, or null"
     return SceneError(f"{bound:.3g} is out of reach", where="quality.max_error", found=found, allowed=allowed)
+
+
+def _of_a_jump(bound: float, least: float, volume: Volume) -> SceneError:
+    """Return the error of a ray that may touch what lies behind a jump for less than the shortest step."""
+    found = f"a jump of opacity or colour of {volume.path}, which a ray may touch between two samples"
+    allowed = f"at least {least:.2g}, a change over more than {NARROW:.1g} of clim's range, or null"
+    return SceneError(f"{bound:.3g} is out of reach", where="quality.max_error", found=found, allowed=allowed)
+
+
+def _jump_of(volume: Volume) -> float:
+    """Return the largest change of extinction, or of extinction times colour, at a single scalar, per world unit."""
+    if volume.interpolation == "nearest":  # rays graze no corner of a voxel: what they miss falls with the step
+        return 0.0
+    transfer = transfer_function(volume)
+    narrow = NARROW * (transfer.domain[1] / 2 - transfer.domain[0] / 2)
+    changes = [0.0]
+    for values in (transfer.opacity_values, transfer.colour_values):
+        at = np.flatnonzero(np.diff(values / 2) <= narrow)
+        changes.append(_largest_change(transfer, np.nextafter(values[at], -np.inf), values[at + 1]))
+    return max(changes)
+
+
+def _witness(volume: Volume, spacing: float, bound: float) -> int:
+    """Return the first level whose samples hide no more than the bound of a field that changes by clim in a voxel."""
+    transfer, places = transfer_function(volume), np.linspace(0.0, 1.0, PLACES)
+    for level in range(FIRST, WITNESS):
+        half = math.exp2(-level) / 2  # a peak between two samples is no farther away, and this long in the mean
+        sides = (rescale(np.clip(places + move, 0.0, 1.0), transfer.domain) for move in (0.0, half))
+        if -math.expm1(-_largest_change(transfer, *sides) * half * spacing) <= bound:
+            return level
+    return WITNESS
+
+
+def _largest_change(transfer: TransferFunction, one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the largest change of extinction, or of extinction times colour, between scalars (n,), per world unit."""
+    scalars = np.stack([one, other])
+    extinction = transfer.extinction(scalars)[..., None]
+    shown = np.concatenate([extinction, extinction * transfer.colour(scalars)], axis=-1)
+    return float(np.abs(shown[1] - shown[0]).max(initial=0.0))
 
 
 def _is_steep(volume: Volume) -> bool:
@@ -240,12 +304,13 @@ def _with_reason(choice: Choice, among: list[Choice], aim: Aim) -> Choice:
     return replace(choice, reason=text)
 
 
-def verified(pictures: Sequence[NDArray[Any]], aim: Aim, coarser: int = 0) -> float:
+def verified(pictures: Sequence[NDArray[Any]], aim: Aim, level: float, coarser: int = 0) -> float:
     """Estimate the error of a whole picture from itself and two others, including the residual.
 
     Parameters
     ----------
     pictures : at least three pictures (h, w, 4), each with half the step of the one before
+    level : of the last picture
     coarser : 0: the last picture is estimated, from longer steps; else the one so many before it
     """
     first, before, finest = pictures[-3:]
@@ -258,7 +323,7 @@ def verified(pictures: Sequence[NDArray[Any]], aim: Aim, coarser: int = 0) -> fl
     least = FASTEST * float(earlier.max())
     missing = max(missing, least if aim.jumps else still_missing(least, 4 * least))
     moved = float(difference(finest, pictures[-1 - coarser]).max())
-    return VERIFIED_SAFETY * missing + moved + aim.residual
+    return VERIFIED_SAFETY * missing + moved + aim.residual + aim.grazed(level)
 
 
 def has_strayed(choice: Choice, calibrated: Choice, aim: Aim) -> bool:

@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.image.merge import Operator
 from clusterviz.plan.encoding import FAR, in_units_of_clim
 from clusterviz.plan.shading import Grading, Shading
@@ -205,7 +204,8 @@ def make_blend_mode(
         surfaces.append(Surface(value, units, (red, green, blue), opacity, number))
     visible = tuple(sorted((s for s in surfaces if s.opacity > 0), key=lambda surface: surface.value))
     smooth = volume.gradient == "smooth" and bool(shading or grading or volume.refracts)
-    return BlendMode(volume.blending, threshold, shading, visible, grading, smooth, isinstance(volume, LicVolume))
+    of_lines = volume.vector_unit is not None
+    return BlendMode(volume.blending, threshold, shading, visible, grading, smooth, of_lines)
 
 
 def _in_float32(units: NDArray[np.float64]) -> float:

@@ -7,14 +7,13 @@ those that are chosen automatically (`auto`, `quality.max_error`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.geometry.section import GeometryInfo
-from clusterviz.content.grid.section import GridInfo
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid, Index
 from clusterviz.image.partial import Rect
@@ -29,7 +28,6 @@ from clusterviz.plan.blend_mode import (
     lattice_of,
     step_of,
 )
-from clusterviz.plan.cells import CellLayer
 from clusterviz.plan.content import (
     Content,
     Filter,
@@ -39,10 +37,9 @@ from clusterviz.plan.content import (
     is_mixed,
     layout_of,
     make_content,
-    make_lone_content,
 )
 from clusterviz.plan.domain import BrickGrid
-from clusterviz.plan.geometry import GeometryLayer
+from clusterviz.plan.geometry import Layer
 from clusterviz.plan.layers import LayeredContent, make_layers
 from clusterviz.plan.lens import Lens, make_lens
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length
@@ -52,7 +49,7 @@ from clusterviz.plan.spectrum import Spectrum, make_spectrum
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.report.decisions import Change, Detail
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Quality, Scene, Volume
 
 CROSSED = 0.5 - 1e-4
 """Transparency at which a ray has surely passed one half, whatever the rounding."""
@@ -229,25 +226,21 @@ def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
 
-def domain_bricks(
-    scene: Scene,
-    volumes: Sequence[KnownVolume],
-    geometry: Sequence[GeometryInfo] = (),
-    grids: Sequence[GridInfo] = (),
-) -> BrickGrid:
+def domain_bricks(scene: Scene, volumes: Sequence[KnownVolume], placed: Sequence[tuple[Any, Any]] = ()) -> BrickGrid:
     """Return the bricks of a completed scene, in which the primitives of its geometry and grids are then looked for.
 
     Parameters
     ----------
-    volumes, geometry, grids : their metadata, in the order of the scene
+    volumes : their metadata, in the order of the scene
+    placed : sections and facts of meshes, lines, points and unstructured grids
 
     Raises
     ------
     InputError
         The domain would have too many bricks, or a ray too many slabs.
     """
-    domain = domain_of(scene, volumes, geometry, grids)
-    layout = layout_of(scene, domain, volumes, bool(geometry), grids)
+    domain = domain_of(volumes, placed)
+    layout = layout_of(scene, domain, volumes, placed)
     # Fragments lie up to half a slab from the midpoint that a brick holds.
     half = _rays_of(scene, domain.grid)[1] / domain.spacing / 2
     return BrickGrid(domain, layout, max(1, math.ceil(half)) if is_mixed(scene) else 0)
@@ -257,8 +250,7 @@ def make_plan(
     scene: Scene,
     volumes: Sequence[KnownVolume],
     bricks: BrickGrid | None = None,
-    geometry: Sequence[GeometryLayer] = (),
-    grids: Sequence[tuple[CellLayer, NDArray[np.float64]]] = (),
+    layers: Sequence[Layer] = (),
 ) -> Plan:
     """Make the plan of a frame.
 
@@ -267,7 +259,7 @@ def make_plan(
     scene : a completed scene
     volumes : their metadata, in the order of the scene
     bricks : of the scene; None: it shows volumes only
-    geometry, grids : meshes, lines and points, and unstructured grids, in these bricks, as in `make_content`
+    layers : meshes, lines and points, then unstructured grids, in these bricks
 
     Raises
     ------
@@ -278,11 +270,9 @@ def make_plan(
     quality, mixed, bricks = scene.quality, is_mixed(scene), bricks or domain_bricks(scene, volumes)
     domain = bricks.domain.grid
     view, step_world, shortest = _rays_of(scene, domain)
-    spectrum = None if mixed else make_spectrum(scene)
-    if mixed:
-        content, cost = make_content(scene, volumes, bricks, geometry, grids, step_world)
-    else:
-        content, cost = make_lone_content(scene, volumes[0], bricks, step_world, spectrum)
+    sampled = [*scene.drawn_as("samples").values()]
+    spectrum = None if mixed else make_spectrum(sampled[0], scene.image.background)
+    content, cost = make_content(scene, volumes, bricks, layers, step_world, spectrum)
     planes, surfaces = clip_planes(scene.clip, domain), bool(content.layers)
     # A slab's midpoint may be clipped where a fragment in the slab is not.
     beyond = planes.copy()
@@ -293,31 +283,32 @@ def make_plan(
         March(
             step_world,
             quality.early_termination,
-            lattice_of(scene.volumes, quality),
+            lattice_of(sampled, quality),
             frame_coherence=None if surfaces else make_frame_coherence(scene, all_grids, shortest * step_world),
-            discard_margin=quality.early_discarding if geometry and not grids else None,
+            discard_margin=quality.early_discarding if content.geometry and not content.cells else None,
         ),
         content,
         planes,
         np.where(clipped_bricks(beyond, content.layout), 0.0, cost),
         make_layers(scene, all_grids, [part.blend_mode for part in parts]),
-        tuple(volume.time for volume in scene.volumes),
+        tuple(volume.time for volume in sampled),
         spectrum=spectrum,
     )
-    return _behind_lens(plan if mixed else _of_lone_volume(plan, scene), scene)
+    return _behind_lens(plan if mixed else _of_lone_volume(plan, sampled[0], quality), scene)
 
 
 def _rays_of(scene: Scene, domain: Grid) -> tuple[View, float, float]:
     """Return the view, the length of a slab in world units, and that of the shortest slab of all rays in these."""
     quality, view = scene.quality, make_view(scene.camera, scene.image.size, domain)
-    steps = [step_of(volume, quality.step, quality.classification) for volume in scene.volumes]
-    shortest = view.corner_cosine if lattice_of(scene.volumes, quality) == "slices" else 1.0
+    sampled = [*scene.drawn_as("samples").values()]
+    steps = [step_of(volume, quality.step, quality.classification) for volume in sampled]
+    shortest = view.corner_cosine if lattice_of(sampled, quality) == "slices" else 1.0
     return view, slab_length(min(steps, default=quality.step), domain, shortest), shortest
 
 
-def _of_lone_volume(plan: Plan, scene: Scene) -> Plan:
+def _of_lone_volume(plan: Plan, volume: Volume, quality: Quality) -> Plan:
     """Return the plan of a volume alone with what no mixed content has: slabs of other lengths, and rays that bend."""
-    volume, quality, grid = scene.volumes[0], scene.quality, plan.content.domain.grid
+    grid = plan.content.domain.grid
     adaptive = make_adaptive_step(volume, quality, grid, plan.volume.transfer)
     split = plan.volume.preintegrated and quality.borders == "split"
     refraction = make_refraction(volume, grid, plan.layout, plan.cost > 0, plan.march.step_world)
@@ -343,24 +334,26 @@ def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Ch
     on_cpu : the CPU ray caster draws
     """
     found: list[Change] = []
-    if scene.volumes:
-        found += [*_of_quality(scene), *_of_light(scene)]
-    if scene.geometry or scene.grids:
-        found += _in_a_box(scene)
-    margin, ends = scene.quality.early_discarding, scene.quality.early_termination > 0
-    if margin is not None and scene.grids:
+    sampled, quality = scene.drawn_as("samples"), scene.quality
+    surfaces, cells = scene.drawn_as("fragments"), scene.drawn_as("segments")
+    if sampled:
+        found += [*_of_quality([*sampled.values()], quality), *_of_light(sampled)]
+    if quality.frame_coherence and (surfaces or cells):
+        text = "rays start where they enter the box around all content"
+        found.append(Change("quality.frame_coherence", True, False, text))
+    margin, ends = quality.early_discarding, quality.early_termination > 0
+    if margin is not None and cells:
         found.append(Change("quality.early_discarding", margin, "null", "rays through grids need all entries"))
-    elif margin is not None and not any(ends or one.may_be_opaque for one in scene.geometry):
+    elif margin is not None and not any(ends or one.may_be_opaque for one in surfaces.values()):
         found.append(Change("quality.early_discarding", margin, "null", "nothing ends rays in front of geometry"))
     if scene.has_content:
         found += _of_cluster(scene, ranks)
-    if on_cpu and scene.quality.filter == "hardware":
+    if on_cpu and quality.filter == "hardware":
         found.append(Change("quality.filter", "hardware", "exact", "CPUs have no texture unit"))
     return tuple(found)
 
 
-def _of_quality(scene: Scene) -> Iterator[Change]:
-    volumes, quality = scene.volumes, scene.quality
+def _of_quality(volumes: Sequence[Volume], quality: Quality) -> Iterator[Change]:
     step = min(step_of(volume, quality.step, quality.classification) for volume in volumes)
     if step < quality.step:
         text = f"slabs with geometry, pre-integration or refraction are at most {LONGEST_SLAB:g} voxels long"
@@ -382,15 +375,10 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
         yield Change("quality.early_termination", quality.early_termination, 0.0, "there is no opacity that ends a ray")
 
 
-def _in_a_box(scene: Scene) -> Iterator[Change]:
-    if scene.quality.frame_coherence:
-        yield Change("quality.frame_coherence", True, False, "rays start where they enter the box around all content")
-
-
-def _of_light(scene: Scene) -> Iterator[Change]:
-    for number, volume in enumerate(scene.volumes):
+def _of_light(volumes: Mapping[str, Volume]) -> Iterator[Change]:
+    for key, volume in volumes.items():
         if volume.shade and not is_lit(volume):
-            yield Change(f"volumes[{number}].shade", True, False, f"not with blending: {volume.blending}")
+            yield Change(f"{key}.shade", True, False, f"not with blending: {volume.blending}")
 
 
 def _of_cluster(scene: Scene, ranks: int) -> Iterator[Change]:

@@ -100,6 +100,7 @@ def make_frame_coherence(scene: Scene, grids: Sequence[Grid], step_world: float)
     """
     if not scene.quality.frame_coherence:
         return None
-    boxes = [grid for volume, grid in zip(scene.volumes, grids, strict=True) if volume.interpolation == "nearest"]
+    pairs = zip(scene.drawn_as("samples").values(), grids, strict=True)
+    boxes = [grid for section, grid in pairs if section.interpolation == "nearest"]
     juts = max((math.hypot(*grid.spacing) for grid in boxes), default=0.0)
     return BULGE + math.ceil(juts / step_world)

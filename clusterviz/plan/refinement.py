@@ -183,14 +183,15 @@ def with_detail(
     """
     content = plan.content
     parts, told = list(content.volume_layers), list[Detail]()
-    for number, (part, known) in enumerate(zip(content.volume_layers, volumes, strict=True)):
-        asked = scene.volumes[number].detail
+    sampled = zip(scene.drawn_as("samples").items(), content.volume_layers, volumes, strict=True)
+    for number, ((key, section), part, known) in enumerate(sampled):
+        asked = section.detail
         if asked == "full" or part.levels is None or known is None:
             continue
         reason = _why_unbounded(part)
         if reason and asked.error is not None:
             text, allowed = f"no bound of the error is known {reason}", "level, memory or seconds"
-            raise SceneError(text, where=f"volumes[{number}].detail.error", found=asked.error, allowed=allowed)
+            raise SceneError(text, where=f"{key}.detail.error", found=asked.error, allowed=allowed)
         grid, brick, field = known.grid, part.levels.brick, known.errors
         drawn = _drawn_bricks(plan, part.cut, part.levels)
         whole = (

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.content.geometry.section import GeometrySection
 from clusterviz.content.grid.section import GridSection
 from clusterviz.data.source import Grid
@@ -142,7 +141,7 @@ def make_shading(
     """
     world_from_index = grid.world_from_index[:3, :3]
     normals = np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T
-    if isinstance(volume, LicVolume):  # the vectors, by which it is lit, are those of the world
+    if volume.vector_unit is not None:  # the vectors, by which it is lit, are those of the world
         normals, caps = np.eye(3), False
     scale = np.abs(normals).max() * (min(grid.spacing) / np.abs(world_from_index).max())
     return Shading(
@@ -301,9 +300,8 @@ def make_grading(volume: Volume, clim: tuple[float, float], grid: Grid) -> Gradi
             found = magnitudes * (length / 2 / (clim[1] / 2 - clim[0] / 2))
         return np.minimum(found, FAR)
 
-    if isinstance(volume, LicVolume):
-        # Its vectors are those of the world, in units of `largest`.
-        matrix, length, clim = np.eye(3), 1.0, (0.0, volume.largest)
+    if volume.vector_unit is not None:  # of vectors in the world
+        matrix, length, clim = np.eye(3), 1.0, (0.0, volume.vector_unit)
     look, rows = None, None
     if volume.shader is not None:
         # Few scenes need it.

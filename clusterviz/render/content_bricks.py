@@ -21,25 +21,25 @@ from clusterviz.plan.content import Content, ContentBrick, VolumeLayer
 from clusterviz.plan.domain import Cut
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import GROUP, GroupBox, Slot
-from clusterviz.render.stored_brick import Ranges, Stored, group_ranges, store
+from clusterviz.render.stored_brick import Ranges, Stored, group_curvature, group_ranges
 
 Words = NDArray[np.uint32]
 
 
-def store_as(plan: Plan, slot: Slot) -> Callable[[Index, Any], Stored]:
-    """Return the function that encodes a brick for a plan: its samples (z, y, x), or its `ContentBrick`."""
-    content = plan.content
-    if content.mixed:
-        return lambda _, portions: store_content(portions, content, slot)
-    encoding = plan.volume.encoding
-    return lambda index, voxels: store(voxels, encoding, slot.at(index))
+def store_as(plan: Plan, slot: Slot) -> Callable[[Index, ContentBrick], Stored]:
+    """Return the function that encodes a brick for a plan."""
+    return lambda index, brick: store(brick, plan.content, slot.at(index))
 
 
-def store_content(portions: ContentBrick, content: Content, slot: Slot) -> Stored:
-    """Return a brick of several volumes as it is stored."""
-    low, high = content_ranges(portions, content, slot)
-    words = pack_content(portions, content, slot)
-    return Stored(words, low, high, portions.size, primitives=portions.primitives, cells=portions.cells)
+def store(brick: ContentBrick, content: Content, slot: Slot) -> Stored:
+    """Return a brick as it is stored in its slot."""
+    low, high = ranges_of(brick, content, slot)
+    if slot.mixed:
+        return Stored(pack_content(brick, content, slot), low, high, brick.size, members=brick.members)
+    (samples,), (layer,) = brick.samples, content.volume_layers
+    assert samples is not None, "a volume alone has samples in all of its bricks"
+    bend = group_curvature(samples, slot) if slot.adaptive else None
+    return Stored(layer.encoding.encode(samples), low, high, brick.size, bend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +70,11 @@ class Part:
         return replace(slot, cells_zyx=self.cells_xyz[::-1]) if slot.has_levels else slot  # type: ignore[arg-type]
 
 
-def pack_content(portions: ContentBrick, content: Content, slot: Slot) -> Words:
+def pack_content(brick: ContentBrick, content: Content, slot: Slot) -> Words:
     """Return the words of a brick's slot, uint32 (slot.words,)."""
     parts = [
-        None
-        if samples is None
-        else Part.of(of.encoding.encode(samples), of.cut_of(portions.index_zyx), portions.index_zyx)
-        for samples, of in zip(portions.samples, content.volume_layers, strict=True)
+        None if samples is None else Part.of(of.encoding.encode(samples), of.cut_of(brick.index_zyx), brick.index_zyx)
+        for samples, of in zip(brick.samples, content.volume_layers, strict=True)
     ]
     return pack_parts(parts, slot)
 
@@ -128,20 +126,22 @@ def _begins(slot: Slot) -> list[int]:
     return list(ends)[:-1]
 
 
-def content_ranges(portions: ContentBrick, content: Content, slot: Slot) -> Ranges:
-    """Return the smallest and largest finite sample of each volume in each of the domain's groups of cells.
+def ranges_of(brick: ContentBrick, content: Content, slot: Slot) -> Ranges:
+    """Return the smallest and largest finite sample of each volume in each group of cells.
 
     Returns
     -------
-    low, high : float64 (volumes, gz, gy, gx) of the groups that the brick has (`GroupBox.of`); NaN where a volume has
-        no samples
+    low, high : float64 (volumes, gz, gy, gx) of the groups that the brick has: of the domain (`GroupBox.of`), or of a
+        volume alone its own; NaN where a volume has no samples
     """
-    assert slot.group_box, "the brick is one of several volumes"
-    groups = slot.group_box.shape_of(portions.index_zyx)
+    if slot.group_box is None:
+        low, high = group_ranges(brick.samples[0], slot)  # type: ignore[arg-type]
+        return low[None], high[None]
+    groups = slot.group_box.shape_of(brick.index_zyx)
     found = np.full((len(slot.parts), 2, *groups), np.nan)
-    for own, samples, layer, part in zip(found, portions.samples, content.volume_layers, slot.parts, strict=True):
+    for own, samples, layer, part in zip(found, brick.samples, content.volume_layers, slot.parts, strict=True):
         if samples is not None and own.size:
-            _add_ranges(own, samples, layer, part, portions.index_zyx, slot.group_box)
+            _add_ranges(own, samples, layer, part, brick.index_zyx, slot.group_box)
     return found[:, 0], found[:, 1]
 
 
@@ -153,7 +153,7 @@ def _add_ranges(
     # Groups of as many cells of the level as a group of the finest one spans.
     group = max(1, GROUP >> cut.level)
     of_level = replace(part, cells_zyx=cut.most_cells_zyx) if cut.level else part
-    low, high = (side.astype(np.float64) for side in group_ranges(samples, of_level, group))
+    low, high = group_ranges(samples, of_level, group)
     begin, end = _groups_met(cut, index_zyx, box, group)
     met = (end > begin).all(axis=-1)
     # Few groups of voxels meet a group of cells along each axis.

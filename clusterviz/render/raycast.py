@@ -182,7 +182,7 @@ class Raycaster:
 
         Parameters
         ----------
-        bricks : samples (z, y, x), or the `ContentBrick` of several volumes, by index
+        bricks : by index
         """
         if bricks:
             self._finder.forget_bricks()

@@ -22,9 +22,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
 from clusterviz.plan.blend_mode import BlendMode
-from clusterviz.plan.cells import CellBrick
-from clusterviz.plan.encoding import Encoding
-from clusterviz.plan.geometry import Primitives
+from clusterviz.plan.geometry import Members
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import GROUP, Slot, slot_of
 from clusterviz.scene.transfer import TransferFunction
@@ -37,12 +35,12 @@ class Stored:
     Attributes
     ----------
     samples : uint8, uint16 or float32 (z, y, x), encoded by `Encoding.encode`, at most as many as a slot has; the words
-        of the slot with several volumes
-    low, high : smallest and largest finite sample of its groups of cells, of the voxels' type, `slot.groups_zyx`; with
-        several volumes those of `content_ranges`
+        of the slot of mixed content
+    low, high : smallest and largest finite sample of its groups of cells, float64 (volumes, gz, gy, gx), as of
+        `ranges_of`
     voxels : number of samples before encoding
     bend : result of `group_curvature`; None without an adaptive step
-    primitives, cells : as in `ContentBrick`
+    members : as in `ContentBrick`
     """
 
     samples: NDArray[Any]
@@ -50,15 +48,7 @@ class Stored:
     high: NDArray[Any]
     voxels: int
     bend: NDArray[np.float32] | None = None
-    primitives: tuple[Primitives | None, ...] = ()
-    cells: tuple[CellBrick | None, ...] = ()
-
-
-def store(voxels: NDArray[Any], encoding: Encoding, slot: Slot) -> Stored:
-    """Encode a brick's samples (z, y, x)."""
-    low, high = group_ranges(voxels, slot)
-    bend = group_curvature(voxels, slot) if slot.adaptive else None
-    return Stored(encoding.encode(voxels), low, high, voxels.size, bend)
+    members: tuple[Members | None, ...] = ()
 
 
 def stamp_of(plan: Plan, brick: Index | None = None) -> int:
@@ -86,12 +76,12 @@ def group_ranges(voxels: NDArray[Any], slot: Slot, group: int = GROUP) -> Ranges
 
     Returns
     -------
-    low, high : of the voxels' dtype, for groups of `GROUP` cells `slot.groups_zyx`; a group without a finite sample has
-        low > high or NaN
+    low, high : float64, for groups of `GROUP` cells `slot.groups_zyx`; a group without a finite sample has NaN
     """
     if voxels.dtype.kind == "f":
         voxels = np.where(np.isfinite(voxels), voxels, np.nan)
-    return _reduced(voxels, slot, np.fmin, group), _reduced(voxels, slot, np.fmax, group)
+    low, high = (_reduced(voxels, slot, pick, group).astype(np.float64) for pick in (np.fmin, np.fmax))
+    return low, high
 
 
 def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
@@ -99,16 +89,13 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    ranges : low and high of n bricks, each (n, gz, gy, gx); of several volumes (n, volumes, gz, gy, gx), where a brick
-        may have any number of groups along an axis
+    ranges : low and high of n bricks, each (n, volumes, gz, gy, gx), with any number of groups along an axis
 
     Returns
     -------
     visible : bool (n, gz, gy, gx)
     """
     low, high = ranges
-    if not plan.content.mixed:
-        low, high = low[:, None], high[:, None]
     each = enumerate(plan.content.volume_layers)
     visible = [_visible(low[:, n], high[:, n], part.blend_mode, part.transfer) for n, part in each]
     return np.asarray(np.any(visible, axis=0))
@@ -119,7 +106,7 @@ def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32
 
     Parameters
     ----------
-    ranges : low and high of n bricks, each (n, *slot.groups_zyx); of several volumes (n, volumes, *slot.groups_zyx)
+    ranges : low and high of n bricks, each (n, volumes, *slot.groups_zyx)
 
     Returns
     -------
@@ -139,7 +126,6 @@ def packed_bits(flags: NDArray[np.bool_], slot: Slot) -> NDArray[np.uint32]:
 def _visible(
     low: NDArray[Any], high: NDArray[Any], blend_mode: BlendMode, transfer: TransferFunction
 ) -> NDArray[np.bool_]:
-    low, high = low.astype(np.float64), high.astype(np.float64)
     # Ranges are widened by more than the rounding of the shader's float32.
     margin = 2.0**-20 * np.maximum(np.abs(low), np.abs(high))
     known = ~(np.isnan(low) | np.isnan(high))
@@ -212,12 +198,12 @@ def group_doublings(ranges: Ranges, bends: NDArray[np.float32], plan: Plan) -> N
 
     Parameters
     ----------
-    ranges : low and high of n bricks, each (n, *slot.groups_zyx)
+    ranges : low and high of n bricks, each (n, 1, *slot.groups_zyx)
     bends : results of `group_curvature`, (n, 2, *slot.groups_zyx)
     """
     assert plan.march.adaptive_step is not None, "the step is fixed"
     known = (values.astype(np.float64).ravel() for values in (*ranges, bends[:, 0], bends[:, 1]))
-    return plan.march.adaptive_step.doublings(plan.volume.transfer, *known).reshape(ranges[0].shape)
+    return plan.march.adaptive_step.doublings(plan.volume.transfer, *known).reshape(bends[:, 0].shape)
 
 
 def doubling_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:

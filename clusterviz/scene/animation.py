@@ -27,7 +27,7 @@ from clusterviz.errors import SceneError, guard
 from clusterviz.scene.checks import InvalidValueError, to_builtin
 from clusterviz.scene.field_types import Clim, Cmap, Number, Opacity, Positive, Section, Vector
 from clusterviz.scene.validation_messages import format_key, format_value, scene_error, unknown_key
-from clusterviz.scene.values import Camera, Scene
+from clusterviz.scene.values import Camera, Scene, Volume
 from clusterviz.scene.yaml_text import parse_yaml, read_text, yaml_problem
 
 Floats = NDArray[np.float64]
@@ -237,7 +237,7 @@ def scenes_along(
     degrees: float | None = None,
     keys: KeyFrames | None = None,
     where: str = "path",
-    time_steps: Mapping[int, int] | None = None,
+    time_steps: Mapping[str, int] | None = None,
 ) -> list[Scene]:
     """Return the scenes of all frames, at equal time steps from the first to the last key frame.
 
@@ -250,28 +250,32 @@ def scenes_along(
     degrees : total angle of an orbit; None for no orbit
     keys : key frames; without camera key frames if there is an orbit
     where : the file named in errors
-    time_steps : number of time steps of each volume that shows all of them, by its number; they last equally long
+    time_steps : number of time steps of each volume that shows all of them, by its key; they last equally long
+
+    Raises
+    ------
+    SceneError
+        Key frames are incompatible, or an interpolated camera is degenerate.
     """
     keys = keys or KeyFrames()
     if keys.camera and degrees is not None:
         raise SceneError("camera keys and an orbit", where=where, allowed="one of them")
     cameras = orbit(scene.camera, degrees or 0.0, frames)
     begin, end = keys.times
-    scenes = []
+    scenes, sampled = [], scene.drawn_as("samples")
     for number, camera in enumerate(cameras):
         time = begin + (end - begin) * number / max(1, frames - 1)
         update: dict[str, Any] = {"camera": camera}
         if keys.camera:
             update["camera"] = _camera_at(scene.camera, keys.camera, time, f"{where}: frame {number}")
-        changes = [
-            {"time": number * time_steps[n] // frames} if time_steps and n in time_steps else {}
-            for n in range(len(scene.volumes))
-        ]
-        if keys.transfer and scene.volumes:
-            changes[0] |= _transfer_at(scene, keys.transfer, time, where)
-        pairs = zip(scene.volumes, changes, strict=True)
-        update["volumes"] = tuple(volume.model_copy(update=each) if each else volume for volume, each in pairs)
-        scenes.append(scene.model_copy(update=update))
+        changes: dict[str, dict[str, Any]] = {
+            key: {"time": number * steps // frames} for key, steps in (time_steps or {}).items()
+        }
+        if keys.transfer and sampled:
+            first, volume = next(iter(sampled.items()))
+            changes[first] = changes.get(first, {}) | _transfer_at(volume, keys.transfer, time, where)
+        changed = {key: sampled[key].model_copy(update=each) for key, each in changes.items()}
+        scenes.append(scene.model_copy(update=update).with_entries(changed))
     return scenes
 
 
@@ -298,9 +302,9 @@ def _camera_at(base: Camera, keys: Sequence[CameraKeyFrame], time: float, where:
         raise scene_error(error, where) from None
 
 
-def _transfer_at(scene: Scene, keys: Sequence[TransferKeyFrame], time: float, where: str) -> dict[str, Any]:
+def _transfer_at(volume: Volume, keys: Sequence[TransferKeyFrame], time: float, where: str) -> dict[str, Any]:
     """Return the keys of the transfer function at a time; control points are interpolated one to one."""
-    times, volume = np.array([key.time for key in keys]), scene.volumes[0]
+    times = np.array([key.time for key in keys])
     found: dict[str, Any] = {}
     for name in ("cmap", "clim", "opacity"):
         given = [getattr(key, name) for key in keys]

@@ -212,8 +212,7 @@ def check_scene(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]
             if isinstance(entry.cmap, str):
                 place = options.get((name, index, "cmap"), where)
                 colour_points(entry.cmap, (0.0, 1.0), where=f"{place}: {name}[{index}].cmap")
-    for index, volume in enumerate(scene.volumes):
-        if volume.transfer_2d is not None:
-            place = options.get(("volumes", index, "transfer_2d", "path"), where)
-            read_table(volume.transfer_2d.path, where=f"{place}: volumes[{index}].transfer_2d.path")
+            if (table := getattr(entry, "transfer_2d", None)) is not None:
+                place = options.get((name, index, "transfer_2d", "path"), where)
+                read_table(table.path, where=f"{place}: {name}[{index}].transfer_2d.path")
     return scene

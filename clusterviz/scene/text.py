@@ -28,7 +28,7 @@ def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
     lines = [f"# {without_secrets(' '.join(note.splitlines()))}" for note in notes]
     for name in Scene.model_fields:
         value = getattr(scene, name)
-        own = [item for item in value if not item.of_flow] if isinstance(value, tuple) else []
+        own = [item for item in value if not getattr(item, "of_flow", False)] if isinstance(value, tuple) else []
         items = [_key_lines(item, "    ") for item in own]
         if items:
             lines.append(f"{name}:")

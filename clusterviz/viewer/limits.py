@@ -101,9 +101,14 @@ class Limits:
         return InputError("not a file that the live view may open", where="path", found=text, allowed=allowed)
 
 
+def dotted(key: str) -> str:
+    """Return a key as clients name it: volumes.1 for volumes[1]."""
+    return key.replace("[", ".").replace("]", "")
+
+
 def _entries_of(scene: Scene) -> dict[str, Any]:
-    """Return the number of entries of each list, and how each flow is shown, by their keys."""
-    shown = {f"flows.{number}.show": flow.show for number, flow in enumerate(scene.flows)}
+    """Return the number of entries of each list, and how those are shown that may be shown in several ways."""
+    shown = {f"{dotted(key)}.show": one.show for key, one in scene.entries.items() if hasattr(one, "show")}
     return {name: len(getattr(scene, name)) for name in LISTS} | shown
 
 

@@ -88,7 +88,7 @@ class Pace:
         width, height = (max(SMALLEST_SIDE, round(level.scale * side)) for side in scene.image.size)
         image = scene.image.model_copy(update={"size": (width, height), "layers": ()})
         ends = quality.early_termination
-        if any(BLEND_MODES[one.blending].composited for one in scene.volumes):
+        if any(BLEND_MODES[one.blending].composited for one in scene.drawn_as("samples").values()):
             ends = max(ends, level.early_termination)
         changed = {"step": quality.step * level.step, "early_termination": ends, "max_error": None}
         settings = {"image": image, "quality": quality.model_copy(update=changed), "annotations": Annotations()}

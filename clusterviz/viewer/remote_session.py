@@ -162,20 +162,19 @@ def _with_files(scene: Scene, sources: Given, folder: Path) -> Scene:
     """Write data in memory to files; return the scene that names them."""
     if sources is None:
         return scene
-    count = len(scene.volumes)
-    given: list[Any] = list(sources) if isinstance(sources, Sequence) else [sources] * count
-    if any(each is not None for each in given[count:]):
+    given: list[Any] = list(sources) if isinstance(sources, Sequence) else [sources]
+    pairs = [pair for pair in zip(scene.entries.items(), given, strict=False) if pair[1] is not None]
+    if any(section.drawn_as != "samples" for (_, section), _ in pairs):
         allowed = "files, or ranks=None"
         raise InputError(
             "only arrays are handed to ranks", where="view", found="a mesh or grid in memory", allowed=allowed
         )
-    volumes = list(scene.volumes)
-    for number, (source, volume) in enumerate(zip(given, scene.volumes, strict=False)):
-        if source is not None:
-            path = folder / f"{number}.npy"
-            np.save(path, source.read((0, 0, 0), source.grid.shape_zyx))
-            volumes[number] = volume.model_copy(update={**_placement(source, volume), "path": str(path)})
-    return scene.model_copy(update={"volumes": tuple(volumes)})
+    volumes = dict[str, Volume]()
+    for (key, volume), source in pairs:
+        path = folder / f"{key}.npy"
+        np.save(path, source.read((0, 0, 0), source.grid.shape_zyx))
+        volumes[key] = volume.model_copy(update={**_placement(source, volume), "path": str(path)})
+    return scene.with_entries(volumes)
 
 
 def _placement(source: Source, volume: Volume) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from clusterviz.comm.agree import describe, is_agreed
 from clusterviz.comm.channel import Pending
 from clusterviz.errors import ClustervizError
 from clusterviz.frame import FrameLoop, Options, Rendered
-from clusterviz.frame.opening import Given, Opened
+from clusterviz.frame.opening import Given
 from clusterviz.frame.run import Image
 from clusterviz.image.picture import layers_of
 from clusterviz.kernels import objects
@@ -232,7 +232,7 @@ class RenderLoop:
             width, height = completed.image.size
             drawing = rendered.statistics.seconds.get("render", 0.0)
             pace.learn(width * height, seconds, seconds - drawing)
-        statistics = _statistics(rendered, self._loop.opened)
+        statistics = _statistics(rendered)
         remarks = (*rendered.statistics.warnings, *map(str, rendered.statistics.changes))
         session.finished(request, rendered.image, seconds, statistics, remarks)
 
@@ -380,7 +380,7 @@ class RenderLoop:
         return self._channel.broadcast(Command("end"))
 
 
-def _statistics(rendered: Rendered, opened: Opened | None) -> dict[str, Any]:
+def _statistics(rendered: Rendered) -> dict[str, Any]:
     """Return the statistics of a frame as clients are told."""
     statistics = rendered.statistics
     stages = [name for name in statistics.seconds if name != "total"]
@@ -398,17 +398,17 @@ def _statistics(rendered: Rendered, opened: Opened | None) -> dict[str, Any]:
         "stages": stages,
         "per_rank": per_rank,
         "imbalance": statistics.imbalance,
-        "boxes": _boxes(rendered, opened),
+        "boxes": _boxes(rendered),
     }
 
 
-def _boxes(rendered: Rendered, opened: Opened | None) -> list[dict[str, Any]]:
+def _boxes(rendered: Rendered) -> list[dict[str, Any]]:
     """Return the boxes around what each rank has drawn, with their corners in the world."""
     drawn = rendered.drawn
-    if drawn is None or drawn.work.plan is None or opened is None or drawn.work.mode != "sort-last":
+    if drawn is None or drawn.work.plan is None or drawn.work.mode != "sort-last":
         return []
     plan, found = drawn.work.plan, []
-    matrix = opened.grid_of(plan).world_from_index
+    matrix = plan.content.domain.grid.world_from_index
     for piece in drawn.work.pieces:
         begin, end = plan.layout.cells_of(piece.box.begin_zyx, piece.box.end_zyx)
         ends = np.array([begin[::-1], end[::-1]], float)

@@ -25,7 +25,7 @@ from clusterviz.scene.overrides import apply_changes
 from clusterviz.scene.values import Camera, Scene
 from clusterviz.viewer.describe import Content
 from clusterviz.viewer.encoding import Picture
-from clusterviz.viewer.limits import LISTS, Limits
+from clusterviz.viewer.limits import LISTS, Limits, dotted
 from clusterviz.viewer.messages import (
     PROTOCOL,
     Edit,
@@ -552,7 +552,7 @@ def visible(scene: Scene, hidden: Collection[str]) -> Scene:
     """Return a scene without hidden entries, such as "volumes.1"."""
     if not hidden:
         return scene
-    scene = without_flows(scene, {n for n in range(len(scene.flows)) if f"flows.{n}" in hidden})
+    scene = without_flows(scene, {key for key in scene.entries if dotted(key) in hidden})
     kept = {
         name: tuple(one for n, one in enumerate(getattr(scene, name)) if f"{name}.{n}" not in hidden) for name in LISTS
     }
@@ -575,7 +575,7 @@ def _on_shown_surfaces(flow: FlowSection, hidden: Collection[str]) -> FlowSectio
 
 
 def _checked_entries(hidden: Any, scene: Scene) -> tuple[str, ...]:
-    known = [f"{name}.{n}" for name in LISTS for n in range(len(getattr(scene, name)))]
+    known = list(map(dotted, scene.entries))
     if not isinstance(hidden, list) or any(name not in known for name in hidden):
         raise SceneError("not a list of entries", where=HIDDEN, found=hidden, allowed=", ".join(known))
     return tuple(dict.fromkeys(hidden))

@@ -1,5 +1,7 @@
 """clusterviz with one function that fails on one rank: failing_rank.py RANK MODULE:NAME HOW ARGUMENTS…
 
+Both may be several, with commas: the command runs once for each place, where all ranks outlive its failure.
+
 HOW is "raise", "kill" (SIGKILL), "wait" (says so, and waits for ctrl-C), "native" (the same, in a C function, where
 Python hears of no signal), "delete" (in a `__del__`, where Python drops what is raised), or "turn" (gives its array the
 other way round, and fails by nothing else). All else is the product as it is.
@@ -12,12 +14,14 @@ import os
 import signal
 import sys
 import time
-from contextlib import suppress
-from functools import partial
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from functools import partial, reduce
 from importlib import import_module
 from typing import Any, NoReturn
 
-from clusterviz.cli import main as run
+from clusterviz.cli import main as run_main
+from clusterviz.cli import run
 from clusterviz.cli.termination import launched_rank
 
 
@@ -55,19 +59,28 @@ def turned(function: Any) -> Any:
     return lambda *args, **keys: function(*args, **keys)[::-1].copy()
 
 
+@contextmanager
+def failing(place: str, how: str) -> Iterator[None]:
+    """Context in which the function at a place fails."""
+    module, _, name = place.partition(":")
+    *owners, last = name.split(".")
+    owner: Any = reduce(getattr, owners, import_module(module))
+    found = getattr(owner, last)  # a name that is not there would fail nowhere
+    setattr(owner, last, turned(found) if how == "turn" else partial(fail, how))
+    yield
+    setattr(owner, last, found)
+
+
 def main() -> None:
-    """Put `fail` in its place, then do what the command line says."""
-    rank, place, how = int(sys.argv[1]), sys.argv[2], sys.argv[3]
-    if rank == (launched_rank() or 0):
-        module, _, name = place.partition(":")
-        *owners, last = name.split(".")
-        owner: Any = import_module(module)
-        for part in owners:
-            owner = getattr(owner, part)
-        found = getattr(owner, last)  # a name that is not there would fail nowhere
-        setattr(owner, last, turned(found) if how == "turn" else partial(fail, how))
+    """Do what the command line says, with `fail` in the function's place."""
+    (*former, last), how = zip(sys.argv[1].split(","), sys.argv[2].split(","), strict=True), sys.argv[3]
     sys.argv[1:] = sys.argv[4:]
-    run()
+    own = str(launched_rank() or 0)
+    for rank, place in former:
+        with failing(place, how) if rank == own else nullcontext():
+            run(sys.argv[1:])
+    with failing(last[1], how) if last[0] == own else nullcontext():
+        run_main()
 
 
 if __name__ == "__main__":

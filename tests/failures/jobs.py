@@ -65,17 +65,21 @@ def render(ranks: int, *arguments: str, environment: dict[str, str] | None = Non
     return finish(start(ranks, "-m", "clusterviz", "render", *arguments, environment=environment))
 
 
-def failing(rank: int, place: str, how: str, ranks: int, *arguments: str) -> subprocess.Popen[str]:
-    """Start a command whose function at `place` fails on one rank."""
+def failing(rank: int | str, place: str, how: str, ranks: int, *arguments: str) -> subprocess.Popen[str]:
+    """Start a command whose function at `place` fails on one rank; with commas, again for each rank and place."""
     return start(ranks, str(DRIVER), str(rank), place, how, *arguments)
+
+
+def messages_of(ended: Ended) -> list[str]:
+    """The lines that tell of failures; there are no tracebacks among them."""
+    assert "Traceback" not in ended.err + ended.out
+    return [line for line in ended.err.splitlines() if line.startswith("clusterviz: ")]
 
 
 def check_failure(ended: Ended, status: int, text: str, folder: Path) -> None:
     """One clear message, the right status, no traceback, and nothing left in the folder."""
     assert ended.status == status, ended.err
-    messages = [line for line in ended.err.splitlines() if line.startswith("clusterviz: ")]
-    assert len(messages) == 1, ended.err
-    assert text in ended.err
-    assert "Traceback" not in ended.err + ended.out
+    (message,) = messages_of(ended)
+    assert text in message
     assert "the picture is" not in ended.out
     assert [path.name for path in folder.iterdir()] == []

@@ -155,7 +155,7 @@ def test_what_cannot_be_drawn_is_counted(part: Any, keys: dict[str, Any], said: 
     assert any(said in text for text in found) if said else found == []
     plan = opened.plan(scene)
     held = dict(opened.read(plan, {tuple(index) for index in np.argwhere(plan.cost > 0).tolist()}))
-    numbers = {n for brick in held.values() if brick.primitives[0] for n in brick.primitives[0].numbers.tolist()}
+    numbers = {n for brick in held.values() if brick.members[0] for n in brick.members[0].numbers.tolist()}
     drawn = np.flatnonzero(part.drawable) if isinstance(part, Mesh) else np.arange(plan.content.geometry[0].count)
     assert numbers == set(drawn.tolist())
     assert len(numbers) == plan.content.geometry[0].count

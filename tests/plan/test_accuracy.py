@@ -13,7 +13,9 @@ from clusterviz.errors import SceneError
 from clusterviz.plan.accuracy import (
     COARSEST,
     FINEST,
+    FIRST,
     SAFETY,
+    WITNESS,
     Aim,
     Choice,
     choose,
@@ -166,8 +168,9 @@ def test_jumps_and_what_is_nearly_one_are_seen(
     settings = {"cmap": "bone", "clim": (0.0, 1.0), "opacity": opacity, "opacity_unit_distance": 1.0} | more
     count, clip = settings.pop("volumes", 1), settings.pop("clip", Clip())
     volume = Volume(path="field:gaussian", **settings)
-    aim = make_aim(Scene(volumes=count * (volume,), clip=clip, quality=Quality(max_error=0.01)))
-    assert aim.jumps == aim.needs_witness == jumps
+    aim = make_aim(Scene(volumes=count * (volume,), clip=clip, quality=Quality(max_error=0.01)), 1.0)
+    assert aim.jumps == jumps
+    assert aim.witness == WITNESS or not jumps
     assert aim.classifications == classifications
     assert math.isclose(aim.target + aim.residual, 0.01)
 
@@ -179,11 +182,53 @@ def test_the_colour_of_one_scalar_is_refused_where_it_jumps(blending: Any) -> No
     for opacity in (JUMP, PEAK):
         volume = Volume(path="field:gaussian", opacity=opacity, **keys)
         with pytest.raises(SceneError, match=f"0.01 is out of reach.*{blending}, whose pixels may be on either side"):
-            make_aim(Scene(volumes=(volume,), quality=Quality(max_error=0.01)))
+            make_aim(Scene(volumes=(volume,), quality=Quality(max_error=0.01)), 1.0)
     smooth = Volume(path="field:gaussian", opacity=SMOOTH, **keys)
-    aim = make_aim(Scene(volumes=(smooth,), quality=Quality(max_error=0.01)))
+    aim = make_aim(Scene(volumes=(smooth,), quality=Quality(max_error=0.01)), 1.0)
     # A ray across a corner of the volume has one sample at all steps longer than its way.
-    assert (aim.jumps, aim.needs_witness) == (False, True)
+    assert (aim.jumps, aim.witness) == (False, WITNESS)
+
+
+RED_TO_BLUE = ((0.0, 1.0, 0.0, 0.0), (0.5, 1.0, 0.0, 0.0), (0.5, 0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("more", "change"),
+    [
+        ({"opacity": JUMP}, math.log(0.9 / 0.3)),
+        ({"opacity": JUMP, "opacity_unit_distance": 4.0}, math.log(0.9 / 0.3) / 4),
+        ({"opacity": 0.5, "cmap": RED_TO_BLUE}, math.log(2)),
+        ({"opacity": PEAK}, 0.0),
+        ({"opacity": JUMP, "interpolation": "nearest"}, 0.0),
+    ],
+)
+def test_what_a_ray_may_miss_behind_a_jump_is_bounded(more: dict[str, Any], change: float) -> None:
+    """A ray that grazes a surface is behind it for less than a step: no longer step shows how much that is."""
+    volume = Volume(path="a.nrrd", **{"cmap": "bone", "clim": (0.0, 1.0), "opacity_unit_distance": 1.0} | more)
+    scene = Scene(volumes=(volume,), quality=Quality(max_error=0.1))
+    aim = make_aim(scene, 0.5)
+    assert math.isclose(aim.jump, change / 2, rel_tol=1e-9, abs_tol=1e-12)
+    same = [TRUTH] * 3
+    assert math.isclose(verified(same, aim, 4) - aim.residual, 1 - math.exp(-aim.jump / 16), abs_tol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("top", "bound", "witness"), [(0.05, 0.01, FIRST), (0.1, 0.01, 2), (0.3, 0.01, 3), (0.9, 0.01, WITNESS)]
+)
+def test_what_changes_slowly_hides_little_between_long_steps(top: float, bound: float, witness: int) -> None:
+    """Between two samples a field changes by half a step's share of its range, and shows what is there as long."""
+    opacity = ((0.0, 0.0), (1.0, top))
+    volume = Volume(path="a.nrrd", cmap="bone", clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=1.0)
+    assert make_aim(Scene(volumes=(volume,), quality=Quality(max_error=bound)), 1.0).witness == witness
+
+
+def test_a_bound_that_a_ray_can_break_behind_a_jump_is_refused_before_anything_is_drawn() -> None:
+    opacity = ((0.0, 0.0), (0.5, 0.0), (0.5, 0.99), (1.0, 0.99))
+    volume = Volume(path="a.nrrd", cmap="bone", clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=0.3)
+    with pytest.raises(
+        SceneError, match=r"0.0035 is out of reach.*a jump of opacity or colour of a.nrrd.*at least 0.13"
+    ):
+        make_aim(Scene(volumes=(volume,), quality=Quality(max_error=0.0035)), 1.0)
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
@@ -194,7 +239,7 @@ def test_a_single_pixel_is_verified(order: float) -> None:
         one[7, 9, 1] += 0.1 * 2.0 ** (-order * level)
     aim = Aim(0.05, PATTERN[..., 0].size, ("post",), jumps=True)
     error = 0.1 * 4.0**-order
-    assert error <= verified(pictures, aim) - aim.residual <= 2.001 * (2**order - 1) * error
+    assert error <= verified(pictures, aim, 2) - aim.residual <= 2.001 * (2**order - 1) * error
 
 
 def test_a_narrow_peak_that_does_not_converge_like_the_other_pixels_is_verified() -> None:
@@ -204,15 +249,15 @@ def test_a_narrow_peak_that_does_not_converge_like_the_other_pixels_is_verified(
         one[7, 9, 1] += smooth
         one[3, 4, 1] += peak
     aim = Aim(2 / 255, PATTERN[..., 0].size, ("post",), jumps=True)
-    assert verified(pictures, aim) > aim.bound
+    assert verified(pictures, aim, 2) > aim.bound
 
 
 def test_what_only_some_pixels_miss_is_verified_without_jumps_too() -> None:
     """Smooth pixels promise a third of their last change; one that converges late, all of it; a long step, its own."""
     smooth = [np.zeros(SHAPE) + 0.016 * 4.0**-level for level in range(3)]
     aim = Aim(0.05, PATTERN[..., 0].size, ("post",))
-    assert verified(smooth, aim) - aim.residual == pytest.approx(2 * 0.001)
+    assert verified(smooth, aim, 2) - aim.residual == pytest.approx(2 * 0.001)
     late = [one.copy() for one in smooth]
     late[2][7, 9, 1] += 0.01
-    assert 2 * 0.005 < verified(late, aim) - aim.residual <= 2 * 0.01
-    assert verified(smooth, aim, 2) - aim.residual == pytest.approx(2 * 0.001 + 0.015)
+    assert 2 * 0.005 < verified(late, aim, 2) - aim.residual <= 2 * 0.01
+    assert verified(smooth, aim, 2, coarser=2) - aim.residual == pytest.approx(2 * 0.001 + 0.015)

@@ -21,7 +21,7 @@ from clusterviz.partition import BrickBox, Piece, build_tree
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
 from clusterviz.render import stored_brick
-from clusterviz.render.content_bricks import store_content
+from clusterviz.render.content_bricks import store
 from clusterviz.render.cpu import caster as casters
 from clusterviz.render.cpu import memory
 from clusterviz.render.cpu.memory import Memory, words_of
@@ -396,7 +396,7 @@ def filled() -> tuple[Memory, dict[tuple[int, int, int], Stored]]:
     parts = (BYTES, FLOATS, WORDS)
     each = prepared(scene_of(parts, brick=9), parts)
     slot = slot_of(each.plan)
-    stored = {i: store_content(portions, each.plan.content, slot) for i, portions in each.bricks.items()}
+    stored = {i: store(portions, each.plan.content, slot) for i, portions in each.bricks.items()}
     held = Memory(slot)
     held.put(dict(stored), lambda _, one: one)
     return held, stored

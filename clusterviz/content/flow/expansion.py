@@ -50,6 +50,11 @@ class LicVolume(Volume):
     largest: float
     """Vectors in the shader have this unit."""
 
+    @property
+    def vector_unit(self) -> float:
+        """The largest component."""
+        return self.largest
+
 
 class FlowLines(LinesSection):
     """Lines that follow a flow."""
@@ -113,10 +118,9 @@ def with_flows(scene: Scene, infos: Sequence[FlowInfo]) -> Scene:
     return scene.model_copy(update={name: tuple(entries) for name, entries in found.items()})
 
 
-def without_flows(scene: Scene, hidden: Collection[int] | None = None) -> Scene:
-    """Return a scene without what its flows, or some of them, have become."""
-    hidden = range(len(scene.flows)) if hidden is None else hidden
-    shown = [number for number in range(len(scene.flows)) if number not in hidden]
+def without_flows(scene: Scene, hidden: Collection[str] | None = None) -> Scene:
+    """Return a scene without what its flows, or those with keys such as flows[0], have become."""
+    shown = [n for n in range(len(scene.flows)) if hidden is not None and f"flows[{n}]" not in hidden]
     key_of = {f"flows[{number}]": f"flows[{n}]" for n, number in enumerate(shown)}
     found = {}
     for name in ("volumes", "lines", "points"):

@@ -79,6 +79,11 @@ class OpenedFlow:
         traced = trace(self.vectors, seeds, section.trace, kind, channel=channel, first_step=section.time)
         return Geometry(lines=traced.lines)
 
+    def free(self) -> None:
+        """Release a convolution that lies in the memory of all ranks; collective."""
+        if isinstance(self.lic, LicOverRanks):
+            self.lic.free()
+
 
 class ComponentSource:
     """One component of vectors as a volume.
@@ -138,34 +143,13 @@ def open_flow(section: FlowSection, given: Any, key: str, channel: Channel) -> O
     return OpenedFlow(section, vectors, FlowInfo(fastest, f"{key}.lic: {lic.note}"), lic)
 
 
-def open_flows(scene: Scene, given: Sequence[Any], channel: Channel) -> list[OpenedFlow]:
-    """Open the flows of a scene, of which some may be given; collective. Raises as `open_flow`."""
-    pairs = zip(scene.flows, given, strict=True)
-    return [open_flow(flow, each, f"flows[{number}]", channel) for number, (flow, each) in enumerate(pairs)]
-
-
 def open_all(
     run: Run, scene: Scene, keyed: Sequence[tuple[str, FlowSection]], given: Sequence[Any]
 ) -> list[OpenedFlow]:
     """Open the flows of a scene on the device of a run; collective. Raises as `open_flow`."""
     device = run.options.device
     with run.local("open", "load"), nullcontext() if device is None else on_device(devices_of([device])[0]):
-        return open_flows(scene, given, run.channel)
-
-
-def geometry_with_flows(
-    scene: Scene, own: Sequence[Geometry | None], flows: Sequence[OpenedFlow], channel: Channel
-) -> list[Any]:
-    """Return the geometry of each of `scene.geometry`, those of flows among them; collective.
-
-    Parameters
-    ----------
-    scene : with what its flows become
-    own : of the other entries; None: it is in a file
-    """
-    made = {f"flows[{number}]": flow.geometry(channel) for number, flow in enumerate(flows)}
-    rest = iter(own)
-    return [made[section.path] if section.of_flow else next(rest) for section in scene.geometry]
+        return [open_flow(flow, each, key, run.channel) for (key, flow), each in zip(keyed, given, strict=True)]
 
 
 def open_flow_vectors(section: FlowSection, given: Any = None, key: str = "flows[0]") -> VectorSource | Cells:

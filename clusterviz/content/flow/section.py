@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -15,7 +15,9 @@ from clusterviz.scene.field_types import (
     Ambient,
     Clim,
     Cmap,
+    ContentSection,
     Diffuse,
+    DrawnAs,
     Flag,
     Fraction,
     GradientPoint,
@@ -179,8 +181,10 @@ class Trace(Section):
     )
 
 
-class FlowSection(Section):
+class FlowSection(ContentSection):
     """Flow: a vector field of a file, and how it is shown."""
+
+    drawn_as: ClassVar[DrawnAs] = "other content"
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
         examples=["channel.vti"], description="The data file, relative to the scene file; a formula is field:NAME."
@@ -263,6 +267,16 @@ class FlowSection(Section):
         examples=[["meshes[0]", "volumes[0]"]],
         description="Meshes, and volumes for their isosurfaces, that show: surface-lic paints; default: all.",
     )
+
+    @property
+    def objects(self) -> int:
+        """None but those of its lines or arrows."""
+        return 0
+
+    @property
+    def may_be_opaque(self) -> bool:
+        """Whether a ray may end at its lines or arrows, or at the surfaces that it is on."""
+        return self.show != "lic"
 
     @model_validator(mode="after")
     def _suits_show(self) -> FlowSection:

@@ -13,7 +13,7 @@ from clusterviz.content.contract import Corners, Kind, LegendEntry
 from clusterviz.content.description import apart, bounds, legend_of, name_of, value_text
 from clusterviz.content.facts import box_corners, range_around
 from clusterviz.content.flow.expansion import FlowLines
-from clusterviz.content.geometry.bricks import KnownGeometry
+from clusterviz.content.geometry.bricks import KnownGeometry, part_of
 from clusterviz.content.geometry.section import (
     GEOMETRY_SECTIONS,
     GeometryInfo,
@@ -128,4 +128,6 @@ GEOMETRY = Kind(
     panel=lambda _, info: {"bounds": bounds(info.box)},
     warnings=warnings,
     must_fit=True,
+    read=lambda section: read_geometry(section.path),
+    referenced=lambda section, data: (section, part_of(section, data)),
 )

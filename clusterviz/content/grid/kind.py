@@ -12,7 +12,7 @@ from clusterviz.content.facts import box_corners, range_around
 from clusterviz.content.grid.bricks import KnownCells
 from clusterviz.content.grid.section import GridInfo, GridSection, KBuffer
 from clusterviz.content.transfer import default_opacity, transfer_function
-from clusterviz.data import read_piece
+from clusterviz.data import read_grid, read_piece
 from clusterviz.data.grid_files import GridFile, grid_files
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import SceneError
@@ -28,14 +28,14 @@ def open_grids(
 ) -> list[KnownCells]:
     """Open unstructured grids; collective."""
 
-    def opened(section: GridSection, data: UnstructuredGrid | None) -> KnownCells:
+    def opened(key: str, section: GridSection, data: UnstructuredGrid | None) -> KnownCells:
         path = Path(section.path)
         if data is None:
-            return KnownCells(section, partial(grid_files, path, section.time), read_piece, run.channel)
-        return KnownCells(section, lambda: [GridFile(path)], lambda _: data, run.channel)
+            return KnownCells(section, key, partial(grid_files, path, section.time), read_piece, run.channel)
+        return KnownCells(section, key, lambda: [GridFile(path)], lambda _: data, run.channel)
 
     with run.local("open", "load"):
-        return [opened(section, data) for (_, section), data in zip(keyed, given, strict=True)]
+        return [opened(key, section, data) for (key, section), data in zip(keyed, given, strict=True)]
 
 
 def complete_grid(section: GridSection, info: GridInfo) -> GridSection:
@@ -79,13 +79,19 @@ def warnings(key: str, section: GridSection, info: GridInfo, others: Sequence[Co
 def check(scene: Scene) -> None:
     """Refuse a k-buffer beside anything else."""
     for number, grid in enumerate(scene.grids):
-        beside = [f"volumes[{n}]" for n in range(len(scene.volumes))] + list(scene.geometry_keys)
-        beside += [f"grids[{n}]" for n in range(len(scene.grids)) if n != number]
+        beside = [key for key in scene.drawn_as("samples", "fragments", "segments") if key != f"grids[{number}]"]
         beside += ["image.layers"] if scene.image.layers else []
         beside += [f"grids[{number}].shade"] if grid.shade else []
         if isinstance(grid.visibility, KBuffer) and beside:
             text, where = "a k-buffer draws one unstructured grid, and nothing else", f"grids[{number}].visibility"
             raise SceneError(text, where=where, found=f"{{k: {grid.visibility.k}}} and {beside[0]}", allowed="exact")
+
+
+def _referenced(section: GridSection, grid: UnstructuredGrid) -> object:
+    # Few commands need the reference.
+    from clusterviz.reference.cells import place_cells
+
+    return place_cells(section, grid)
 
 
 GRID = Kind(
@@ -106,4 +112,8 @@ GRID = Kind(
     warnings=warnings,
     check=check,
     must_fit=True,
+    read=lambda section: read_grid(section.path, section.time),
+    referenced=_referenced,
+    unchecked=lambda section: "" if section.visibility == "exact" else "shows no grids by a k-buffer",
+    faint=("opacity_unit_distance=null",),
 )

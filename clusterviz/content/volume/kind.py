@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.automatic import classify_values
 from clusterviz.content.contract import Kind, LegendEntry
 from clusterviz.content.description import OPACITY_VARIES, name_of, ramp, span, transfer_summary, unseen_scalars
 from clusterviz.content.facts import LARGEST
@@ -16,6 +17,7 @@ from clusterviz.content.transfer import default_opacity, transfer_function
 from clusterviz.content.volume.info import VolumeInfo, default_clim
 from clusterviz.content.volume.opening import open_volumes
 from clusterviz.content.volume.section import Volume
+from clusterviz.data import open_volume
 from clusterviz.errors import public_address
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
@@ -179,6 +181,14 @@ def _unseen_values(volume: Volume, low: float, high: float, has_surfaces: bool) 
     )
 
 
+def _unchecked(volume: Volume) -> str:
+    """Return that the reference compiles no shaders, and takes no slopes between levels."""
+    if volume.shader:
+        return f"does not read shaders such as {volume.shader}"
+    slopes = volume.shade or volume.gradient_opacity or volume.transfer_2d or volume.interpolation == "cubic"
+    return "has no gradients of coarser levels" if volume.detail != "full" and slopes else ""
+
+
 VOLUME = Kind(
     name="volumes",
     sections=("volumes",),
@@ -193,4 +203,14 @@ VOLUME = Kind(
     panel=panel,
     warnings=warnings,
     blank=_blank,
+    read=open_volume,
+    unchecked=_unchecked,
+    faint=(
+        "gradient_opacity=[]",
+        "transfer_2d=null",
+        "opacity_unit_distance=null",
+        "blending=composite",
+        "optics=null",
+    ),
+    preset=lambda volume, info: volume.preset or classify_values(info),
 )

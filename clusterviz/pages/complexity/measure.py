@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure
-from clusterviz.content.geometry.section import GeometrySection, as_sections
+from clusterviz.content.geometry.section import GeometrySection
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.frame.opening import Given
 from clusterviz.frame.work import DrawnFrame, Rendered
@@ -202,7 +202,7 @@ def _transparent(scene: Scene) -> Scene:
             opacity = tuple((value, min(own, TRANSPARENT)) for value, own in opacity)
         return section.model_copy(update={"opacity": opacity})
 
-    return scene.model_copy(update=as_sections(map(lowered, scene.geometry)))
+    return scene.with_entries({key: lowered(section) for key, section in scene.drawn_as("fragments").items()})
 
 
 def _counts(channel: Channel, drawn: DrawnFrame | None, size: tuple[int, int]) -> NDArray[np.int32] | None:

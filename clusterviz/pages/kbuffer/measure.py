@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
+from clusterviz.content.grid.kind import GRID
 from clusterviz.content.grid.section import Entries, KBuffer
+from clusterviz.content.table import first_of
 from clusterviz.data import read_grid
 from clusterviz.data.faces import find_neighbours
 from clusterviz.data.tetrahedra import make_tetrahedra
@@ -121,7 +123,7 @@ def measure(
     given : replaces the grid's file
     """
     step("read")
-    section = scene.grids[0].model_copy(update={"visibility": "exact"})
+    section = first_of(GRID, scene).model_copy(update={"visibility": "exact"})
     grid = given or read_grid(section.path, section.time)
     cells = make_tetrahedra(grid, section.array)
     matrix = world_from_file(section)[:3]
@@ -182,7 +184,7 @@ def _camera(scene: Scene, direction: tuple[int, ...], points: NDArray[np.float64
 
 
 def _seen(scene: Scene, view: View, buffer: KBuffer | None) -> Scene:
-    section = scene.grids[0].model_copy(update={"visibility": buffer or "exact"})
+    section = first_of(GRID, scene).model_copy(update={"visibility": buffer or "exact"})
     return scene.model_copy(update={"camera": view.camera, "grids": (section,)})
 
 

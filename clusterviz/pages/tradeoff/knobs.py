@@ -165,16 +165,16 @@ def changed(scene: Scene, setting: Setting) -> Scene:
 
 def _idle(scene: Scene) -> set[str]:
     """Return the names of settings without effect on the scene."""
-    volumes = scene.volumes
+    volumes, surfaces = [*scene.drawn_as("samples").values()], scene.drawn_as("fragments")
     is_sampled = bool(volumes) and not any(has_surfaces(volume) for volume in volumes)
     works = {
         # Geometry alone is where its rays meet it, and is not sampled.
         "step": bool(volumes),
         "lens": scene.camera.aperture > 0,
         "max_error": bool(volumes),
-        "frame_coherence": not scene.geometry,
-        "abuffer": bool(scene.geometry),
-        "early_discarding": bool(scene.geometry),
+        "frame_coherence": not surfaces,
+        "abuffer": bool(surfaces),
+        "early_discarding": bool(surfaces),
         "classification": any(is_preintegrated(volume, "pre-integrated") for volume in volumes),
         "jitter": is_sampled,
         "renderer": is_sampled,
@@ -190,7 +190,7 @@ def _is_possible(scene: Scene, setting: Setting) -> bool:
         other = changed(scene, setting)
     except SceneError:
         return False
-    quality, volumes = other.quality, other.volumes
+    quality, volumes = other.quality, [*other.drawn_as("samples").values()]
     if quality.adaptive and any(what_has_no_bound(volume, quality) for volume in volumes):
         return False
     if "step" in setting.changes and any(

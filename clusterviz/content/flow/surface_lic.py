@@ -30,9 +30,7 @@ from clusterviz.flow.surface_lic import (
     screen_directions,
     stretched,
 )
-from clusterviz.frame.opening import Opened, OpenedContent
 from clusterviz.frame.run import Image, Run
-from clusterviz.frame.work import RankWork
 from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.plan.view import View, make_view
@@ -64,21 +62,21 @@ class SurfacePainter:
         with run.local("open", "load"):
             self._device = devices_of(None if run.options.device is None else [run.options.device], local_rank)[0]
 
-    def paint(self, run: Run, work: RankWork, layers: Sequence[FoundLayers]) -> Image | None:
+    def paint(self, run: Run, scene: Scene, layers: Sequence[FoundLayers]) -> Image | None:
         """Return what is added to the picture, float32 (h, w, 4), on rank 0; None elsewhere; collective.
 
         Parameters
         ----------
         layers : that this rank has found; see `Drawing.find_layers`
         """
-        size = work.scene.image.size
-        view = make_view(work.scene.camera, size, WORLD)
+        size = scene.image.size
+        view = make_view(scene.camera, size, WORLD)
         total: Image | None = None
-        for flow, samples in zip(work.scene.flows, self._samples, strict=True):
+        for flow, samples in zip(scene.flows, self._samples, strict=True):
             if flow.show != "surface-lic" or samples is None:
                 continue
             with run.local("render", "render"):
-                pixels = _found(view, layers, objects_of(work.scene, flow), samples)
+                pixels = _found(view, layers, objects_of(scene, flow), samples)
             lic = flow.lic or Lic()
             weights = line_weights(lic.kernel, lic.length, lic.step)
             convolution = Convolution(weights, lic.step, lic.integrator, lic.blur, lic.seed, lic.phase)
@@ -95,13 +93,6 @@ class SurfacePainter:
             if found is not None:
                 total = np.array(found, np.float32) if total is None else total + np.asarray(found, np.float32)
         return total
-
-
-def open_painter(run: Run, scene: Scene, opened: Opened | None) -> SurfacePainter | None:
-    """Return the painter of a scene; None if it has no surface LIC; collective."""
-    if not isinstance(opened, OpenedContent) or all(flow.show != "surface-lic" for flow in scene.flows):
-        return None
-    return SurfacePainter(run, opened.flows)
 
 
 def objects_of(scene: Scene, flow: FlowSection) -> list[int]:
