@@ -58,10 +58,7 @@ def run_job(
     Raises ClustervizError, InputError: the job failed; the class follows from the exit status, the message from the
     job's errors.
 
-    Parameters
-    ----------
-    arguments : the command line without the program's name
-    timeout_seconds : time limit; None for no limit
+    `arguments`: the command line without the program's name. `timeout_seconds`: time limit; None for no limit.
     """
     command, variables = job_command(ranks, arguments), {**OVERSUBSCRIBE, **os.environ, **(environment or {})}
     done = subprocess.run(command, capture_output=True, text=True, env=variables, timeout=timeout_seconds)

@@ -158,11 +158,8 @@ def as_bytes(buffer: Buffer) -> NDArray[np.uint8]:
 def all_to_all(channel: Channel, sent: Sequence[Buffer], tag: int, counts: Sequence[int] | None = None) -> list[Buffer]:
     """Send an array to each rank, and return those of all ranks, the own one uncopied; collective.
 
-    Parameters
-    ----------
-    sent : one array (k,) for each rank, C order, of the same type everywhere
-    tag : of the messages
-    counts : length of the array from each rank; None: the ranks tell each other
+    `sent`: one array (k,) for each rank, C order, of the same type everywhere. `tag`: of the messages. `counts`: length
+    of the array from each rank; None: the ranks tell each other.
     """
     if counts is None:
         counts = channel.allgather_numbers([len(each) for each in sent])[:, channel.rank].tolist()

@@ -29,12 +29,8 @@ from clusterviz.image.partial import PartialImage, Rect
 class TileCollector:
     """Collector of the tiles of all ranks, frame after frame; every method is collective.
 
-    `pixel`: pixel type of the tiles. Raises InputError on every rank for an unknown codec.
-
-    Parameters
-    ----------
-    pixel : pixel type of the tiles: float32, float16 or uint8
-    network : constants for the choice of codecs; if None, those that `clusterviz bench network` saved
+    `pixel`: pixel type of the tiles: float32, float16 or uint8. `network`: constants for the choice of codecs; if None,
+    those that `clusterviz bench network` saved. Raises InputError on every rank for an unknown codec.
     """
 
     def __init__(

@@ -94,11 +94,8 @@ def plan_traffic(
 ) -> tuple[StageTraffic, ...]:
     """Return the messages and merges of one rank, stage by stage.
 
-    Parameters
-    ----------
-    layers : layers of each position; the range of each patch is the whole canvas
-    whole : whether the last merges make all pixels of their ranges, also blank ones, so that the final gather needs
-        no headers
+    `layers`: layers of each position; the range of each patch is the whole canvas. `whole`: whether the last merges
+    make all pixels of their ranges, also blank ones, so that the final gather needs no headers.
     """
     if not schedule.stages and len(layers[rank]) > 1:
         # Nothing is sent, but the rank's own layers have to be merged.

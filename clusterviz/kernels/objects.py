@@ -47,11 +47,8 @@ def _llvm() -> Any:
 def function_address(name: str, sources: Iterable[bytes], make: Callable[[], bytes]) -> int:
     """Return the address of a function, from its object file.
 
-    Parameters
-    ----------
-    name : name of the function, and of its file
-    sources : sources of the code
-    make : compiles an object file with the function; called only if no file is found
+    `name`: name of the function, and of its file. `sources`: sources of the code. `make`: compiles an object file with
+    the function; called only if no file is found.
     """
 
     def compile_it() -> bytes:

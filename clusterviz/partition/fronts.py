@@ -43,10 +43,8 @@ def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN) -
     Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010,
     section 5.3.6: the transfer of complete fronts of bricks is the drawback that non-uniform bricks reduce there.
 
-    Parameters
-    ----------
-    tree : tree whose axes and ranks are used; its planes are not
-    eye : ray origin for which the number of images is small; their order is right for every origin
+    `tree`: tree whose axes and ranks are used; its planes are not. `eye`: ray origin for which the number of images is
+    small; their order is right for every origin.
     """
     owner = np.empty(cost.size, np.int32)
     index = np.indices(cost.shape).reshape(3, -1)

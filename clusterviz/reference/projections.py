@@ -72,11 +72,8 @@ class FirstHit:
 class Sum:
     """Average and sum of opacity × scalar, in grey.
 
-    Parameters
-    ----------
-    rays : number of rays
-    classify : transfer function; scalars are clamped to its domain and scaled to 0 … 1
-    divisor : None for the mean over the ray's length in valid voxels, or the length that counts as 1
+    `rays`: number of rays. `classify`: transfer function; scalars are clamped to its domain and scaled to 0 … 1.
+    `divisor`: None for the mean over the ray's length in valid voxels, or the length that counts as 1.
     """
 
     def __init__(self, rays: int, classify: TransferFunction, divisor: float | None) -> None:

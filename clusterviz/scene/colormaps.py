@@ -40,10 +40,7 @@ def read_preset(path: str, *, where: str = "cmap") -> tuple[Floats, Floats, tupl
     Returns `places`, float64 (n,), ascending from 0 to 1; `colours`, float64 (n, 3), straight RGB, linear between the
     places; `opacity`, ((place, opacity), …), or None if the preset has none.
 
-    Parameters
-    ----------
-    path : the file; its first preset is read
-    where : the file and key named in errors
+    `path`: the file; its first preset is read. `where`: the file and key named in errors.
     """
     with guard(SceneError, f"{where}: {path}"):
         return _read(_load(path, where), path, where)

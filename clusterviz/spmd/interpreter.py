@@ -78,10 +78,7 @@ class Frame:
 class Interpreter:
     """Execution of a dispatch.
 
-    Parameters
-    ----------
-    program : of the dispatch's source
-    groups : int (g, 3), the work groups to execute; None: all
+    `program`: of the dispatch's source. `groups`: int (g, 3), the work groups to execute; None: all.
 
     Attributes
     ----------

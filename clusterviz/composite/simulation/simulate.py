@@ -39,12 +39,9 @@ SCREEN_FROM_WORLD = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2
 def cube_footprints(ranks: int, size: tuple[int, int]) -> Rectangles:
     """Return bounding rectangles of the bricks of a cube, front to back, in parallel projection along its diagonal.
 
-    Returns rectangles on a canvas that is the union of all of them.
-
-    Parameters
-    ----------
-    ranks : number of bricks; boxes are halved across their longest side until there is one for each rank
-    size : (width, height) of the picture; the cube touches its borders in at least one direction
+    `ranks`: number of bricks; boxes are halved across their longest side until there is one for each rank. `size`:
+    (width, height) of the picture; the cube touches its borders in at least one direction. Returns rectangles on a
+    canvas that is the union of all of them.
     """
     boxes = _bricks(ranks)
     middle, half = (boxes[:, 0] + boxes[:, 1]) / 2, (boxes[:, 1] - boxes[:, 0]) / 2
@@ -157,12 +154,9 @@ def simulate(
 ) -> Simulation:
     """Count and predict one frame without its final gather, so that any rank may be the root.
 
-    Raises InputError for an unknown name, an option that does not fit, or more ranks than can be simulated.
-
-    Parameters
-    ----------
-    algorithm : registered name, or "auto", the fastest of `candidates`
-    footprints : "dense": every rank covers the picture; "cubes": each has a brick of a cube, see `cube_footprints`
+    `algorithm`: registered name, or "auto", the fastest of `candidates`. `footprints`: "dense": every rank covers the
+    picture; "cubes": each has a brick of a cube, see `cube_footprints`. Raises InputError for an unknown name, an
+    option that does not fit, or more ranks than can be simulated.
     """
     check_algorithm(algorithm)
     options = options or Options()

@@ -68,11 +68,8 @@ def material(name: str) -> Material:
 def material_of_colour(rgb: Sequence[float], wavelengths: Floats, scattering: float = 1.0) -> Material:
     """Return a material that has a colour in thick layers: K / S = (1 − R)² / (2 R) for the colour's reflectance R.
 
-    Parameters
-    ----------
-    rgb : sRGB values in [0, 1]
-    wavelengths : nm; the colour is met in pictures of these wavelengths
-    scattering : S at all wavelengths, per millimetre
+    `rgb`: sRGB values in [0, 1]. `wavelengths`: nm; the colour is met in pictures of these wavelengths. `scattering`: S
+    at all wavelengths, per millimetre.
     """
     reflectance = np.maximum(reflectance_of(rgb, wavelengths), DARKEST)
     absorption = scattering * (1 - reflectance) ** 2 / (2 * reflectance)
