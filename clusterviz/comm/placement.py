@@ -122,7 +122,7 @@ def launched(environment: Mapping[str, str] = os.environ) -> bool:
     return any(name in environment for name in names) or launched_size(environment) > 1
 
 
-def kernel_threads(environment: Mapping[str, str] = os.environ) -> int:
+def kernel_threads() -> int:
     """Return the number of threads for compiled kernels: NUMBA_NUM_THREADS if set, else all granted cores."""
-    threads = environment.get("NUMBA_NUM_THREADS", "")
+    threads = os.environ.get("NUMBA_NUM_THREADS", "")
     return int(threads) if threads.isdecimal() and int(threads) > 0 else len(granted_cores())
