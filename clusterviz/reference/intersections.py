@@ -38,12 +38,7 @@ class Hits(Columns):
 
 
 class Primitives(Protocol):
-    """Primitives with boxes around them.
-
-    Attributes
-    ----------
-    low, high : float64 (m, 3), the corners of the boxes
-    """
+    """Primitives with boxes around them, whose corners are `low` and `high`, float64 (m, 3)."""
 
     @property
     def low(self) -> Floats: ...

@@ -1,4 +1,4 @@
-"""Reference of isosurfaces, alone or in a volume: every crossing of every ray (`crossings.py`), front to back.
+"""Reference of isosurfaces, alone or in a volume: every crossing of every ray, front to back.
 
 Along a ray, a trilinear field is a cubic polynomial in each cell. Slabs are cut at the faces of cells, and each piece
 at the extrema of the polynomial. Between extrema the field is monotone and crosses a value at most once; the crossing

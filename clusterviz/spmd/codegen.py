@@ -338,22 +338,14 @@ class Generator(Expressions):
 
     def _if_some(self, node: If, condition: Part) -> None:
         """Generate both sides of a branch, each for the lanes that take it."""
-        emit, before = self.emit, (self.mask, self._mask_id)
-        masks = [(node.then, condition)]
+        emit, masks = self.emit, [(node.then, condition)]
         if node.otherwise is not None:
             masks.append((node.otherwise, emit.inverse(condition)))
         for branch, taken in masks:
-            mask, end = emit.both(before[0], taken), emit.label()
-            if self._facts.cost(branch) > CHEAP:
-                begin = emit.label()
-                emit.branch(emit.any(mask), begin, end)
-                emit.begin(begin)
-            self._narrow(mask)
-            self._frames[-1].ends.append(end)
-            self._statement(branch)
-            self._frames[-1].ends.pop()
-            emit.begin(end)
-            self.mask, self._mask_id = before
+            with self._for_lanes(emit.both(self.mask, taken), self._facts.cost(branch) > CHEAP) as end:
+                self._frames[-1].ends.append(end)
+                self._statement(branch)
+                self._frames[-1].ends.pop()
         if any(self._facts.leaves(branch) for branch, _ in masks):
             self._remask()
 

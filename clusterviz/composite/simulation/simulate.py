@@ -82,31 +82,22 @@ MOST_SPARSE_RANKS = {"slic": 4096}
 
 @dataclass(frozen=True)
 class Simulation:
-    """Simulated cost of one frame, without the final gather.
-
-    Attributes
-    ----------
-    footprints : "dense" or "cubes"
-    counted : "closed form", or "schedule" if all transfers were counted
-    messages_sent, pixels_sent, bytes_sent : sums over all ranks
-    seconds : prediction of the time model of `network`
-    worst_rank : position whose messages, bytes and pixels take longest
-    worst_rank_messages_sent, … : load of that position
-    """
+    """Simulated cost of one frame, without the final gather."""
 
     algorithm: str
     ranks: int
     size: tuple[int, int]
-    footprints: str
+    footprints: str  # "dense" or "cubes"
     network: str
-    counted: str
+    counted: str  # "closed form", or "schedule" if all transfers were counted
     bytes_per_pixel: int
+    # sums over all ranks
     messages_sent: int
     pixels_sent: int
     bytes_sent: int
     rounds: int
-    seconds: float
-    worst_rank: int
+    seconds: float  # prediction of the time model of `network`
+    worst_rank: int  # position whose messages, bytes and pixels take longest, and its load
     worst_rank_messages_sent: int
     worst_rank_messages_received: int
     worst_rank_pixels_sent: int
