@@ -43,8 +43,6 @@ class Footprint:
 
 @dataclass(frozen=True)
 class Footprints:
-    """Footprints of all images."""
-
     canvas: Rect  # smallest rectangle of the screen that contains all images; its pixels are numbered
     dtype: np.dtype[Any]  # pixel type of every image that is not empty
     layers: tuple[Footprint, ...]  # images that are not empty, front to back
@@ -110,13 +108,9 @@ def gather_footprints(
     merge; images of different types, orders that do not name every image of every rank once or that differ between
     ranks.
 
-    Parameters
-    ----------
-    images : this rank's images, front to back
-    order : channel ranks from front to back, one entry for each image of each rank
-    exchange : gathers the numbers, instead of the channel
-    offsets : offset in shared memory of each image
-    operator : merge operator, the same on every rank
+    `images`: this rank's images, front to back; `order`: channel ranks from front to back, one entry for each image of
+    each rank; `exchange`: gathers the numbers, instead of the channel; `offsets`: offset in shared memory of each
+    image; `operator`: merge operator, the same on every rank.
     """
     exchange = exchange or channel.allgather_numbers
     error = _argument_error(images, order, channel)

@@ -4,8 +4,8 @@ Sorting starts anywhere and goes on with an intersection on the same face, as ea
 slowest of the generators on CPUs.
 
 The thesis tells of polygons that are incomplete where a plane comes close to a corner: there, validating each line by
-itself may find one or three intersections on a face, because of rounding or because the corner itself is on three
-edges. Validated by corners, as here, that cannot happen.
+itself (`by_lines`) may find one or three intersections on a face, because of rounding or because the corner itself is
+on three edges. Validated by corners, which is this module's default, that cannot happen.
 
 References
 ----------
@@ -48,11 +48,21 @@ FIRST = np.array([(bits & -bits).bit_length() - 1 for bits in range(1 << 12)])
 """Lowest bit of a set of edges."""
 
 
-def brute_force(cuts: Cuts) -> Polygons:
-    """Return the polygons of planes in boxes."""
+def brute_force(cuts: Cuts, by_lines: bool = False) -> Polygons:
+    """Return the polygons of planes in boxes.
+
+    `by_lines`: intersections are validated on each line by itself, in [0, 1], as in the thesis; some polygons are
+    wrong.
+    """
     levels, level = cuts.corner_levels, cuts.level[:, None]
     near, far = levels[:, EDGES[:, 0]], levels[:, EDGES[:, 1]]
-    return sorted_polygons(cuts, (near <= level) & (level < far), shares(level, near, far))
+    share = shares(level, near, far)
+    valid = (near <= level) & (level < far)
+    if by_lines:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            on_line = (level - near) / (far - near)
+        valid = (on_line >= 0) & (on_line <= 1)
+    return sorted_polygons(cuts, valid, share)
 
 
 def sorted_polygons(cuts: Cuts, valid: Flags, share: Floats) -> Polygons:
