@@ -38,10 +38,6 @@ if TYPE_CHECKING:
 class Drawing:
     """Renderer of this rank, kept from frame to frame; a rank without bricks opens no OpenGL context.
 
-    Parameters
-    ----------
-    reader : of this rank's bricks
-
     Attributes
     ----------
     sample_counts : for each piece drawn last its rectangle, and its samples as `RenderResult.work`

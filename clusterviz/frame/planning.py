@@ -35,13 +35,7 @@ if TYPE_CHECKING:
 class FramePlanner:
     """Planner of a loop's frames; it keeps what earlier frames have taught, the same on every rank.
 
-    Parameters
-    ----------
-    run : of the opening
-    drawing : that draws small pictures, and keeps their bricks
-    opened : content
-    scene : completed
-    several : True if more than one frame may come
+    The drawing draws small pictures, and keeps their bricks. `several` says that more than one frame may come.
 
     Attributes
     ----------
