@@ -16,6 +16,8 @@ has for them:
 - `complete` fills the keys that drawing needs from facts. It is pure and idempotent: ranks with equal facts get equal
   entries, and completed entries stay as they are.
 - `corners` and `visible` are the boxes that the camera fits and annotations show.
+- What stages ask of an entry beside this is said by its section, a `ContentSection`: what rays collect of it, for
+  example.
 - The others describe entries to people: `summary` to readers of the terminal, `legend` to those of the picture, `panel`
   to the viewer, `warnings` to those who see less than they expect.
 

@@ -41,8 +41,8 @@ from clusterviz.image.picture import Image as Picture
 from clusterviz.image.picture import layers_of
 from clusterviz.render.crossing import named_layers
 from clusterviz.render.render_result import finish_projection
+from clusterviz.report.counts import all_counts
 from clusterviz.report.decisions import Change
-from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans
@@ -177,6 +177,7 @@ class Compositing:
         counts = replace(counts, seconds=clock.seconds, peak_memory_bytes=peak_memory_bytes())
         gathered = run.channel.allgather((counts, image is not None and not image[..., 3].any()))
         per_rank, is_blank = tuple(counts for counts, _ in gathered), gathered[0][1]
+        # What may be wrong with the picture, in a sentence for each topic.
         reasons = visibility_warnings(work.scene, drawn.infos, is_blank)
         kbuffer = all_counts(rank.kbuffer for rank in per_rank)
         if kbuffer and kbuffer.wrong_pixels:
@@ -197,6 +198,7 @@ class Compositing:
                 f"grids: {cut_short} walks of rays were cut short, as they went in circles through cells thinner than "
                 "float32 resolves; pixels may miss cells behind"
             )
+        # Each topic is told once in a run.
         for topic in [topic for topic in reasons if topic not in self._warned]:
             self._warned.add(topic)
             if run.channel.rank == 0:

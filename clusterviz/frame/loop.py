@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,17 @@ from clusterviz.frame.driver import with_right_device
 from clusterviz.frame.opening import Given, Opened, open_content, open_time_steps
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Image, Options, Progress, Run
-from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
+from clusterviz.frame.work import (
+    DrawingRequest,
+    DrawingResult,
+    DrawnFrame,
+    Planning,
+    RankWork,
+    Rendered,
+    T,
+    check_consistency,
+    check_cover,
+)
 from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.content import Bricks
 from clusterviz.plan.plan import changed_settings
@@ -81,9 +92,34 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
     scene, opened, bricks = open_content(run, scene, source)
     reader = BrickReader(opened, bricks)
     drawing = Drawing(reader)
-    work = FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene)
+    work = planned(drawing, FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene))
     drawing.release()
     return work, reader.load(run, work.plan, work.holds) if work.plan else {}
+
+
+def planned(drawing: Drawing, planning: Planning[T]) -> T:
+    """Draw what a planning asks for, and return its decision; collective."""
+    found: DrawingResult | None = None
+    while True:
+        try:
+            request = planning.send(found)  # type: ignore[arg-type]  # None begins
+        except StopIteration as decided:
+            decision: T = decided.value
+            return decision
+        found = _found(drawing, request)
+
+
+def _found(drawing: Drawing, request: DrawingRequest) -> DrawingResult:
+    run, work = request.run, request.work
+    if request.loads:
+        drawing.load(run, request.loads)
+    with run.unreported(request.stage) if request.stage else nullcontext(run) as timed:
+        before = timed.clock.seconds.get("render", 0.0)
+        partials, counts = drawing.draw(timed, work)
+        seconds, image = timed.clock.seconds.get("render", 0.0) - before, None
+    if request.composited:
+        image, counts = Compositing(several=False).picture(run, work, partials, counts)
+    return DrawingResult(partials, counts, drawing.sample_counts, seconds, image)
 
 
 class FrameLoop:
@@ -160,7 +196,7 @@ class FrameLoop:
             self._drawing.forget()
             raise
         rendered = compositing.gather(run, drawn, image, counts)
-        self._planner.auto_mode.learn(self._run, drawn.work, rendered.statistics.per_rank)
+        self._planner.auto_mode.learn(self._run, drawn, rendered.statistics.per_rank)
         return rendered
 
     def frames(self, scenes: Iterable[tuple[int, Scene]]) -> Iterator[Rendered]:
@@ -181,7 +217,7 @@ class FrameLoop:
                 with run.clock.stage("total", f"frame {number}"):
                     drawn = self._draw(run, self._completed(run, scene))
                     costs = run.channel.allgather(replace(drawn.counts, seconds=run.clock.seconds))
-                    self._planner.auto_mode.learn(run, drawn.work, costs)
+                    self._planner.auto_mode.learn(run, drawn, costs)
                     with run.clock.stage("wait"):
                         before = async_compositing.take()
                 async_compositing.put(run, drawn)
@@ -209,7 +245,8 @@ class FrameLoop:
     def _draw(self, run: Run, scene: Scene) -> DrawnFrame:
         """Open what a completed scene shows anew, plan its frame, and draw this rank's part."""
         self._open_time_steps(run, scene)
-        work, hooks = self._planner.plan(run, scene), self._planner.auto_mode.hooks
+        work = planned(self._drawing, self._planner.plan(run, scene))
+        hooks = self._planner.auto_mode.hooks
         if run.options.check:
             check_cover(run, work)
         self._drawing.load(run, work)
@@ -224,7 +261,7 @@ class FrameLoop:
         if not self._several:
             self._drawing.release()
         found = self._opened.infos, self._changes(run, work), layers, self._drawing.fragments
-        return DrawnFrame(run.frame, work, partials, counts, *found, painted)
+        return DrawnFrame(run.frame, work, partials, counts, *found, painted, self._drawing.sample_counts)
 
     def _averaged(self, run: Run, scene: Scene, compositing: Compositing) -> tuple[DrawnFrame, Image | None, RankFrame]:
         """Draw a frame once for each eye point of its lens; return the last one, the mean on rank 0, and all costs."""

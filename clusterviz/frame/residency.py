@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
 from clusterviz.data.store.cache import CACHE, CACHE_BYTES
+from clusterviz.distribution.memory_budget import READING
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.content import Bricks
@@ -41,20 +42,7 @@ if TYPE_CHECKING:
 
 SLOTS, DECODED = 3 / 8, 1 / 4
 """Shares of a limit, if not all bricks fit; the rest is for samples. Without stores nothing is decoded."""
-READING = 2
-"""Bytes for a byte of samples that is read: the box that spans several bricks lies beside these."""
 Batch = tuple[Future[Bricks], frozenset[Index], int]
-
-
-def has_passes(plan: Plan) -> bool:
-    """Return True if bricks of a plan may be drawn in passes: those of volumes only, and each ray once."""
-    march = plan.march
-    return not plan.content.layers and march.frame_coherence is None and march.discard_margin is None
-
-
-def least_bytes(sizes: NDArray[np.int64], plan: Plan) -> int:
-    """Return the least limit with which bricks, given the bytes of their slots, can be drawn in passes: of one."""
-    return int(sizes.max()) + READING * slot_of(plan).sample_bytes if sizes.any() else 0
 
 
 @dataclass(frozen=True)
@@ -127,6 +115,7 @@ class Residency:
         mine = [piece.members(shown) for piece in pieces]
         each = [sizes[tuple(bricks.T)] for bricks in mine if len(bricks)]
         total, largest = sum(int(one.sum()) for one in each), max((int(one.max()) for one in each), default=0)
+        # Divide the limit between stored bricks, read samples and decoded bricks; cut the pieces so that parts fit.
         self._shares = Shares.of(self._limit, total, largest, self._sample, self._reader.decodes)
         CACHE.limit_bytes = self._shares.decoded
         self._parts = [(piece, part) for piece in pieces for part in self._cut(piece)]
@@ -155,6 +144,7 @@ class Residency:
         wanted = self._bricks[number] if layer is None else _indices(layer.members(self._plan.cost > 0))
         missing = self._missing = self._renderers.missing(self._plan, wanted)
         self._make_slots(missing, wanted)
+        # Load what has been read, in the order in which reads end.
         while missing:
             ready = {index: self._samples[index] for index in missing & self._samples.keys()}
             missing.difference_update(ready)

@@ -35,12 +35,7 @@ COMMON_MAPS = (
 
 @dataclass(frozen=True)
 class Content:
-    """What is known of the data of a scene.
-
-    Attributes
-    ----------
-    infos : facts on each entry of the scene, as opened
-    """
+    """What is known of the data of a scene. `infos`: facts on each entry of the scene, as opened."""
 
     infos: tuple[Facts, ...]
 
@@ -61,13 +56,7 @@ class Content:
         }
 
     def preset(self, volume: int, name: str) -> dict[str, Any]:
-        """Return the changes of a preset, by full keys.
-
-        Raises
-        ------
-        InputError
-            There is no such volume or preset.
-        """
+        """Return the changes of a preset, by full keys. Raises InputError: there is no such volume or preset."""
         volumes = infos_of(VOLUME, self.infos)
         if volume >= len(volumes):
             raise InputError("no such volume", where="preset", found=volume, allowed=f"fewer than {len(volumes)}")

@@ -20,7 +20,7 @@ from clusterviz.plan.content import make_content
 from clusterviz.plan.plan import changed_settings
 from clusterviz.render import raycast
 from clusterviz.render.abuffer import discarding, fills
-from clusterviz.report.early_discarding import EarlyDiscarding
+from clusterviz.report.counts import EarlyDiscarding
 from clusterviz.scene import Scene
 from clusterviz.scene.overrides import with_settings
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree
 from clusterviz.content.flow.section import LINES, FlowInfo, FlowSection, Lic, Seeds
-from clusterviz.data import grid_format_of
 from clusterviz.data.axes import Subset, first_parts, warn_of_choices
 from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.formats import grid_format_of
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import HISTOGRAM_BINS, VolumeSummary

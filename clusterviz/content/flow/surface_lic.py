@@ -66,6 +66,7 @@ class SurfacePainter:
                 continue
             with run.local("render", "render"):
                 pixels = _found(view, layers, objects_of(scene, flow), samples)
+            # Each rank convolves a band of rows, for which it needs the pixels of others in and near it.
             lic = flow.lic or Lic()
             weights = line_weights(lic.kernel, lic.length, lic.step)
             convolution = Convolution(weights, lic.step, lic.integrator, lic.blur, lic.seed, lic.phase)
@@ -77,6 +78,7 @@ class SurfacePainter:
                 values = stretched(run.channel, values) if lic.contrast else values
                 strength = flow.opacity if isinstance(flow.opacity, float) else STRENGTH
                 added = change(pixels, values, begin, strength, _tints(flow, pixels.speed))
+                # Rank 0 collects the bands.
                 band = PartialImage(Rect(0, begin, size[0], end), np.pad(added, ((0, 0), (0, 0), (0, 1))))
                 found, _ = TileCollector(run.channel, size, codec="raw").collect([band] if end > begin else [])
             if found is not None:

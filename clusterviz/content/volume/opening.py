@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.content.volume.section import Volume
-from clusterviz.data import ALL_STEPS, ONE_STEP, format_of, open_first_parts, open_time_step, override_grid
+from clusterviz.data import ALL_STEPS, ONE_STEP, open_first_parts, open_time_step, override_grid
 from clusterviz.data.axes import warn_of_choices
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
+from clusterviz.data.formats import format_of
 from clusterviz.data.levels import MixedSource, halved
 from clusterviz.data.source import Index, Source, levels_of
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time

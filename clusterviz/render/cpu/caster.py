@@ -55,7 +55,7 @@ from clusterviz.render.sizes import is_far_apart
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import doubling_bits, packed_bits, visible_groups
 from clusterviz.render.variant import Lanes, Variant, cpu_variant_of, of_size
-from clusterviz.report.kbuffer_counts import KBufferCounts
+from clusterviz.report.counts import KBufferCounts
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.spmd.machine_code import addresses, compiled
 from clusterviz.spmd.threads import run_threads, thread_pool
