@@ -15,15 +15,12 @@ def require_regular_file(path: str | os.PathLike[str], kind: type[InputError] = 
 
     To open a FIFO waits for its writer, and devices have no end. What is missing or a folder is told by what opens it.
 
+    Raises InputError: it is a FIFO, a device or a socket.
+
     Parameters
     ----------
     kind : class of the error
     where : the name in errors; by default the path
-
-    Raises
-    ------
-    InputError
-        It is a FIFO, a device or a socket.
     """
     try:
         found = _KINDS.get(stat.S_IFMT(os.stat(path).st_mode))

@@ -57,8 +57,7 @@ def commands() -> Iterator[str]:
                     (", ".join(f"`{one}`" for one in names), meaning, "required" if parameter.required else shown)
                 )
             yield from table(("option", "meaning", "default"), rows)
-        if COMMANDS[name].example:
-            yield f"\n    {COMMANDS[name].example}\n"
+        yield f"\n    {COMMANDS[name].example}\n"
 
 
 def scene(schema: Schema) -> Iterator[str]:

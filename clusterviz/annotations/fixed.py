@@ -13,6 +13,7 @@ import numpy as np
 from clusterviz.annotations.canvas import Canvas, Rect, fitted_text, text_width
 from clusterviz.annotations.scalar_bar import Style, draw_scalar_bars
 from clusterviz.content.contract import LegendEntry
+from clusterviz.content.table import drawn_entries
 from clusterviz.scene.annotations import Annotations, Legend, ScalarBar, TimeStamp, section_of
 from clusterviz.scene.values import Scene
 
@@ -87,7 +88,7 @@ def time_text(scene: Scene) -> str:
     stamp = section_of(scene.annotations.time, TimeStamp)
     if stamp is None:
         return ""
-    times = [each.time for each in scene.volumes] + [each.time for each in scene.grids]
+    times = [getattr(entry.section, "time", None) for entry in drawn_entries(scene)]
     found = next((time for time in times if isinstance(time, (int, float))), None)
     if found is None:
         return ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -19,7 +18,7 @@ from clusterviz.content.complete import content_corners
 from clusterviz.content.facts import Facts, box_corners
 from clusterviz.content.sections import CONTENT_SECTIONS
 from clusterviz.content.summary import legends_of
-from clusterviz.content.table import entries_of, with_sections
+from clusterviz.content.table import entries_of
 from clusterviz.scene.annotations import Annotations, AxesGrid, ScalarBar, section_of
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.values import Scene
@@ -77,12 +76,10 @@ def _with_names(scene: Scene, infos: Sequence[Facts]) -> Scene:
     def named(section: Any, info: Facts) -> Any:
         return section.model_copy(update={"array": info.array}) if info.array and not section.shown_array else section
 
-    entries = [replace(entry, section=named(entry.section, entry.info)) for entry in entries_of(scene, infos)]
-    return with_sections(scene, entries)
+    return scene.with_entries({each.key: named(each.section, each.info) for each in entries_of(scene, infos)})
 
 
 def _style(settings: Annotations, background: Colour | None, side: int) -> Style:
-    """Return colours of the highest contrast, and sizes."""
     font = max(LEAST_FONT, settings.font_size * side)
     if settings.color is not None:
         ink = background_rgb(settings.color) or INKS[0]
@@ -131,7 +128,6 @@ def _kept_fixed(scene: Scene, size: tuple[int, int], style: Style) -> tuple[Over
 def _of_camera(
     scene: Scene, infos: Sequence[Facts], size: tuple[int, int], style: Style, rects: list[Rect], has_text: bool
 ) -> tuple[list[Overlay], list[Overlay], list[Overlay]]:
-    """Return the overlays behind the data, before it, and of text."""
     settings, camera = scene.annotations, scene.camera
     axes = section_of(settings.axes, AxesGrid)
     behind, front, text = (Canvas(size) for _ in range(3))
@@ -164,7 +160,6 @@ def _of_camera(
 
 
 def _draw_edges(box: Box, scene: Scene, size: tuple[int, int], style: Style, behind: Canvas, front: Canvas) -> None:
-    """Draw the edges of a box on one canvas or the other."""
     edges = np.concatenate([edge_shares(axis) for axis in range(3)])
     is_front = adjacent_front_faces(edges, box.front_faces(scene.camera)) > 0
     for canvas, chosen in ((behind, edges[~is_front]), (front, edges[is_front])):

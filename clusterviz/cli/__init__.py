@@ -24,133 +24,94 @@ from clusterviz.errors import DataWarning, without_secrets
 
 
 class Command(NamedTuple):
-    """Entry of the command table.
+    """Entry of the command table; the module has the command's name."""
 
-    Attributes
-    ----------
-    example : a command line shown in the help; "" for none
-    """
-
-    module: str
     help: str
-    example: str = ""
+    example: str  # a command line shown in the help
 
 
 COMMANDS: dict[str, Command] = {
     "render": Command(
-        "clusterviz.cli.render",
         "Render a scene or a data file into a picture; under mpirun, on all ranks.",
         "mpirun -n 4 clusterviz render head.nii.gz -o head.png --size 800x600",
     ),
     "scene": Command(
-        "clusterviz.cli.scene",
         "Print the completed scene of a data file, a scene file or a picture, as YAML.",
         "clusterviz scene head.nii.gz > head.yaml",
     ),
     "animate": Command(
-        "clusterviz.cli.animate",
         "Render an orbit or a path as a movie or as numbered pictures.",
         "mpirun -n 4 clusterviz animate scene.yaml --orbit 360 --frames 90 -o movie.mp4",
     ),
     "view": Command(
-        "clusterviz.cli.view",
         "Show a scene or a data file in the browser; the ranks of a job draw it.",
         "clusterviz view head.nii.gz --ranks 4",
     ),
     "replay": Command(
-        "clusterviz.cli.replay",
         "Render a picture again from the scene that it holds, and say what differs.",
         "mpirun -n 4 clusterviz replay head.png",
     ),
     "illuminate": Command(
-        "clusterviz.cli.illuminate",
         "Show a spectral picture under another light, without rendering again.",
         "clusterviz illuminate head.npz --light F11 -o head.png",
     ),
     "verify": Command(
-        "clusterviz.cli.verify",
-        "Render a scene on several rank counts, and compare the pictures.",
-        "clusterviz verify scene.yaml --ranks 1,2,4",
+        "Render a scene on several rank counts, and compare the pictures.", "clusterviz verify scene.yaml --ranks 1,2,4"
     ),
     "tradeoff": Command(
-        "clusterviz.cli.tradeoff",
-        "Measure what each quality setting costs and buys, as a page.",
-        "clusterviz tradeoff scene.yaml -o tradeoff",
+        "Measure what each quality setting costs and buys, as a page.", "clusterviz tradeoff scene.yaml -o tradeoff"
     ),
     "scale": Command(
-        "clusterviz.cli.scale",
         "Measure how a scene scales, and predict up to 65,536 ranks, as a page.",
         "clusterviz scale scene.yaml --ranks 1,2,4 -o scaling",
     ),
     "profile": Command(
-        "clusterviz.cli.profile",
         "Show what each pixel, and each line of the shader, costs, as a page.",
         "clusterviz profile scene.yaml -o profile",
     ),
     "complexity": Command(
-        "clusterviz.cli.complexity",
         "Count the fragments of meshes, lines and points at each pixel, as a page.",
         "clusterviz complexity scene.yaml -o complexity --orbit 360 --frames 36",
     ),
     "kbuffer": Command(
-        "clusterviz.cli.kbuffer",
         "Survey k-buffers of an unstructured grid: entries, wrong pixels and time, as a page.",
         "clusterviz kbuffer disk_out_ref.ex2 -o kbuffer -D array=Temp",
     ),
     "bench": Command(
-        "clusterviz.cli.bench",
         "Measure one part: compositing, ray casting, kernels, the network.",
         "clusterviz bench raycast scene.yaml --frames 5",
     ),
     "simulate": Command(
-        "clusterviz.cli.simulate",
         "Count and predict compositing on up to 65,536 ranks, without MPI.",
         "clusterviz simulate --ranks 4096 --size 4096x4096 --algorithm radix-k",
     ),
     "debug": Command(
-        "clusterviz.cli.debug",
         "Look at the variables of the shader that draws a scene, for all pixels at once.",
         "clusterviz debug scene.yaml --break march.glsl:146 --watch k",
     ),
     "store": Command(
-        "clusterviz.cli.store",
         "Write a volume as OME-Zarr with levels and compressed bricks.",
         "mpirun -n 4 clusterviz store head.nii.gz head.ome.zarr --error 1",
     ),
     "trace": Command(
-        "clusterviz.cli.trace",
         "Trace lines of a flow into a VTP file, and find its critical points.",
         "mpirun -n 4 clusterviz trace channel.vti -o lines.vtp -D seeds.count=500",
     ),
-    "info": Command("clusterviz.cli.info", "Show what a data file holds.", "clusterviz info head.nii.gz"),
-    "schema": Command(
-        "clusterviz.cli.schema", "Print the JSON Schema of scene files.", "clusterviz schema > scene.schema.json"
-    ),
-    "cmaps": Command("clusterviz.cli.cmaps", "List colour maps.", "clusterviz cmaps --kind diverging"),
-    "presets": Command(
-        "clusterviz.cli.presets",
-        "List presets of volumes: tissue, bone, vessels, mip, labels, …",
-        "clusterviz presets --json",
-    ),
+    "info": Command("Show what a data file holds.", "clusterviz info head.nii.gz"),
+    "schema": Command("Print the JSON Schema of scene files.", "clusterviz schema > scene.schema.json"),
+    "cmaps": Command("List colour maps.", "clusterviz cmaps --kind diverging"),
+    "presets": Command("List presets of volumes: tissue, bone, vessels, mip, labels, …", "clusterviz presets --json"),
     "samples": Command(
-        "clusterviz.cli.samples",
-        "List real data that can be fetched, or fetch one and print its path.",
-        "clusterviz samples mni152",
+        "List real data that can be fetched, or fetch one and print its path.", "clusterviz samples mni152"
     ),
-    "prepare": Command("clusterviz.cli.prepare", "Compile the kernels that most scenes need.", "clusterviz prepare"),
+    "prepare": Command("Compile the kernels that most scenes need.", "clusterviz prepare"),
     "doctor": Command(
-        "clusterviz.cli.doctor",
-        "Show what every rank has to work with, and what is wrong with it.",
-        "mpirun -n 4 clusterviz doctor",
+        "Show what every rank has to work with, and what is wrong with it.", "mpirun -n 4 clusterviz doctor"
     ),
 }
 """Commands by name, in the order of the help page."""
 
-FLAGS = {
-    "--debug": ("--debug",),
-    "--quiet": ("--quiet", "-q"),
-    "--verbose": ("--verbose", "-v"),
-}
+FLAGS = {"--debug": ("--debug",), "--quiet": ("--quiet", "-q"), "--verbose": ("--verbose", "-v")}
 """Options of all commands and their spellings; they are accepted anywhere before `--`."""
 
 
@@ -176,12 +137,7 @@ def main() -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command.
-
-    Parameters
-    ----------
-    arguments : the command line without the program's name
-    """
+    """Run one command. `arguments`: the command line without the program's name."""
     flags, arguments = _without_flags(arguments)
     debug = "--debug" in flags
     set_verbosity(Verbosity(("--verbose" in flags) - ("--quiet" in flags)))
@@ -211,7 +167,7 @@ def command_line(arguments: Sequence[str]) -> typer.Typer:
     """Return the typer application; only commands named in the arguments are imported."""
     application = typer.Typer(
         help="Distributed volume rendering: the same picture on any number of ranks.",
-        epilog="Examples:\n\n" + "\n\n".join(entry.example for entry in COMMANDS.values() if entry.example),
+        epilog="Examples:\n\n" + "\n\n".join(entry.example for entry in COMMANDS.values()),
         no_args_is_help=True,
         pretty_exceptions_enable=False,
     )
@@ -219,8 +175,8 @@ def command_line(arguments: Sequence[str]) -> typer.Typer:
     named = {*arguments, *(os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")).split()}
     application.callback()(_global_options)
     for name, entry in COMMANDS.items():
-        module = import_module(entry.module) if name in named else None
-        group, example = getattr(module, "application", None), f"Example: {entry.example}" if entry.example else None
+        module = import_module(f"clusterviz.cli.{name}") if name in named else None
+        group, example = getattr(module, "application", None), f"Example: {entry.example}"
         if group is not None:
             application.add_typer(group, name=name, help=entry.help, epilog=example)
         else:
@@ -244,7 +200,6 @@ def _not_imported() -> None:
 
 
 def _without_flags(arguments: Sequence[str]) -> tuple[set[str], list[str]]:
-    """Return the `FLAGS` given, and the arguments without them."""
     end = list(arguments).index("--") if "--" in arguments else len(arguments)
     meant = {spelling: flag for flag, spellings in FLAGS.items() for spelling in spellings}
     kept = [argument for argument in arguments[:end] if argument not in meant]

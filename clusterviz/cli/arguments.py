@@ -19,7 +19,7 @@ Define = Annotated[
     typer.Option("-D", metavar="KEY=VALUE", help="Set any key of the scene: -D quality.step=0.5 (may be repeated)."),
 ]
 Size = Annotated[str | None, typer.Option("--size", metavar="WxH", help="Width and height of the picture in pixels.")]
-
+Frames = Annotated[int, typer.Option(min=1, help="Number of timed frames, after one warm-up frame.")]
 PresetOption = Annotated[
     str | None,
     typer.Option(metavar="NAME", help="Preset of the volumes: tissue, bone, mip, …, see `clusterviz presets`."),
@@ -28,16 +28,12 @@ DeviceOption = Annotated[
     str | None,
     typer.Option("--device", metavar="N|cpu", help="EGL device of every rank, or the CPU; default: in turn."),
 ]
-
-
 LayersOption = Annotated[
     str | None,
     typer.Option(
         metavar="L,L,…", help="Layers beside the colours, into .exr or .npz: depth, normal, opacity, object, or all."
     ),
 ]
-
-
 AnnotateOption = Annotated[
     bool,
     typer.Option(
@@ -60,10 +56,7 @@ def overrides_of(define: list[str] | None, size: str | None, layers: str | None 
 def parse_size(text: str) -> tuple[int, int]:
     """Parse a size such as 800x600 into (width, height).
 
-    Raises
-    ------
-    InputError
-        The text has another form, or a side is 0 or too large.
+    Raises InputError: the text has another form, or a side is 0 or too large.
     """
     from clusterviz.scene.field_types import LARGEST_SIDE
 
@@ -78,13 +71,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_device(text: str | None) -> Device:
-    """Parse `--device`: the index of an EGL device, "cpu", or None.
-
-    Raises
-    ------
-    InputError
-        The text is something else.
-    """
+    """Parse `--device`: the index of an EGL device, "cpu", or None. Raises InputError: the text is something else."""
     if text is None or text == "cpu":
         return text  # type: ignore[return-value]
     if not text.isdecimal():
@@ -93,13 +80,7 @@ def parse_device(text: str | None) -> Device:
 
 
 def parse_names(text: str, known: list[str], where: str) -> list[str]:
-    """Parse a list of names such as "serial,tree".
-
-    Raises
-    ------
-    InputError
-        A name is unknown, or the list is empty.
-    """
+    """Parse a list of names such as "serial,tree". Raises InputError: a name is unknown, or the list is empty."""
     names = [name.strip() for name in text.split(",")]
     unknown = [name for name in names if name not in known]
     if unknown:
@@ -110,10 +91,7 @@ def parse_names(text: str, known: list[str], where: str) -> list[str]:
 def parse_counts(text: str, least: int, where: str) -> list[int]:
     """Parse a list of whole numbers such as "1,2,4".
 
-    Raises
-    ------
-    InputError
-        An item is not a whole number, or is too small.
+    Raises InputError: an item is not a whole number, or is too small.
     """
     numbers = [number.strip() for number in text.split(",")]
     wrong = [number for number in numbers if not number.isdecimal() or int(number) < least]

@@ -5,7 +5,13 @@ from __future__ import annotations
 import json as json_text
 from typing import Annotated
 
+import numpy as np
 import typer
+from rich.console import Console
+from rich.text import Text
+
+from clusterviz.errors import InputError
+from clusterviz.scene.colormaps import map_names, named_colour_points
 
 CELLS, COLOURS = 32, 5
 
@@ -18,12 +24,6 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List colour maps with their colours, for `cmap: NAME` in a scene, or `-D cmap=NAME`; NAME_r is NAME reversed."""
-    from rich.console import Console
-    from rich.text import Text
-
-    from clusterviz.errors import InputError
-    from clusterviz.scene.colormaps import map_names, named_colour_points
-
     known = map_names()
     kinds = sorted({each for each, _ in known.values()})
     if kind is not None and kind not in kinds:
@@ -51,11 +51,6 @@ def command(
 
 
 def _swatch(name: str, count: int) -> list[str]:
-    """Return colours #rrggbb from one end of a map to the other."""
-    import numpy as np
-
-    from clusterviz.scene.colormaps import named_colour_points
-
     places, colours = named_colour_points(name)
     at = (np.arange(count) + 0.5) / count if count == CELLS else np.linspace(0, 1, count)
     rgb = np.stack([np.interp(at, places, colours[:, channel]) for channel in range(3)], axis=-1)

@@ -13,12 +13,15 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Console
 
 from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
 from clusterviz.data import open_scene
 from clusterviz.debugger.draws import Frame, Pixel, Way, by_interpreter, by_opengl, look, without_finding
+from clusterviz.debugger.page import Page
+from clusterviz.debugger.session import Session
 from clusterviz.debugger.watches import COLOUR_MAP, Watched
 from clusterviz.errors import InputError
 from clusterviz.frame import STEPS, Options
@@ -105,12 +108,9 @@ def command(
             each.append(look(frame.draws(other["rank"]), probes, ways[0], only))
     results = each[0][0]
     shown = _in_data(results, frame)
-    if "visit" in other:
-        results, shown = (_differences(*pair) for pair in ((results, each[0][1]), (shown, _in_data(each[0][1], frame))))
-    if "rank" in other:
-        results, shown = (
-            _differences(*pair) for pair in ((results, each[-1][0]), (shown, _in_data(each[-1][0], frame)))
-        )
+    if other:
+        minus = each[0][1] if "visit" in other else each[-1][0]
+        results, shown = _differences(results, minus), _differences(shown, _in_data(minus, frame))
     report: dict[str, Any] = {"break": break_at, "visit": visit, "by": by, "ranks": ranks, "rank": rank}
     report["size"] = list(opened.image.size)
     report["watches"] = [_summary(one, pixels, histogram) for one in shown]
@@ -126,11 +126,6 @@ def command(
 
 
 def _start_session(scene: Scene, watches: list[str], pixels: list[Pixel], ranks: int, rank: int) -> None:
-    from rich.console import Console
-
-    from clusterviz.debugger.page import Page
-    from clusterviz.debugger.session import Session
-
     session = Session(without_finding(Frame.of(scene, ranks).draws(rank)))
     if pixels:
         session.focus = pixels[0]
@@ -143,7 +138,6 @@ def _start_session(scene: Scene, watches: list[str], pixels: list[Pixel], ranks:
 
 
 def _summary(watched: Watched, pixels: Sequence[Pixel], histogram: bool) -> dict[str, Any]:
-    """Return what is printed of a watch."""
     found: dict[str, Any] = {"expression": watched.text, "type": watched.type, "pixels": int(watched.reached.sum())}
     found["at"] = []
     for pixel in pixels:
@@ -193,7 +187,6 @@ def _write(path: Path, watched: Watched, limits: tuple[float, float] | None, cma
 
 
 def _pixel(text: str, scene: Scene) -> Pixel:
-    """Parse a pixel of the picture."""
     found, (width, height) = re.fullmatch(r"(\d{1,9}),(\d{1,9})", text.replace(" ", "")), scene.image.size
     if not found or not (int(found[1]) < width and int(found[2]) < height):
         allowed = f"X,Y from 0,0 to {width - 1},{height - 1}, from the upper left"
@@ -214,7 +207,6 @@ def _split(text: str) -> list[str]:
 
 
 def _against(text: str | None) -> dict[str, int]:
-    """Parse what is subtracted."""
     found = re.fullmatch(r"(visit|rank)=(\d{1,9})", text or "visit=1")
     if not found:
         raise InputError("nothing to subtract", where="--against", found=text, allowed="visit=N or rank=R")
@@ -222,7 +214,6 @@ def _against(text: str | None) -> dict[str, int]:
 
 
 def _range(text: str | None) -> tuple[float, float] | None:
-    """Parse the range of false colours."""
     if text is None:
         return None
     try:

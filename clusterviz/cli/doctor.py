@@ -10,23 +10,26 @@ from importlib.metadata import version
 from json import dumps
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
 from clusterviz.cli.console import print_document, show_progress
 from clusterviz.cli.termination import launched_rank
 from clusterviz.comm import Channel, LoopbackChannel, agree, limit_threads, open_channel
 from clusterviz.comm.library import launcher, mpi_library
+from clusterviz.comm.mpi import remove_segments
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.errors import ClustervizError, DeviceError, InputError, OutputError, guard
+from clusterviz.gl.context import open_context
+from clusterviz.gl.devices import choose_device, egl_devices
+from clusterviz.gl.driver_record import driver_of, forget_record, keep_record, record_folder
 from clusterviz.image.replace import remove_leftovers
 from clusterviz.report.machine import MachineReport, OpenGL, RankMachine, SelfTest, memory
 from clusterviz.scene.features import FEATURES
 from clusterviz.spmd.width import cpu_name
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 GIBIBYTE = 1 << 30
 
@@ -42,8 +45,6 @@ def command(
 ) -> None:
     """Show MPI, EGL devices, OpenGL, threads and memory of every rank, and what is wrong with them."""
     if clean:
-        from clusterviz.comm.mpi import remove_segments
-
         for path in [*remove_leftovers(Path.cwd()), *remove_segments()]:
             print(f"removed {path}")
         return
@@ -56,7 +57,10 @@ def command(
     if gl:
         report = replace(report, self_tests=self_tests(channel, report))
     if (launched_rank() or 0) == 0:
-        _print_json(report) if json else _print_tables(report)
+        if json:
+            print_document(dumps(asdict(report), indent=2, ensure_ascii=False) + "\n")
+        else:
+            _print_tables(report)
     found = problems_of(report)
     with agree(channel, 0, "doctor"):
         if found:
@@ -118,8 +122,6 @@ def self_tests(channel: Channel, report: MachineReport) -> tuple[SelfTest, ...]:
 
 def _test(host: str, egl_device: int, ranks: tuple[int, ...], progress: Callable[[str], None]) -> SelfTest:
     """Test a device of this rank, and keep what is found."""
-    from clusterviz.gl.context import open_context
-    from clusterviz.gl.driver_record import driver_of, forget_record, keep_record, record_folder
     from clusterviz.self_test import outcomes_of
 
     context = open_context(device=egl_device)
@@ -157,9 +159,6 @@ def _examine_rank(channel: Channel) -> RankMachine:
 
 def _examine_device(local_rank: int) -> tuple[tuple[str, ...], int | None, OpenGL | None, str]:
     """Return the names of the EGL devices, the index chosen, its OpenGL, and the problem found."""
-    from clusterviz.gl.context import open_context
-    from clusterviz.gl.devices import choose_device, egl_devices
-
     labels: tuple[str, ...] = ()
     chosen: int | None = None
     try:
@@ -182,13 +181,7 @@ def _examine_device(local_rank: int) -> tuple[tuple[str, ...], int | None, OpenG
     return labels, chosen, opengl, ""
 
 
-def _print_json(report: MachineReport) -> None:
-    print_document(dumps(asdict(report), indent=2, ensure_ascii=False) + "\n")
-
-
 def _print_tables(report: MachineReport) -> None:
-    from rich.console import Console
-
     console = Console(highlight=False)
     for name, lines in _shared_rows(report).items():
         for line in lines:
@@ -205,7 +198,6 @@ def _print_tables(report: MachineReport) -> None:
 
 
 def _shared_rows(report: MachineReport) -> dict[str, list[str]]:
-    """Return facts shared by ranks: name -> lines."""
     nodes = {machine.host: machine.egl_devices for machine in report.ranks}
     opengl = dict.fromkeys(machine.opengl for machine in report.ranks if machine.opengl)
     return {
@@ -223,8 +215,6 @@ def _shared_rows(report: MachineReport) -> dict[str, list[str]]:
 
 
 def _rank_table(report: MachineReport) -> Table:
-    from rich.table import Table
-
     table = Table("rank", "host", "local rank", "cores", "llvmpipe", "numba", "device", "free GiB")
     for machine in report.ranks:
         amount = machine.memory
@@ -243,8 +233,6 @@ def _rank_table(report: MachineReport) -> Table:
 
 
 def _feature_table(test: SelfTest) -> Table:
-    from rich.table import Table
-
     table = Table("feature", "error", "bound", "")
     for each in test.features:
         error = "none" if each.error is None else f"{each.error:.1e}"

@@ -9,6 +9,11 @@ import typer
 
 from clusterviz.cli.console import print_info
 from clusterviz.cli.jobs import refuse_launcher
+from clusterviz.errors import InputError
+from clusterviz.image.files import LINEAR, check_writable, write_image
+from clusterviz.image.spectral import illuminate, light_of, read_spectral, reflectance_of
+from clusterviz.scene.background import background_rgb
+from clusterviz.scene.checks import InvalidValueError
 
 
 def command(
@@ -33,12 +38,6 @@ def command(
     ] = False,
 ) -> None:
     """Show a spectral picture under a light. Lights other than daylight keep their colour unless --adapt is given."""
-    from clusterviz.errors import InputError
-    from clusterviz.image.files import LINEAR, check_writable, write_image
-    from clusterviz.image.spectral import illuminate, light_of, read_spectral, reflectance_of
-    from clusterviz.scene.background import background_rgb
-    from clusterviz.scene.checks import InvalidValueError
-
     refuse_launcher("illuminate", "works in one process")
     check_writable(output)
     shining = light_of(light)

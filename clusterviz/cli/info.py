@@ -4,19 +4,32 @@ from __future__ import annotations
 
 import json as json_text
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
 import typer
+from rich.console import Console
 
 from clusterviz.cli.console import print_document
-from clusterviz.errors import DataError, escaped, public_address
-
-if TYPE_CHECKING:
-    from clusterviz.data.geometry import Attributes, Geometry, Lines, Mesh, Points
-    from clusterviz.data.source import Source
-    from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.data import open_source, read_geometry, read_grid
+from clusterviz.data.axes import Subset, first_parts
+from clusterviz.data.bricks import BrickLayout, read_bricks
+from clusterviz.data.faces import find_neighbours
+from clusterviz.data.formats import EXTENSIONS, grid_format_of, mesh_format_of
+from clusterviz.data.geometry import Attributes, Geometry, Lines, Mesh, Points
+from clusterviz.data.source import Source, levels_of
+from clusterviz.data.summary import kept_summary, summarise
+from clusterviz.data.tetrahedra import COUNTS, make_tetrahedra
+from clusterviz.data.unstructured import UnstructuredGrid
+from clusterviz.data.vectors import open_vectors
+from clusterviz.errors import DataError, OutputError, escaped, public_address
+from clusterviz.flow.lic import SpeedSource
+from clusterviz.image.replace import check_replaceable, replacing
+from clusterviz.pages.output import make_figure
 
 BARS = " ▁▂▃▄▅▆▇█"
 SPARK_WIDTH = 64
@@ -40,15 +53,8 @@ def command(
     Of a volume: format, grid, type, range, percentiles, histogram, bricks. Of meshes, lines and points: counts, bounds,
     arrays, and whether a mesh is closed. Of unstructured grids: cells, tetrahedra, bounds, arrays, and flaws.
     """
-    from rich.console import Console
-
-    from clusterviz.data import grid_format_of, mesh_format_of, open_source, read_geometry, read_grid
-    from clusterviz.data.axes import Subset, first_parts
-
     arrays: dict[str, Any] = {}
     if plot:
-        from clusterviz.cli.histogram import check_plot
-
         check_plot(plot)
     with Console(stderr=True).status(f"reading {escaped(public_address(file))}"):
         mesh_format, grid_format = mesh_format_of(Path(file)), grid_format_of(Path(file))
@@ -73,8 +79,6 @@ def command(
                 source = _speeds_of(file, array, time, error)
             found = describe(source, brick) | _vectors_of(file, array)
     if plot:
-        from clusterviz.cli.histogram import Histogram, histograms_of, write_plot
-
         histograms = histograms_of(arrays)
         if found.get("percentiles"):
             percentiles = {float(q): value for q, value in found["percentiles"].items()}
@@ -91,10 +95,6 @@ def command(
 
 def _speeds_of(file: str, array: str | None, time: int | None, error: DataError) -> Source:
     """Return the speeds of a file that has no scalars but vectors; raise the error if it has neither."""
-    from clusterviz.data.axes import Subset, first_parts
-    from clusterviz.data.vectors import open_vectors
-    from clusterviz.flow.lic import SpeedSource
-
     try:
         return SpeedSource(first_parts(lambda part: open_vectors(file, part.array, part.time), Subset(array, time))[0])
     except DataError:
@@ -103,8 +103,6 @@ def _speeds_of(file: str, array: str | None, time: int | None, error: DataError)
 
 def _vectors_of(file: str, array: str | None) -> dict[str, Any]:
     """Return the array of vectors of a file as `flows` shows it; nothing if there is none, or several."""
-    from clusterviz.data.vectors import open_vectors
-
     try:
         return {"vectors": open_vectors(file, array).name.removeprefix(file).strip(":") or "the only array"}
     except DataError:
@@ -112,7 +110,6 @@ def _vectors_of(file: str, array: str | None) -> dict[str, Any]:
 
 
 def _arrays_of(geometry: Geometry) -> dict[str, Any]:
-    """Return all arrays of meshes, lines and points by name."""
     mesh, lines, points = geometry.mesh, geometry.lines, geometry.points
     found: dict[str, Any] = {}
     for part in (
@@ -179,13 +176,6 @@ def _points(points: Points) -> dict[str, Any]:
 
 def describe_grid(grid: UnstructuredGrid) -> dict[str, Any]:
     """Return counts, bounds, arrays and flaws of an unstructured grid, as JSON values."""
-    from dataclasses import replace
-
-    import numpy as np
-
-    from clusterviz.data.faces import find_neighbours
-    from clusterviz.data.tetrahedra import make_tetrahedra
-
     whole = replace(grid, point_arrays={"any": np.zeros(len(grid.points), np.float32)}, cell_arrays={})
     tetrahedra = make_tetrahedra(whole)
     faces = find_neighbours(tetrahedra.corners, len(tetrahedra.points))
@@ -208,8 +198,6 @@ def describe_grid(grid: UnstructuredGrid) -> dict[str, Any]:
 
 def _arrays(arrays: Attributes) -> dict[str, Any]:
     """Return type, number of components and range of finite numbers of arrays by name."""
-    import numpy as np
-
     found = {}
     for name, array in arrays.items():
         finite = array[np.isfinite(array)]
@@ -231,11 +219,9 @@ def describe(source: Source, brick: int) -> dict[str, Any]:
     source : the volume; all of it is read, unless it keeps its summary
     brick : samples along the side of a brick
     """
-    from clusterviz.data.bricks import BrickLayout, read_bricks
-    from clusterviz.data.summary import kept_summary, summarise
-
     grid, layout = source.grid, BrickLayout(source.grid.shape_zyx, brick)
-    indices = [(z, y, x) for z, y, x in _indices(layout.counts_zyx)]
+    nz, ny, nx = layout.counts_zyx
+    indices = [(z, y, x) for z in range(nz) for y in range(ny) for x in range(nx)]
     summary = kept_summary(source, layout) or summarise(
         source.dtype, layout, lambda: read_bricks(source, layout, indices), lambda value: [value]
     )
@@ -265,8 +251,6 @@ def describe(source: Source, brick: int) -> dict[str, Any]:
 
 def format_name(name: str) -> str:
     """Return the format of a volume from its name: npy, nifti, …; field for a formula, slices for a folder."""
-    from clusterviz.data import EXTENSIONS
-
     lower = name.lower()
     if lower.startswith("field:"):
         return "field"
@@ -279,8 +263,6 @@ def format_name(name: str) -> str:
 
 def _other_axes(source: Any) -> dict[str, Any]:
     """Return time steps and channels of the file, and the ones read; levels of a store."""
-    from clusterviz.data.source import levels_of
-
     slab = getattr(source, "slab", None)
     levels, found = levels_of(source), dict[str, Any]()
     if levels is not None:
@@ -310,21 +292,15 @@ def _stored(source: Any) -> dict[str, Any]:
     return {} if stored == source.grid.shape_zyx else {"stored_zyx": list(stored)}
 
 
-def sparkline(counts: list[int], width: int = SPARK_WIDTH) -> str:
+def sparkline(counts: list[int]) -> str:
     """Return a histogram as one line of bars with logarithmic heights; empty bins are blank."""
-    per_bar = max(1, -(-len(counts) // width))
+    per_bar = max(1, -(-len(counts) // SPARK_WIDTH))
     sums = [sum(counts[i : i + per_bar]) for i in range(0, len(counts), per_bar)]
     top = math.log1p(max(sums, default=0))
     return "".join(BARS[math.ceil(math.log1p(n) / top * (len(BARS) - 1))] if n else BARS[0] for n in sums)
 
 
-def _indices(counts: tuple[int, int, int]) -> list[tuple[int, int, int]]:
-    nz, ny, nx = counts
-    return [(z, y, x) for z in range(nz) for y in range(ny) for x in range(nx)]
-
-
 def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts in the order of output."""
     z, y, x = found["shape_zyx"]
     bricks, percentiles = found["bricks"], found["percentiles"]
     counts = " × ".join(str(n) for n in bricks["counts_zyx"][::-1])
@@ -360,7 +336,6 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _geometry_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts in the order of output."""
     rows = [("name", found["name"]), ("format", found["format"])]
     for kind in ("mesh", "lines", "points"):
         part = found.get(kind)
@@ -390,9 +365,6 @@ def _geometry_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _grid_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts in the order of output."""
-    from clusterviz.data.tetrahedra import COUNTS
-
     grid = found["grid"]
     cells = ", ".join(f"{count} {kind}" for kind, count in grid["cells"].items()) or "none"
     rows = [("name", found["name"]), ("format", found["format"]), ("cells", cells)]
@@ -415,7 +387,6 @@ def _grid_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _array(name: str, array: dict[str, Any]) -> str:
-    """Return an array in one line."""
     components = f" × {array['components']}" if array["components"] > 1 else ""
     within = "nothing finite" if array["minimum"] is None else f"{array['minimum']:g}  to  {array['maximum']:g}"
     invalid = f", {array['not_finite']} not finite" if array["not_finite"] else ""
@@ -427,9 +398,80 @@ def _vector(values: list[float]) -> str:
 
 
 def _size(count: float) -> str:
-    """Return a number of bytes with a binary unit."""
     for unit in ("bytes", "KiB", "MiB", "GiB", "TiB"):
         if count < 1024 or unit == "TiB":
             return f"{count:.0f} {unit}" if unit == "bytes" else f"{count:.1f} {unit}"
         count /= 1024
     raise AssertionError("the loop returns")
+
+
+BINS, MAX_PANELS = 256, 12
+LABEL_SHARE = 0.045
+"""Share of the axis that a label takes."""
+MARKED = (1.0, 25.0, 50.0, 75.0, 99.0)
+"""Percentiles that are marked."""
+
+
+@dataclass(frozen=True)
+class Histogram:
+    name: str
+    low: float
+    high: float
+    counts: Sequence[int]
+    percentiles: Mapping[float, float]
+
+
+def histograms_of(arrays: Mapping[str, Any]) -> list[Histogram]:
+    """Return the histograms of arrays by name, of vectors those of their magnitudes; none of arrays without numbers."""
+    found = []
+    for name, array in arrays.items():
+        values = np.asarray(array, np.float64)
+        values = np.linalg.norm(values.reshape(len(values), -1), axis=1) if values.ndim > 1 else values
+        values = values[np.isfinite(values)]
+        if values.size:
+            low, high = float(values.min()), float(values.max())
+            counts = np.histogram(values, BINS, (low, high))[0] if low < high else np.array([values.size])
+            marked = dict(zip(MARKED, np.percentile(values, MARKED).tolist(), strict=True))
+            found.append(Histogram(name, low, high, counts.tolist(), marked))
+    return found
+
+
+def check_plot(path: Path) -> None:
+    """Check before reading that a plot can be written.
+
+    Raises OutputError: not a .png, or the folder is missing or cannot be written.
+    """
+    if path.suffix.lower() != ".png":
+        raise OutputError("not a name for the plot", where="--plot", found=path.name, allowed="a .png")
+    check_replaceable(path)
+
+
+def write_plot(path: Path, title: str, histograms: Sequence[Histogram]) -> None:
+    """Draw histograms with logarithmic counts and marked percentiles, one below the other.
+
+    Raises OutputError: there is no histogram, or the file cannot be written.
+    """
+    if not histograms:
+        raise OutputError("nothing to plot", where="--plot", found="no finite values", allowed="a file with some")
+    shown = histograms[:MAX_PANELS]
+    figure = make_figure(8.0, 0.6 + 2.6 * len(shown))
+    left = f" (the first {MAX_PANELS} of {len(histograms)} arrays)" if len(histograms) > MAX_PANELS else ""
+    figure.suptitle(title + left, fontsize=10)
+    for axes, each in zip(figure.subplots(len(shown), squeeze=False)[:, 0], shown, strict=True):
+        half = 0.0 if each.low < each.high else max(0.5, abs(each.low) * 2.0**-20)
+        edges = np.linspace(each.low - half, each.high + half, len(each.counts) + 1)
+        axes.stairs(each.counts, edges, fill=True, color="#4c78a8")
+        axes.set_yscale("log")
+        axes.set_ylim(bottom=0.5)
+        axes.set_xlabel(each.name)
+        axes.set_ylabel("samples")
+        free_from, width = -math.inf, float(edges[-1] - edges[0])
+        for q, value in sorted(each.percentiles.items()):
+            if q in MARKED and math.isfinite(value):
+                axes.axvline(value, color="#d62728", linewidth=0.8)
+                if value >= free_from:  # labels do not overlap
+                    place = axes.get_xaxis_transform()
+                    axes.text(value, 1.01, f"{q:g} %", transform=place, ha="center", va="bottom", fontsize=7)
+                    free_from = value + LABEL_SHARE * width
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        figure.savefig(file, format="png", dpi=120)

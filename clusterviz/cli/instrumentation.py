@@ -61,12 +61,7 @@ def write_statistics(path: Path, scene: Scene, frames: list[FrameStatistics], st
 
 
 class Tracing:
-    """Trace of a command; all methods but `add` are collective.
-
-    Parameters
-    ----------
-    path : the trace file; None for no trace
-    """
+    """Trace of a command; all methods but `add` are collective. `path`: the trace file; None for no trace."""
 
     def __init__(self, channel: Channel, path: Path | None) -> None:
         self._channel, self._path, self._spans = channel, path, list[Span]()
@@ -93,9 +88,7 @@ class Tracing:
 def print_cost_table(statistics: FrameStatistics, startup: Mapping[str, float]) -> None:
     """Print the seconds of each stage and a summary on stdout.
 
-    Parameters
-    ----------
-    startup : part of the start-up -> seconds on the slowest rank
+    `startup`: part of the start-up -> seconds on the slowest rank.
     """
     several = len(statistics.per_rank) > 1
     rows = [("where the time went", "slowest rank", "mean of ranks")]

@@ -14,10 +14,7 @@ from clusterviz.comm.placement import launched
 from clusterviz.errors import ClustervizError, InputError
 
 # Allow more ranks than cores in Open MPI (4, then 5).
-OVERSUBSCRIBE = {
-    "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-}
+OVERSUBSCRIBE = {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
 
 
 LAUNCHER_VARIABLE = "CLUSTERVIZ_LAUNCHER"
@@ -29,10 +26,7 @@ def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
 
     A launcher from the environment starts all jobs, so that a single rank has the same resources as each of several.
 
-    Raises
-    ------
-    ClustervizError
-        mpirun is not found.
+    Raises ClustervizError: mpirun is not found.
     """
     alone = [sys.executable, "-m", "clusterviz", *arguments]
     named = shlex.split(os.environ.get(LAUNCHER_VARIABLE, ""))
@@ -44,10 +38,7 @@ def job_command(ranks: int, arguments: Sequence[str]) -> list[str]:
 def find_mpirun() -> str:
     """Return the mpirun of this Python's mpi4py, else the first one on the PATH.
 
-    Raises
-    ------
-    ClustervizError
-        mpirun is not found.
+    Raises ClustervizError: mpirun is not found.
     """
     for folder in mpirun_folders():
         found = shutil.which("mpirun", path=folder)
@@ -56,26 +47,14 @@ def find_mpirun() -> str:
     raise ClustervizError("there is no mpirun, neither beside this Python nor on the PATH; see `clusterviz doctor`")
 
 
-def run_job(
-    ranks: int,
-    arguments: Sequence[str],
-    timeout_seconds: float | None = None,
-    environment: Mapping[str, str] | None = None,
-) -> str:
-    """Run clusterviz on some ranks and return its standard output.
+def run_job(ranks: int, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> str:
+    """Run clusterviz on some ranks and return its standard output; `arguments`: without the program's name.
 
-    Parameters
-    ----------
-    arguments : the command line without the program's name
-    timeout_seconds : time limit; None for no limit
-
-    Raises
-    ------
-    ClustervizError, InputError
-        The job failed; the class follows from the exit status, the message from the job's errors.
+    Raises ClustervizError, InputError: the job failed; the class follows from the exit status, the message from the
+    job's errors.
     """
     command, variables = job_command(ranks, arguments), {**OVERSUBSCRIBE, **os.environ, **(environment or {})}
-    done = subprocess.run(command, capture_output=True, text=True, env=variables, timeout=timeout_seconds)
+    done = subprocess.run(command, capture_output=True, text=True, env=variables)
     if done.returncode == 0:
         return done.stdout
     words = [line for line in done.stderr.splitlines() if line.startswith("clusterviz: ")] or done.stderr.splitlines()
@@ -87,10 +66,7 @@ def run_job(
 def refuse_launcher(command: str, why: str = "starts mpirun by itself") -> None:
     """Refuse to run a command under mpirun that starts mpirun itself, or is one process for another reason.
 
-    Raises
-    ------
-    InputError
-        This process was started by a launcher.
+    Raises InputError: this process was started by a launcher.
     """
     if launched():
         raise InputError(f"`clusterviz {command}` {why}: run it without")

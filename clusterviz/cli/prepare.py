@@ -10,7 +10,6 @@ import json as json_text
 import multiprocessing
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from itertools import starmap
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -20,7 +19,7 @@ import typer
 from clusterviz.cli.console import print_info, show_progress
 from clusterviz.codec import kernels as codecs
 from clusterviz.comm.placement import granted_cores
-from clusterviz.composite.over import native
+from clusterviz.composite.over.job import COMMON_KERNELS, kernel
 from clusterviz.data.store.wavelet import TRANSFORMS
 from clusterviz.errors import OutputError
 from clusterviz.flow.tracing import kernel as trace_kernel
@@ -76,7 +75,7 @@ def _files(variants: list[Variant], others: Iterable[CompiledKernel]) -> dict[Pa
         for one in variants
         if one.cpu
     }
-    return files | {each.path: (each.prepare, ()) for each in (*starmap(native.kernel, native.COMMON_KERNELS), *others)}
+    return files | {each.path: (each.prepare, ()) for each in (*map(kernel, COMMON_KERNELS), *others)}
 
 
 def _run(job: Job) -> None:

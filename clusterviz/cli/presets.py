@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
+from clusterviz.content.volume.presets import PRESETS
+
 
 def command(json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
     """List the presets of volumes, for `--preset NAME`, or `preset: NAME` of a volume in a scene."""
-    from clusterviz.content.volume.presets import PRESETS
-
     if json:
         rows = [{"name": name, "description": preset.description} for name, preset in PRESETS.items()]
         print(json_text.dumps(rows, indent=2))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -35,8 +34,6 @@ from clusterviz.data import open_scene
 from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.frame.picture_file import write_picture
 from clusterviz.image.files import check_writable
-from clusterviz.report.provenance import Provenance
-from clusterviz.scene.values import Scene
 
 
 def command(
@@ -69,9 +66,8 @@ def command(
             check_reports(stats, trace)
     tracing = Tracing(channel, trace)
     with show_progress(STEPS if channel.rank == 0 else (), per_step=True) as progress:
-        options = Options(
-            device_choice, check, context.obj["debug"], progress, _writer(output), bool(trace), annotate=True
-        )
+        write = lambda image, scene, made: write_picture(output, image, scene, made)  # noqa: E731
+        options = Options(device_choice, check, context.obj["debug"], progress, write, bool(trace), annotate=True)
         rendered = render_frame(opened, channel, options=options)
     tracing.add(rendered.spans)
     tracing.write()
@@ -85,7 +81,3 @@ def command(
         for line in chosen_arrays(opened, rendered.scene):
             print_info(f"array      {line}")
         print_info(f"\nthe picture is {output}" + (f", its numbers are in {stats}" if stats else ""))
-
-
-def _writer(output: Path) -> Callable[[Any, Scene, Provenance], None]:
-    return lambda image, scene, made: write_picture(output, image, scene, made)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,7 +14,9 @@ from clusterviz.cli.arguments import Define, DeviceOption, parse_device
 from clusterviz.cli.console import Verbosity, print_document, show_progress, verbosity
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
+from clusterviz.data import FILE_AND_DATASET
 from clusterviz.data.remote import is_url
+from clusterviz.data.series import files_of_pattern
 from clusterviz.errors import ClustervizError, InputError
 from clusterviz.frame import STEPS, Options, render_frame
 from clusterviz.frame.picture_file import read_record, record_of, write_picture
@@ -24,7 +26,7 @@ from clusterviz.image.files import check_writable, image_size, read_text
 from clusterviz.image.finish import as_shown
 from clusterviz.report.provenance import Provenance
 from clusterviz.scene import Scene, background_rgb
-from clusterviz.scene.files import load_picture_scene
+from clusterviz.scene.files import data_paths, load_picture_scene
 
 LEVEL = 1 / 255
 TOLERANCE = {True: LEVEL * (1 + 1e-3), False: 2 * LEVEL}
@@ -57,8 +59,8 @@ def command(
             check_writable(output)
     made: list[Provenance] = []
     with show_progress(STEPS if channel.rank == 0 else (), per_step=True) as progress:
-        write = _keeper(made)
-        options = Options(device_choice, debug=context.obj["debug"], progress=progress, write=write, annotate=True)
+        keep = lambda image, scene, provenance: made.append(provenance)  # noqa: E731
+        options = Options(device_choice, debug=context.obj["debug"], progress=progress, write=keep, annotate=True)
         rendered = render_frame(scene, channel, options=options)
     with agree(channel, 0, "compare"):
         if rendered.image is None:
@@ -78,11 +80,6 @@ def command(
             raise ClustervizError(f"the pictures differ: {difference}")
 
 
-def _keeper(made: list[Provenance]) -> Callable[[Any, Scene, Provenance], None]:
-    """Return a function for `Options.write` that keeps how the picture was made."""
-    return lambda image, scene, provenance: made.append(provenance)
-
-
 def changes_of(then: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     """Return what differs between two records: name -> texts of then and now. Errors are not compared."""
     pairs = {name: (then.get(name), now.get(name)) for name in ("ranks", "renderer", "driver")}
@@ -100,10 +97,6 @@ def _text(value: Any) -> str:
 
 def _check_data(picture: Path, scene: Scene, record: Mapping[str, Any]) -> None:
     """Refuse a scene whose data are not there."""
-    from clusterviz.data import FILE_AND_DATASET
-    from clusterviz.data.series import files_of_pattern
-    from clusterviz.scene.files import data_paths
-
     for key, path in data_paths(scene).items():
         dataset = FILE_AND_DATASET.fullmatch(path)
         file = dataset[1] if dataset else path

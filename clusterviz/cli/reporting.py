@@ -18,7 +18,6 @@ from clusterviz.pages.output import PAGE, check_folder, check_libraries, replaci
 
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the page and its numbers.")]
 AsNumbers = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")]
-Frames = Annotated[int, typer.Option(min=1, help="Number of timed frames, after one warm-up frame.")]
 OneJob = Annotated[bool, typer.Option("--measure", hidden=True, help="Do one job of this command.")]
 PICTURE, RESULT = "picture.npy", "result.json"
 
@@ -51,9 +50,7 @@ def run_measuring(
 ) -> tuple[Any, NDArray[np.float32]]:
     """Let a job of a command do an order, see `do_order`; return its result and the picture.
 
-    Parameters
-    ----------
-    folder : of files that are exchanged with the job
+    `folder`: of files that are exchanged with the job.
     """
     task = folder / "job.json"
     task.write_text(json.dumps(order))
@@ -64,9 +61,7 @@ def run_measuring(
 def do_order(task: Path, folder: Path, work: Callable[[Channel, Any], tuple[Any, NDArray[np.float32] | None]]) -> None:
     """Do an order of `run_measuring` on each rank; rank 0 writes the result and the picture.
 
-    Parameters
-    ----------
-    work : collective; returns the result, as JSON, and the picture, or None if it is written already
+    `work`: collective; returns the result, as JSON, and the picture, or None if it is written already.
     """
     channel = open_channel()
     limit_threads(channel.placement())

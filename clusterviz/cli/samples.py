@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+from rich.console import Console
+
+from clusterviz.data.samples import SAMPLES, cache_folder, fetch_sample
 
 
 def command(
@@ -19,18 +22,12 @@ def command(
     if name is None:
         _list()
         return
-    from rich.console import Console
-
-    from clusterviz.data.samples import fetch_sample
-
     with Console(stderr=True).status(f"fetching {name}"):
         path = fetch_sample(name)
     print(path)
 
 
 def _list() -> None:
-    from clusterviz.data.samples import SAMPLES, cache_folder
-
     folder = cache_folder()
     names, texts = max(map(len, SAMPLES)), max(len(sample.description) for sample in SAMPLES.values())
     for name, sample in SAMPLES.items():

@@ -19,13 +19,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts
+from clusterviz.cli.arguments import Define, Frames, SceneArgument, Size, overrides_of, parse_counts
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.cli.reporting import (
     PICTURE,
     RESULT,
-    Frames,
     OneJob,
     Output,
     check_report,
@@ -125,7 +124,6 @@ def make_report(name: str, scene: Scene, frames: int, threads: str, found: Surve
 
 
 def _machine(network: str | None, ranks_per_node: int | None) -> Machine:
-    """Return the machine to predict for, with the named network or else this machine's."""
     each = ranks_per_node or len(granted_cores())
     if network:
         named = open_network(network)
@@ -154,17 +152,11 @@ def _environment(ranks: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class MpirunJob:
-    """Drawing of scenes in MPI jobs; see `survey.Job`.
-
-    Attributes
-    ----------
-    threads : threads of each rank; "" to use the environment's
-    folder : folder for files exchanged with the jobs
-    """
+    """Drawing of scenes in MPI jobs; see `survey.Job`."""
 
     frames: int
-    threads: str
-    folder: Path
+    threads: str  # threads of each rank; "" to use the environment's
+    folder: Path  # folder for files exchanged with the jobs
 
     def __call__(self, scene: Scene, ranks: int, orbit: bool = False) -> tuple[Measured, Image]:
         """Draw one scene; errors are those of `run_job`."""

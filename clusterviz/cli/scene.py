@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated
 
 import typer
@@ -11,10 +10,8 @@ from clusterviz.cli.arguments import Define, PresetOption, Size, overrides_of
 from clusterviz.cli.console import print_document
 from clusterviz.cli.instrumentation import start
 from clusterviz.comm import agree
-from clusterviz.content.automatic import classify_values
 from clusterviz.content.summary import chosen_arrays
-from clusterviz.content.table import infos_of
-from clusterviz.content.volume.kind import VOLUME
+from clusterviz.content.table import own_entries
 from clusterviz.data import open_scene
 from clusterviz.frame import Options, Run
 from clusterviz.frame.opening import open_content
@@ -38,13 +35,10 @@ def command(
         opened_scene = open_scene(scene, overrides_of(define, size), preset)
     completed, opened, _ = open_content(Run(channel, Options()), opened_scene)
     if channel.rank == 0:
-        infos = infos_of(VOLUME, opened.infos) if opened and opened_scene.automatic else []
-        each = zip(infos, opened_scene.volumes, strict=False)
-        kinds = [volume.preset or classify_values(info) for info, volume in each]
-        print_document(commented_scene(completed, [*_notes(scene, kinds), *chosen_arrays(opened_scene, completed)]))
-
-
-def _notes(name: str, kinds: Sequence[str]) -> list[str]:
-    """Return the lines of the file's leading comment."""
-    notes = [f"{name}, completed by clusterviz. Keys that are left out have the defaults of `clusterviz schema`."]
-    return [*notes, *(f"volumes[{number}] has the preset {kind}" for number, kind in enumerate(kinds))]
+        notes = [f"{scene}, completed by clusterviz. Keys that are left out have the defaults of `clusterviz schema`."]
+        if opened_scene.automatic:
+            sections = opened_scene.entries
+            each = own_entries(completed, opened.infos)
+            presets = {entry.key: entry.kind.preset(sections[entry.key], entry.info) for entry in each}
+            notes += [f"{key} has the preset {preset}" for key, preset in presets.items() if preset]
+        print_document(commented_scene(completed, [*notes, *chosen_arrays(opened_scene, completed)]))

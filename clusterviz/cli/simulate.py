@@ -62,20 +62,13 @@ def command(
 
 
 def _parse_factors(text: str) -> tuple[int, ...]:
-    """Parse a list of factors such as "8,8,4", which may repeat.
-
-    Raises
-    ------
-    InputError
-        A factor is not a whole number.
-    """
+    """Parse a list of factors such as "8,8,4", which may repeat. Raises InputError: a factor is not a whole number."""
     if not all(factor.strip().isdecimal() for factor in text.split(",")):
         raise InputError("not a list of factors", where="--factors", found=text, allowed="whole numbers: 8,8,4")
     return tuple(int(factor) for factor in text.split(","))
 
 
 def _text(result: Simulation) -> str:
-    """Return the result as text."""
     lines = {
         "algorithm": f"{result.algorithm}, {result.ranks:,} ranks, {result.size[0]}x{result.size[1]}, "
         f"{result.footprints}",

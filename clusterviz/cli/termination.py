@@ -37,9 +37,7 @@ def launched_rank(environment: Mapping[str, str] | None = None) -> int | None:
 def fail(error: BaseException, debug: bool) -> int:
     """Report an error that ends the command; an error of a single rank ends the MPI job.
 
-    Parameters
-    ----------
-    debug : whether to print the traceback
+    `debug`: whether to print the traceback.
     """
     if _signalled and not isinstance(error, KeyboardInterrupt):  # which Python or a library has wrapped
         error = KeyboardInterrupt()

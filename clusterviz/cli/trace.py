@@ -11,8 +11,10 @@ from clusterviz.cli.arguments import Define
 from clusterviz.cli.console import print_info
 from clusterviz.cli.instrumentation import check_reports, start
 from clusterviz.comm import agree
+from clusterviz.content.flow.kind import FLOW
 from clusterviz.content.flow.section import LINES, FlowSection, Seeds
-from clusterviz.data import grid_format_of
+from clusterviz.content.table import first_of
+from clusterviz.data.formats import grid_format_of
 from clusterviz.data.formats.vtp import write_vtp
 from clusterviz.data.vectors import open_vectors
 from clusterviz.errors import InputError, OutputError
@@ -70,11 +72,13 @@ def command(
 
 def _flow(file: str, define: list[str]) -> FlowSection:
     if not file.lower().endswith((".yaml", ".yml", ".json")):
-        return scene_of_data(file, define, ("flows",), ({"show": "streamlines"},)).flows[0]
-    scene = load_scene(file, define)
-    if not scene.flows:
+        scene = scene_of_data(file, define, (FLOW.name,), ({"show": "streamlines"},))
+    else:
+        scene = load_scene(file, define)
+    flow: FlowSection | None = first_of(FLOW, scene)
+    if flow is None:
         raise InputError("no flow", where=f"{file}: flows", found="none", allowed="a scene with flows")
-    return scene.flows[0]
+    return flow
 
 
 def _table(found: CriticalPoints) -> str:

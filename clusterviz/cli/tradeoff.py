@@ -13,19 +13,10 @@ from typing import Annotated, Any
 
 import typer
 
-from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of
+from clusterviz.cli.arguments import Define, Frames, SceneArgument, Size, overrides_of
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
-from clusterviz.cli.reporting import (
-    Frames,
-    OneJob,
-    Output,
-    check_report,
-    do_order,
-    print_report,
-    run_measuring,
-    write_report,
-)
+from clusterviz.cli.reporting import OneJob, Output, check_report, do_order, print_report, run_measuring, write_report
 from clusterviz.comm import Channel
 from clusterviz.data import open_scene
 from clusterviz.errors import SceneError, public_address
@@ -65,10 +56,7 @@ def command(
         raise SceneError("nothing to trade", where=scene, allowed="a scene with content")
     check_report(output, KIND)
     survey = Survey(*settings_of(opened, ranks, names, most), ranks, frames, rounds, budget)
-    with (
-        tempfile.TemporaryDirectory(prefix="clusterviz-tradeoff-") as folder,
-        show_progress(survey.steps) as progress,
-    ):
+    with tempfile.TemporaryDirectory(prefix="clusterviz-tradeoff-") as folder, show_progress(survey.steps) as progress:
         report = survey.run(Path(public_address(scene)).name, opened, MpirunJob(ranks, Path(folder)), progress)
     write_report(output, KIND, lambda folder: write_files(folder, report))
     print_report(output, KIND, "\n".join(report.verdict))
@@ -76,15 +64,10 @@ def command(
 
 @dataclass(frozen=True)
 class MpirunJob:
-    """Drawing of scenes in MPI jobs; see `survey.Job`.
-
-    Attributes
-    ----------
-    folder : folder for files exchanged with the jobs
-    """
+    """Drawing of scenes in MPI jobs; see `survey.Job`."""
 
     ranks: int
-    folder: Path
+    folder: Path  # folder for files exchanged with the jobs
 
     def __call__(self, scene: Scene, frames: int, warm_up: int = 1) -> Measured:
         """Draw one scene; errors are those of `run_job`."""
@@ -95,7 +78,6 @@ class MpirunJob:
 
 
 def _draw(channel: Channel, order: dict[str, Any]) -> tuple[dict[str, Any], Image | None]:
-    """Do one job; collective."""
     measured = measure(Scene.model_validate(order["scene"]), channel, order["frames"], order["warm_up"])
     found = {"cost": measured.cost.as_json(), "scene": measured.scene.model_dump(mode="json")}
     return found | {"renderer": measured.renderer}, measured.image

@@ -22,30 +22,27 @@ from typing import Annotated, Any, get_args
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from clusterviz.cli.arguments import Define, SceneArgument, Size, overrides_of, parse_counts, parse_names
 from clusterviz.cli.console import Verbosity, show_progress, verbosity
 from clusterviz.cli.jobs import refuse_launcher, run_job
 from clusterviz.comm import LoopbackChannel
 from clusterviz.comm.placement import RANKS_PER_NODE_VARIABLE, granted_cores
-from clusterviz.content.flow.opening import geometry_with_flows, open_flows
-from clusterviz.content.geometry.bricks import part_of
-from clusterviz.data import open_scene, open_volume, read_geometry, read_grid
-from clusterviz.data.labels import as_labels
+from clusterviz.content.contract import Entry
+from clusterviz.content.reference_data import become, data_of, reference_data, samples_of, why_unchecked
+from clusterviz.content.table import own_entries
+from clusterviz.data import open_scene
 from clusterviz.data.levels import MixedSource
-from clusterviz.data.source import Source, levels_of
+from clusterviz.data.source import levels_of
 from clusterviz.errors import ClustervizError
 from clusterviz.frame import Options, Run, prepare, render_frame
 from clusterviz.image import compare, read_image
 from clusterviz.image.compare import Difference
 from clusterviz.image.files import Pixels
 from clusterviz.reference import render_reference
-from clusterviz.reference.cells import place_cells
 from clusterviz.scene import Cluster, Scene
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.overrides import with_settings
-from clusterviz.scene.values import Volume
 
 WIDTH = 128
 EYE_POINTS = 64
@@ -60,19 +57,14 @@ MAX_BYTES = 1 << 30
 class ReferenceComparison:
     """Difference between a picture and the reference.
 
-    Attributes
-    ----------
-    size : (width, height) of both pictures
-    max, rms : maximum and root mean square of the difference
-    skipped : the reason for no comparison, or ""
-    lens : maximum and root mean square of the difference between the sub-images of a lens, and `EYE_POINTS` of it; the
-        reference is of the pinhole then
+    `max`, `rms`: maximum and root mean square of the difference. `lens`: maximum and root mean square of the difference
+    between the sub-images of a lens, and `EYE_POINTS` of it; the reference is of the pinhole then.
     """
 
-    size: tuple[int, int]
+    size: tuple[int, int]  # (width, height) of both pictures
     max: float = 0.0
     rms: float = 0.0
-    skipped: str = ""
+    skipped: str = ""  # the reason for no comparison, or ""
     lens: tuple[float, float] | None = None
 
     def __str__(self) -> str:
@@ -91,42 +83,24 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     replaced by a pinhole, and its own error measured apart.
     """
     width, height = scene.image.size
-    most = BENT_WIDTH if _bends(scene) else WIDTH
+    most = BENT_WIDTH if scene.refracts else WIDTH
     size = (min(width, most), max(1, round(height * min(width, most) / width)))
     if scene.camera.aperture:
         found = compare_with_reference(with_settings(scene, {"aperture": 0.0}))
         return replace(found, lens=_compare_with_eye_points(scene, size))
-    if shader := next((volume.shader for volume in scene.volumes if volume.shader), None):
-        return ReferenceComparison(size, skipped=f"it does not read shaders such as {shader}")
-    if any(volume.detail != "full" and needs_slopes(volume) for volume in scene.volumes):
-        return ReferenceComparison(size, skipped="it has no gradients of coarser levels")
-    if any(section.visibility != "exact" for section in scene.grids):
-        return ReferenceComparison(size, skipped="visibility of its grids is exact")
-    if any(flow.show == "surface-lic" for flow in scene.flows):
-        return ReferenceComparison(size, skipped="it shows no flow on surfaces")
-    sources = [open_volume(volume) for volume in scene.volumes]
-    geometries = [read_geometry(section.path) for section in scene.geometry]
-    grids = [read_grid(section.path, section.time) for section in scene.grids]
-    flows = open_flows(scene, [None] * len(scene.flows), LoopbackChannel())
-    given: list[Any] = [*sources, *geometries, *grids, *(None for _ in flows)]
-    sources += [volume for flow in flows for volume in flow.sources()]
+    if why := why_unchecked(scene):
+        return ReferenceComparison(size, skipped=f"it {why}")
+    made = become(scene)
+    sources = samples_of(scene, made)
     counts = [math.prod(source.grid.shape_zyx) for source in sources]
     if sum(n * source.dtype.itemsize for n, source in zip(counts, sources, strict=True)) > MAX_BYTES:
         limit = f"the {MAX_BYTES >> 30} GiB it may hold in memory"
         return ReferenceComparison(size, skipped=f"{sum(counts)} samples are more than {limit}")
     one_rank = scene.cluster.model_copy(update={"mode": "sort-last", "groups": None})
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size}), "cluster": one_rank})
-    rendered = render_frame(small, LoopbackChannel(), given)
-    sources = [as_labels(*pair) for pair in zip(sources, (each.labels for each in rendered.scene.volumes), strict=True)]
-    voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
-    if any(volume.detail != "full" for volume in scene.volumes):
-        voxels = _of_levels(rendered.scene, sources, given, voxels)
-    geometries = geometry_with_flows(rendered.scene, geometries, flows, LoopbackChannel())
-    pairs = zip(rendered.scene.geometry, geometries, strict=True)
-    geometry: list[Any] = [(section, part_of(section, each)) for section, each in pairs]
-    cells = [place_cells(*pair) for pair in zip(rendered.scene.grids, grids, strict=True)]
-    volumes = [source.grid for source in sources]
-    expected = render_reference(rendered.scene, volumes, voxels, geometry=geometry, cells=cells)
+    rendered = render_frame(small, LoopbackChannel())
+    found = reference_data(_with_levels(rendered.scene, data_of(rendered.scene, made)))
+    expected = render_reference(rendered.scene, found.grids, found.voxels, **found.more)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
     return ReferenceComparison(size, difference.max, difference.rms)
 
@@ -142,23 +116,19 @@ def _compare_with_eye_points(scene: Scene, size: tuple[int, int]) -> tuple[float
     return difference.max, difference.rms
 
 
-def needs_slopes(volume: Volume) -> bool:
-    """Return whether a picture depends on more than the field that is linear between samples."""
-    return volume.shade or bool(volume.gradient_opacity or volume.transfer_2d) or volume.interpolation == "cubic"
-
-
-def _of_levels(
-    scene: Scene, sources: Sequence[Source], given: Sequence[Any], voxels: Sequence[NDArray[Any]]
-) -> list[NDArray[Any]]:
-    """Return the field of each volume at the samples of its finest level, of the levels that a picture uses."""
-    work, _ = prepare(Run(LoopbackChannel(), Options()), scene, given)
+def _with_levels(scene: Scene, data: list[tuple[Entry, Any]]) -> list[tuple[Entry, Any]]:
+    """Return entries with their data, and those of stores at the levels that a picture uses, on the finest grid."""
+    if all(getattr(entry.section, "detail", "full") == "full" for entry, _ in data):
+        return data
+    work, _ = prepare(Run(LoopbackChannel(), Options()), scene)
     assert work.plan is not None, "there is a volume"
-    found = []
-    for layer, source, samples in zip(work.plan.content.volume_layers, sources, voxels, strict=True):
-        levels = levels_of(source)
-        if layer.levels is not None and levels is not None:
-            samples = MixedSource(levels, layer.levels, 0).read((0, 0, 0), source.grid.shape_zyx)
-        found.append(samples)
+    layers, found = iter(work.plan.content.volume_layers), list[tuple[Entry, Any]]()
+    for entry, one in data:
+        layer = next(layers) if entry.section.drawn_as == "samples" else None
+        levels = levels_of(one) if layer else None
+        if layer and layer.levels is not None and levels is not None:
+            one = MixedSource(levels, layer.levels, 0)
+        found.append((entry, one))
     return found
 
 
@@ -214,23 +184,17 @@ class Configuration:
 class Result:
     """Comparison of a picture with the first one.
 
-    Attributes
-    ----------
-    check : "picture" or "ownership"
-    max, rms : maximum and root mean square of the difference; for ownership relative to the brightest pixel
-    tolerance : the largest difference allowed
-    first_wrong_pixel : (row, column), or None if no pixel exceeds the tolerance
-    problem : the problem found, or ""
+    `max`, `rms`: maximum and root mean square of the difference; for ownership relative to the brightest pixel.
     """
 
-    check: str
+    check: str  # "picture" or "ownership"
     configuration: Configuration
     max: float
     rms: float
-    tolerance: float
-    first_wrong_pixel: tuple[int, int] | None
+    tolerance: float  # the largest difference allowed
+    first_wrong_pixel: tuple[int, int] | None  # (row, column), or None if no pixel exceeds the tolerance
     samples: int
-    problem: str
+    problem: str  # the problem found, or ""
 
 
 def command(
@@ -281,7 +245,7 @@ def command(
     if opened.quality.frame_coherence:
         # Frame coherence is refused with a shared screen.
         configurations = [each for each in configurations if each.mode == "sort-last"]
-    if _bends(opened):
+    if opened.refracts:
         # Rays that bend may need any brick, so that ranks share the screen only.
         shared = [
             each if each.mode == "sort-first" else Configuration(each.ranks, "auto", each.brick, "auto", "sort-first")
@@ -289,9 +253,11 @@ def command(
         ]
         configurations = list(dict.fromkeys(shared))
     splits = opened.quality.borders == "split"
-    each = (("volumes", opened.volumes), ("grids", opened.grids), ("flows", opened.flows))
-    content = [f"{name}.{number}" for name, entries in each for number in range(len(entries))]
-    content += opened.geometry_keys
+    faint = [
+        f"{entry.key}.{setting}"
+        for entry in own_entries(opened)
+        for setting in (f"opacity={FAINT_OPACITY}", *entry.kind.faint)
+    ]
     chosen = configurations if every else covering_subset(configurations)
     announce = _silent if json or verbosity() is Verbosity.QUIET else _announce
     announce(f"{len(chosen)} of {len(configurations)} combinations" + (" (--all: every one)" if not every else ""))
@@ -300,7 +266,7 @@ def command(
         overrides,
         chosen,
         tolerance,
-        content if ownership else (),
+        faint if ownership else (),
         splits,
         announce,
         _has_fixed_sample_count(opened),
@@ -315,22 +281,16 @@ def command(
         raise ClustervizError("the pictures disagree:\n  " + "\n  ".join(wrong))
 
 
-def _bends(scene: Scene) -> bool:
-    """Return whether rays bend in a scene."""
-    return any(volume.refracts for volume in scene.volumes)
-
-
 def _has_fixed_sample_count(scene: Scene) -> bool:
     """Return whether the number of samples is independent of the configuration: no ray starts late or ends early."""
     quality = scene.quality
     changing = quality.frame_coherence or quality.early_termination > 0 or quality.max_error is not None
     # Rays end at opaque surfaces, but not those of ranks behind them.
-    changing |= any(one.may_be_opaque for one in scene.geometry) or any(one.show != "lic" for one in scene.flows)
-    return not changing and all(BLEND_MODES[volume.blending].absorbs for volume in scene.volumes)
+    changing |= any(one.may_be_opaque for one in scene.entries.values())
+    return not changing and all(BLEND_MODES[one.blending].absorbs for one in scene.drawn_as("samples").values())
 
 
 def _announce(text: str) -> None:
-    """Print a progress message on stderr."""
     print(f"verify: {text}", file=sys.stderr, flush=True)
 
 
@@ -400,11 +360,11 @@ def _pairs(configuration: Configuration) -> set[frozenset[tuple[str, object]]]:
 
 def _default_bricks(scene: Scene) -> list[int]:
     """Return the scene's brick size, and a smaller one that gives each rank several bricks."""
-    if not scene.volumes:
+    if not scene.drawn_as("samples"):
         return [scene.cluster.brick, max(2, scene.cluster.brick * 3 // 4)]
     if scene.cluster.largest_brick is not None:
         return [scene.cluster.brick, scene.cluster.largest_brick]  # of several sizes, and of one
-    side = max(open_volume(scene.volumes[0]).grid.shape_zyx)
+    side = max(samples_of(scene, {})[0].grid.shape_zyx)
     return list(dict.fromkeys((scene.cluster.brick, max(2, min(side // 5, scene.cluster.brick * 3 // 4)))))
 
 
@@ -425,19 +385,14 @@ def run_all(
     scene, overrides : as given to `clusterviz render`
     configurations : at least one configuration
     tolerance : the largest difference of two pictures
-    faint : keys of the volumes, geometry and grids that the ownership check, which runs once for each number of ranks,
-        brick size, mode, tiling and distribution, makes nearly transparent; none for no such check
+    faint : settings of the ownership check, which runs once for each number of ranks, brick size, mode, tiling and
+        distribution, so that all is nearly transparent; none for no such check
     splits : whether slabs are cut at brick faces, so that pictures are compared within one brick size
     announce : called with the number of jobs, and after the first with the time expected
     compare_samples : whether pictures with equal bricks must have equal numbers of samples, as the ownership check
         always requires
     """
-    for_volumes = ["gradient_opacity=[]", "transfer_2d=null", "opacity_unit_distance=null", "blending=composite"]
-    for_volumes.append("optics=null")
-    more = {"volumes": for_volumes, "grids": ["opacity_unit_distance=null"]}
-    transparent = [f"{key}.opacity={FAINT_OPACITY}" for key in faint]
-    transparent += [f"{key}.{setting}" for key in faint for setting in more.get(key.partition(".")[0], [])]
-    transparent = [*overrides, *transparent, "quality.early_termination=0"]
+    transparent = [*overrides, *faint, "quality.early_termination=0"]
     kinds = {(c.ranks, c.brick, c.mode, c.tiling, c.distribution): c for c in configurations[::-1]}
     owners = list(kinds.values())[::-1] if faint else []
     jobs = [("picture", c, overrides) for c in configurations] + [("ownership", c, transparent) for c in owners]

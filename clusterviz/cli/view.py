@@ -116,7 +116,6 @@ def _start_job(ranks: int) -> NoReturn:
 
 
 def _token() -> str:
-    """Return the token of the environment, or a random one."""
     token = os.environ.get(TOKEN_VARIABLE) or secrets.token_urlsafe(24)
     try:
         token.encode()

@@ -86,10 +86,7 @@ def agreed_errors() -> Iterator[None]:
 def check_faults(channel: Channel, fault: str, kind: Callable[[str], ClustervizError]) -> None:
     """Raise the fault of the lowest rank that has one on every rank; collective.
 
-    Parameters
-    ----------
-    fault : of this rank, as a short clause, or ""
-    kind : makes the error of a text
+    `fault`: of this rank, as a short clause, or ""; `kind`: makes the error of a text.
     """
     if channel.maximum(bool(fault)):
         faults = channel.allgather(fault)

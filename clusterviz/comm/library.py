@@ -85,7 +85,6 @@ def check_launcher(description: str, size: int | None, environment: Mapping[str,
 
 
 def _mpirun_of(library: str) -> str:
-    """Return the path of the mpirun of Open MPI or of an MPICH derivative; "" if none is found."""
     by_hydra = not library.startswith("Open MPI")
     for name in ("mpirun", "mpirun.openmpi", "mpirun.mpich"):
         for folder in mpirun_folders():

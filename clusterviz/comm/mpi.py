@@ -31,8 +31,7 @@ import numpy as np
 from clusterviz.comm.back_off import poll_until
 from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes, check_contiguous
 from clusterviz.comm.library import check_launcher
-from clusterviz.comm.mpi_memory import open_remote_memory
-from clusterviz.comm.mpi_window import MpiCounters, MpiWindow, open_window
+from clusterviz.comm.mpi_window import MpiCounters, MpiWindow, open_remote_memory, open_window
 from clusterviz.comm.placement import (
     RANKS_PER_NODE_VARIABLE,
     Nodes,
@@ -147,11 +146,8 @@ def _channel_key() -> int:
 class MpiChannel:
     """Channel of one rank of an MPI communicator.
 
-    Parameters
-    ----------
-    comm : communicator to duplicate; by default that of all processes of the job
-    chunk_bytes : size of the longest single MPI message
-    several_threads : whether other threads communicate too; without effect if MPI runs already
+    `comm`: communicator to duplicate; by default that of all processes of the job. `chunk_bytes`: size of the longest
+    single MPI message. `several_threads`: whether other threads communicate too; without effect if MPI runs already.
     """
 
     def __init__(

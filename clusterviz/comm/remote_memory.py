@@ -13,10 +13,8 @@ Cost: between ranks of one node that of a copy; between nodes a message both way
 rows are not contiguous, and parts in files, only while their owner calls MPI; a job that computes for long then delays
 others (MPICH: MPICH_ASYNC_PROGRESS=1 adds a thread for them).
 
-References
-----------
-J. Nieplocha, R. Harrison, R. Littlefield: Global Arrays, Supercomputing 1994. MPI Forum: MPI, a message-passing
-interface standard, version 4.1, chapter 12.
+Reference: J. Nieplocha, R. Harrison, R. Littlefield: Global Arrays, Supercomputing 1994. MPI Forum: MPI, a
+message-passing interface standard, version 4.1, chapter 12.
 """
 
 from __future__ import annotations
@@ -106,11 +104,7 @@ class Parts(Protocol):
 class RemoteMemory:
     """Remote memory of one rank; `Channel.remote_memory` makes it.
 
-    Parameters
-    ----------
-    rank : of this process
-    parts : memory of all ranks
-    counters : two for each lock
+    `rank`: of this process; `parts`: memory of all ranks; `counters`: two for each lock.
     """
 
     def __init__(self, rank: int, parts: Parts, counters: Counters) -> None:
@@ -183,7 +177,6 @@ class RemoteMemory:
         return far
 
     def _array(self, box: RemoteBox, dtype: np.dtype[Any]) -> NDArray[Any] | None:
-        """Return a view of the array in which a box lies; None if its part has no view."""
         part = self._parts.view(box.rank)
         return None if part is None else np.ndarray(box.shape, dtype, part, box.offset)
 

@@ -95,8 +95,6 @@ def _patches(owned: OwnedPixels, told: list[list[tuple[int, ...]]] | None) -> di
 
 @dataclass(frozen=True, eq=False)
 class _Expected:
-    """Pixels that are expected from a rank, and their patches; `in_place`: the buffer is part of the picture."""
-
     buffer: NDArray[Any]
     patches: Sequence[Patch]
     in_place: bool

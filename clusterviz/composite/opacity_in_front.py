@@ -22,12 +22,8 @@ def opacity_in_front(
 
     Each rank accumulates the opacities of all partial images in a band of rows, and returns them to their ranks.
 
-    Returns float32 (rows, columns) for each image.
-
-    Parameters
-    ----------
-    images : of this rank, front to back
-    order : ranks of the images of all ranks, front to back
+    `images`: of this rank, front to back; `order`: ranks of the images of all ranks, front to back. Returns float32
+    (rows, columns) for each image.
     """
     if channel.size == 1 and len(images) < 2:
         return [np.zeros(image.rgba.shape[:2], np.float32) for image in images]

@@ -26,10 +26,7 @@ FULL_SCALE = 255
 
 
 def rounded(partial: PartialImage, pixel: str) -> PartialImage:
-    """Return a partial image with its values rounded to nearest.
-
-    `pixel`: pixel type: float32, float16 or uint8.
-    """
+    """Return a partial image with its values rounded to nearest. `pixel`: pixel type: float32, float16 or uint8."""
     if partial.rgba.dtype == pixel:
         return partial
     height, width = partial.rgba.shape[:2]
@@ -53,10 +50,8 @@ def as_floats(pixels: Pixels) -> NDArray[np.float32]:
 def rounding_bound(pixel: str, images: int) -> float:
     """Return the largest rounding error of any channel of the picture, with full scale 1.
 
-    Parameters
-    ----------
-    pixel : pixel type: float32, float16 or uint8
-    images : most images that lie behind each other, of all ranks together
+    `pixel`: pixel type: float32, float16 or uint8; `images`: most images that lie behind each other, of all ranks
+    together.
     """
     match pixel:
         case "uint8":

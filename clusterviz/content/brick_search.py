@@ -1,104 +1,98 @@
-"""Search for the primitives that come near each brick of a domain, shared between all ranks.
+"""Entries whose primitives or tetrahedra lie in bricks of a domain, which ranks share the search for.
 
-Each rank opens the file of an entry, and finds of an equal share of the primitives in which bricks they are. It sends
-the numbers of the primitives in brick i to rank i mod n, which counts and keeps them. A rank that reads bricks asks
-there for the numbers, and takes the primitives from the file.
+Each rank finds of its share in which bricks they are, and sends what it found of brick i to rank i mod n, which counts
+and keeps it. A rank that reads bricks asks there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence, Set
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
 from clusterviz.data.primitives import BrickBoxes, BrickMembers, DrawnPrimitives, brick_keys, members_of_keys
+from clusterviz.data.source import Index
 from clusterviz.plan.domain import BrickGrid, Placed
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.uint32]
 Scalar = TypeVar("Scalar", bound=np.generic)
+OwnLayer = TypeVar("OwnLayer")
+Held = TypeVar("Held")
 TAG = 73
 
 
-class BrickSearch:
-    """Search for the primitives of one entry of a scene.
+class PlacedEntry(ABC, Generic[OwnLayer, Held]):
+    """Opened entry of a scene; construction, `layer` and `read` are collective.
 
-    Parameters
-    ----------
-    open_file : reads the primitives
-    channel : to the other ranks
+    After a rank has read its bricks it forgets the file, which it reads again if bricks are missing later.
 
-    Attributes
-    ----------
-    drawn : the primitives, until they are forgotten
+    It has facts, `info`. The section is that of the scene file, the key is for errors.
     """
 
-    def __init__(self, open_file: Callable[[], DrawnPrimitives], channel: Channel) -> None:
-        self._open, self._channel = open_file, channel
-        self.drawn: DrawnPrimitives | None = None
-        self._share: NDArray[np.int64] | None = None
-        self._counts: dict[Any, NDArray[np.int64]] = {}
-        self._members: tuple[Any, BrickMembers | None] = None, None
+    info: Any
 
-    def forget(self) -> None:
-        """Free the primitives; the members of bricks are kept."""
-        self.drawn = self._share = None
+    def __init__(self, section: Any, key: str, channel: Channel) -> None:
+        self._section, self._key, self._channel = section, key, channel
+        self._of_bricks: dict[Any, NDArray[Any]] = {}
 
-    def opened(self) -> DrawnPrimitives:
-        """Return the primitives, which are read if they were forgotten."""
-        if self.drawn is None:
-            self.drawn = self._open()
-        return self.drawn
-
-    def share(self) -> NDArray[np.int64]:
-        """Return the numbers of the primitives that this rank looks at."""
-        if self._share is None:
-            self._share = self.opened().share(self._channel.rank, self._channel.size)
-        return self._share
-
-    def counted(self, section: Placed, grid: BrickGrid) -> NDArray[np.int64]:
-        """Return the primitives and positions of each brick; the first call for a grid is collective."""
-        key = key_of(section, grid)
-        if key not in self._counts:
-            members = self.members(section, grid)
-            with agree(self._channel, 0, "plan"):
-                mine = members.counted(self.opened())
-            self._counts[key] = of_all_bricks(mine, grid, self._channel)
-        return self._counts[key]
-
-    def members(self, section: Placed, grid: BrickGrid) -> BrickMembers:
-        """Return the members of the bricks r, r + n, r + 2 n, … on rank r of n; those of the last grid are kept.
-
-        Collective if the grid is not the last.
-        """
-        key = key_of(section, grid)
-        last, members = self._members
-        if members is None or last != key:
-            self._members = None, None
-            with agree(self._channel, 0, "plan"):
-                sent = sent_keys(self.opened(), self.share(), section, grid, self._channel.size)
-            members = received_members(all_to_all(self._channel, sent, TAG), grid, self._channel)
-            self._members = key, members
-        return members
-
-    def gathered(self, section: Placed, grid: BrickGrid, bricks: Sequence[int]) -> dict[int, Numbers]:
-        """Return the numbers of the primitives of some bricks from the ranks that keep them; collective."""
-        members, counts = self.members(section, grid), self.counted(section, grid)[0].ravel()
-        ranks = self._channel.size
+    def read(self, layer: Any, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, Held]:
+        """Return what the entry has in some bricks of a plan, but those without anything, and forget the others."""
         with agree(self._channel, 0, "load"):
-            asked = [np.array([brick for brick in bricks if brick % ranks == rank], np.int64) for rank in range(ranks)]
-        requests = all_to_all(self._channel, asked, TAG)
-        with agree(self._channel, 0, "load"):
-            empty = np.empty(0, np.uint32)
-            sent = [np.concatenate([empty, *(members.of(one // ranks) for one in each.tolist())]) for each in requests]
-        received = all_to_all(self._channel, sent, TAG, [int(counts[each].sum()) for each in asked])
-        found: dict[int, Numbers] = {}
-        for each, numbers in zip(asked, received, strict=True):
-            found |= zip(each.tolist(), np.split(numbers, np.cumsum(counts[each])[:-1]), strict=False)
+            some = sorted(index for index in wanted if layer.in_bricks[0][index])
+        most = self._channel.maximum(len(some))
+        found = self._received(layer, grid, some, most) if most else {}
+        self._forget()
         return found
+
+    def _counted(self, section: Any, grid: BrickGrid) -> NDArray[np.int64]:
+        """Return members and positions of each brick, int64 (2, bz, by, bx)."""
+        return self._in_all_bricks("counts", section, grid, lambda drawn, members: members.counted(drawn))
+
+    def _in_all_bricks(
+        self,
+        name: str,
+        section: Any,
+        grid: BrickGrid,
+        measure: Callable[[DrawnPrimitives, BrickMembers], NDArray[Any]],
+    ) -> NDArray[Any]:
+        """Return what each rank measures of the bricks that it keeps, (k, bz, by, bx); collective once for a grid."""
+        key = name, key_of(section, grid)
+        if key not in self._of_bricks:
+            drawn, members = self._kept_members(section, grid)
+            with agree(self._channel, 0, "plan"):
+                mine = measure(drawn, members)
+            self._of_bricks[key] = of_all_bricks(mine, grid, self._channel)
+        return self._of_bricks[key]
+
+    @abstractmethod
+    def _kept_members(self, section: Any, grid: BrickGrid) -> tuple[DrawnPrimitives, BrickMembers]:
+        """Return the primitives of the bricks r, r + n, r + 2 n, … on rank r of n, and which each has; collective."""
+
+    @abstractmethod
+    def _received(self, layer: OwnLayer, grid: BrickGrid, some: Sequence[Index], most: int) -> dict[Index, Held]:
+        """Return bricks with members from the ranks that keep them, `most` on any rank; collective."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Free what was read."""
+
+
+def asked_for(bricks: Sequence[int], channel: Channel) -> tuple[list[NDArray[np.int64]], list[NDArray[np.int64]]]:
+    """Return the bricks that this rank asks each rank for, and that each asks of it; collective."""
+    with agree(channel, 0, "load"):
+        flat = np.array(bricks, np.int64)
+        asked = [flat[flat % channel.size == rank] for rank in range(channel.size)]
+    return asked, all_to_all(channel, asked, TAG)
+
+
+def flat_of(bricks: Sequence[Index], grid: BrickGrid) -> list[int]:
+    """Return the numbers of bricks, which count x first."""
+    return [int(np.ravel_multi_index(index, grid.layout.counts_zyx)) for index in bricks]
 
 
 def brick_boxes(section: Placed, grid: BrickGrid, ranks: int) -> BrickBoxes:

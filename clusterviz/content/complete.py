@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from clusterviz.content.automatic import automatic_scene
 from clusterviz.content.contract import Entry
 from clusterviz.content.facts import Facts, box_corners
-from clusterviz.content.table import KINDS, drawn_entries, entries_of, infos_of, with_sections
+from clusterviz.content.table import KINDS, drawn_entries, entries_of, infos_of
 from clusterviz.scene.camera import DEFAULT_ORIENTATION, MARGIN, fitted_camera, is_completed
 from clusterviz.scene.values import Scene
 
@@ -39,7 +39,7 @@ def complete_scene(scene: Scene, infos: Sequence[Facts] | Facts) -> Scene:
         scene = kind.becomes(scene, infos_of(kind, infos)) if kind.becomes else scene
     scene = automatic_scene(scene, infos)
     entries = [replace(one, section=one.kind.complete(one.section, one.info)) for one in entries_of(scene, infos)]
-    scene = with_sections(scene, entries)
+    scene = scene.with_entries({entry.key: entry.section for entry in entries})
     if scene.refracts:
         # Rays bend, so that any rank may need any brick.
         scene = scene.model_copy(update={"cluster": scene.cluster.model_copy(update={"mode": "sort-first"})})
@@ -49,7 +49,6 @@ def complete_scene(scene: Scene, infos: Sequence[Facts] | Facts) -> Scene:
 
 
 def _with_camera(scene: Scene, entries: Sequence[Entry]) -> Scene:
-    """Return a scene whose camera shows all that is visible of its entries."""
     boxes = [entry.kind.corners(entry.section, entry.info) for entry in entries]
     seen = [entry.kind.visible(entry.section, entry.info) for entry in entries]
     if scene.annotations.outline or scene.annotations.axes or not any(map(len, seen)):

@@ -11,9 +11,13 @@ has for them:
 - `becomes` is for kinds that are drawn as entries of other kinds, as flows are: they are opened first, and what they
   become is opened, completed and drawn like the scene's own entries. Such entries are marked by `of_flow`, belong to no
   file, and are neither described nor written.
+- An opened entry of a kind that `must_fit` has `layer(section, lights, bricks)`, the `plan.geometry.Layer` of a plan,
+  and `read(layer, bricks, wanted)`, what it has in some bricks, by index; both are collective.
 - `complete` fills the keys that drawing needs from facts. It is pure and idempotent: ranks with equal facts get equal
   entries, and completed entries stay as they are.
 - `corners` and `visible` are the boxes that the camera fits and annotations show.
+- What stages ask of an entry beside this is said by its section, a `ContentSection`: what rays collect of it, for
+  example.
 - The others describe entries to people: `summary` to readers of the terminal, `legend` to those of the picture, `panel`
   to the viewer, `warnings` to those who see less than they expect.
 
@@ -25,17 +29,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.facts import Facts
+from clusterviz.content.facts import Facts, bounds, box_corners
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.transfer_2d import TransferTable
 
 if TYPE_CHECKING:
-    from clusterviz.frame.run import Run
+    from clusterviz.frame.run import Image, Run
+    from clusterviz.render.crossing import FoundLayers
     from clusterviz.scene.values import Scene
 
 Corners = NDArray[np.float64]
@@ -66,6 +71,13 @@ class LegendEntry:
     shared: object = None
 
 
+class Painter(Protocol):
+    """What adds to a composited picture by what ranks have found for other layers."""
+
+    def paint(self, run: Run, scene: Scene, layers: Sequence[FoundLayers], /) -> Image | None:
+        """Return what is added to a frame's picture, float32 (h, w, 4), on rank 0; collective."""
+
+
 @dataclass(frozen=True)
 class Kind:
     """Kind of content.
@@ -88,7 +100,14 @@ class Kind:
     blank : (section, info) -> what to check where the whole picture is empty
     check : scene -> None; refuses what can be said of the kind's entries, but no renderer draws
     becomes : (scene, infos) -> scene with the entries of other kinds that this one is drawn as
-    must_fit : all bricks have to fit into memory at once
+    painter : (run, scene, opened entries) -> what adds to composited pictures, or None; collective
+    free : opened entry -> None; releases what ranks share; collective
+    must_fit : it has primitives or cells in bricks of the domain, all of which have to fit into memory at once
+    read : section -> its data, as may be given in place of its file; samples are read later
+    referenced : (section, data) -> what the float64 reference draws
+    unchecked : section -> what the reference does not draw of it, as "shows no …", or ""
+    faint : settings beside `opacity` that make an entry nearly transparent, such as optics=null
+    preset : (section, info) -> name of the preset that automatic settings choose, or ""
     """
 
     name: str
@@ -96,18 +115,25 @@ class Kind:
     facts: type[Facts]
     open: Callable[[Run, Scene, Sequence[tuple[str, Any]], Sequence[Any]], Sequence[Any]]
     complete: Callable[[Any, Any], Any]
-    corners: Callable[[Any, Any], Corners]
-    visible: Callable[[Any, Any], Corners]
     summary: Callable[[str, Any], str]
     legend: Callable[[Any], LegendEntry]
-    panel: Callable[[Any, Any], Mapping[str, Any]]
     warnings: Callable[[str, Any, Any, Sequence[Corners]], Mapping[str, str]]
+    corners: Callable[[Any, Any], Corners] = lambda section, info: box_corners(info.grown_box(section))
+    visible: Callable[[Any, Any], Corners] = lambda section, info: box_corners(info.grown_box(section))
+    panel: Callable[[Any, Any], Mapping[str, Any]] = lambda _, info: {"bounds": bounds(info.box)}
     blank: Callable[[Any, Any], str] = lambda *_: "check opacity, culling and clip"
     opened: tuple[str, ...] = ()
     changing: tuple[str, ...] = ()
     check: Callable[[Scene], None] = lambda _: None
     becomes: Callable[[Scene, Sequence[Any]], Scene] | None = None
+    painter: Callable[[Run, Scene, Sequence[Any]], Painter | None] = lambda *_: None
+    free: Callable[[Any], None] = lambda _: None
     must_fit: bool = False
+    read: Callable[[Any], Any] = lambda _: None
+    referenced: Callable[[Any, Any], Any] = lambda _, data: data
+    unchecked: Callable[[Any], str] = lambda _: ""
+    faint: tuple[str, ...] = ()
+    preset: Callable[[Any, Any], str] = lambda *_: ""
 
 
 @dataclass(frozen=True, eq=False)

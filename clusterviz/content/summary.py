@@ -19,8 +19,8 @@ def scene_summary(scene: Scene) -> str:
 
 def chosen_arrays(scene: Scene, completed: Scene) -> list[str]:
     """Return a line on each array of geometry that automatic settings have taken, with how to take another."""
-    now, found = dict(zip(completed.geometry_keys, completed.geometry, strict=True)), []
-    for key, section in zip(scene.geometry_keys, scene.geometry, strict=True):
+    now, found = completed.drawn_as("fragments"), []
+    for key, section in scene.drawn_as("fragments").items():
         if section.scalars is None and now[key].scalars is not None:
             option = key.replace("[", ".").replace("]", "")
             another = f"another array: -D {option}.scalars=NAME, one colour: -D {option}.color=white"

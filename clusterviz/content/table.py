@@ -18,25 +18,16 @@ KINDS: tuple[Kind, ...] = (VOLUME, GEOMETRY, GRID, FLOW)
 
 
 def entries_of(scene: Scene, infos: Sequence[Facts] | None = None) -> list[Entry]:
-    """Return the entries of a scene, in the order of the kinds.
-
-    Parameters
-    ----------
-    infos : facts on each entry in this order; None: nothing is known of them
-    """
-    found = [
-        Entry(kind, f"{name}[{number}]", section)
-        for kind in KINDS
-        for name in kind.sections
-        for number, section in enumerate(getattr(scene, name))
-    ]
+    """Return the entries of a scene, in the order of the kinds, with the facts on them, which have this order."""
+    kinds = {name: kind for kind in KINDS for name in kind.sections}
+    found = [Entry(kinds[key.partition("[")[0]], key, section) for key, section in scene.entries.items()]
     if infos is None:
         return found
     return [Entry(one.kind, one.key, one.section, info) for one, info in zip(found, infos, strict=True)]
 
 
-def drawn_entries(scene: Scene, infos: Sequence[Facts]) -> list[Entry]:
-    """Return the opened entries of a scene that are drawn themselves, not as entries of other kinds."""
+def drawn_entries(scene: Scene, infos: Sequence[Facts] | None = None) -> list[Entry]:
+    """Return the entries of a scene that are drawn themselves, not as entries of other kinds."""
     return [entry for entry in entries_of(scene, infos) if entry.kind.becomes is None]
 
 
@@ -62,9 +53,6 @@ def infos_of(kind: Kind, infos: Iterable[Facts]) -> list[Any]:
     return [info for info in infos if isinstance(info, kind.facts)]
 
 
-def with_sections(scene: Scene, entries: Iterable[Entry]) -> Scene:
-    """Return a scene with the sections of all its entries, which keep their order."""
-    lists = {name: list[object]() for kind in KINDS for name in kind.sections}
-    for entry in entries:
-        lists[entry.key.partition("[")[0]].append(entry.section)
-    return scene.model_copy(update={name: tuple(each) for name, each in lists.items()})
+def first_of(kind: Kind, scene: Scene) -> Any:
+    """Return the section of the first entry of a kind; None without one."""
+    return next((entry.section for entry in entries_of(scene) if entry.kind is kind), None)

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Set
-from typing import Any
+from collections.abc import Callable, Set
 
-from clusterviz.content.volume.opening import Bricks, OpenedVolume
 from clusterviz.data.source import Index, levels_of
 from clusterviz.data.store.cache import CACHE
 from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
+from clusterviz.plan.content import Bricks
 from clusterviz.plan.plan import Plan
-
-
-def bytes_of(brick: Any) -> int:
-    """Return the bytes of samples, or of those of several volumes."""
-    parts = getattr(brick, "samples", (brick,))
-    return sum(int(part.nbytes) for part in parts if part is not None)
 
 
 class BrickReader:
@@ -24,7 +17,7 @@ class BrickReader:
 
     Parameters
     ----------
-    opened : volumes; None: there is nothing to read
+    opened : content
     bricks : that have been read
 
     Attributes
@@ -32,23 +25,17 @@ class BrickReader:
     bricks_read, bytes_read : bricks that were read so far, and bytes: encoded ones of stores, else those of samples
     """
 
-    def __init__(self, opened: Opened | None, bricks: Bricks) -> None:
+    def __init__(self, opened: Opened, bricks: Bricks) -> None:
         self._opened, self._held = opened, bricks
         self.bricks_read = self.bytes_read = 0
 
     def load(self, run: Run, plan: Plan, wanted: Set[Index], holds: Set[Index] = frozenset()) -> Bricks:
         """Return bricks of this rank; those that are not in memory are read.
 
-        Parameters
-        ----------
-        plan : of the frame
-        wanted : indices of the bricks to return
-        holds : bricks that may be needed again; `Options.keep_bricks` keeps them in memory
+        `Options.keep_bricks` keeps those in memory that this rank `holds`, which may be needed again.
         """
-        opened = self._opened
-        assert opened is not None, "only a scene with a volume has a plan"
         with run.local("load", "load"):
-            held = opened.suiting(plan, self._held)
+            held = plan.content.suiting(self._held)
             bricks = {index: held[index] for index in wanted & held.keys()}
             kept = {index: held[index] for index in holds & held.keys()} if run.options.keep_bricks else {}
             held = self._held = {}  # others are freed before further ones are read
@@ -63,47 +50,30 @@ class BrickReader:
         return set(self._held)
 
     def replace(self, opened: Opened, changed: Set[Index], bricks: Bricks) -> None:
-        """Read from other time steps.
-
-        Parameters
-        ----------
-        changed : bricks in memory that may differ
-        bricks : of the other time steps that have been read
-        """
+        """Read from other time steps, of which some bricks have been read; those in memory that may differ go."""
         self._opened = opened
         self._held = {index: brick for index, brick in self._held.items() if index not in changed} | bricks
 
     def read(self, plan: Plan, wanted: Set[Index], stops: Callable[[], bool] = lambda: False) -> Bricks:
         """Read bricks, in any thread; what was read of them if `stops` says so."""
-        assert self._opened is not None, "only a scene with a volume has a plan"
         found, encoded = Bricks(), CACHE.bytes_read
         for index, brick in self._opened.read(plan, wanted):
             found[index] = brick
             if stops():
                 break
         self.bricks_read += len(found)
-        self.bytes_read += (CACHE.bytes_read - encoded) or sum(map(bytes_of, found.values()))
+        self.bytes_read += (CACHE.bytes_read - encoded) or sum(brick.nbytes for brick in found.values())
         return found
-
-    def suiting(self, plan: Plan, bricks: Bricks) -> Bricks:
-        """Return those of some bricks that suit a plan."""
-        return self._opened.suiting(plan, bricks) if self._opened else {}
 
     @property
     def decodes(self) -> bool:
         """Whether bricks of stores are decoded."""
-        return any(levels_of(volume.source) is not None for volume in self._volumes)
+        return any(levels_of(volume.source) is not None for volume in self._opened.volumes)
 
     @property
     def itemsize(self) -> int:
         """Bytes of a sample as it is read, at most."""
-        return max((volume.source.dtype.itemsize for volume in self._volumes), default=1)
-
-    @property
-    def _volumes(self) -> Sequence[OpenedVolume]:
-        if isinstance(self._opened, OpenedVolume):
-            return (self._opened,)
-        return self._opened.volumes if self._opened else ()
+        return max((volume.source.dtype.itemsize for volume in self._opened.volumes), default=1)
 
     def taken(self) -> Bricks:
         """Return the bricks in memory, which are no longer kept here."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +23,8 @@ from numpy.typing import NDArray
 from clusterviz.comm import Channel
 from clusterviz.content.complete import complete_scene
 from clusterviz.content.diff import is_same_volume
-from clusterviz.content.table import check_drawable
-from clusterviz.content.volume.opening import Bricks
-from clusterviz.data import ALL_STEPS, ONE_STEP
+from clusterviz.content.table import check_drawable, entries_of
+from clusterviz.content.volume.opening import several_steps
 from clusterviz.errors import ClustervizError, SceneError
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.frame.compositing import Compositing, open_async_compositing
@@ -33,9 +33,19 @@ from clusterviz.frame.driver import with_right_device
 from clusterviz.frame.opening import Given, Opened, open_content, open_time_steps
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Image, Options, Progress, Run
-from clusterviz.frame.surface_lic import open_painter
-from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
+from clusterviz.frame.work import (
+    DrawingRequest,
+    DrawingResult,
+    DrawnFrame,
+    Planning,
+    RankWork,
+    Rendered,
+    T,
+    check_consistency,
+    check_cover,
+)
 from clusterviz.gl.devices import prefers_cpu
+from clusterviz.plan.content import Bricks
 from clusterviz.plan.plan import changed_settings
 from clusterviz.report.decisions import Change
 from clusterviz.report.statistics import RankFrame, summed
@@ -87,9 +97,34 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
     scene, opened, bricks = open_content(run, scene, source)
     reader = BrickReader(opened, bricks)
     drawing = Drawing(reader)
-    work = FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene)
+    work = planned(drawing, FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene))
     drawing.release()
     return work, reader.load(run, work.plan, work.holds) if work.plan else {}
+
+
+def planned(drawing: Drawing, planning: Planning[T]) -> T:
+    """Draw what a planning asks for, and return its decision; collective."""
+    found: DrawingResult | None = None
+    while True:
+        try:
+            request = planning.send(found)  # type: ignore[arg-type]  # None begins
+        except StopIteration as decided:
+            decision: T = decided.value
+            return decision
+        found = _found(drawing, request)
+
+
+def _found(drawing: Drawing, request: DrawingRequest) -> DrawingResult:
+    run, work = request.run, request.work
+    if request.loads:
+        drawing.load(run, request.loads)
+    with run.unreported(request.stage) if request.stage else nullcontext(run) as timed:
+        before = timed.clock.seconds.get("render", 0.0)
+        partials, counts = drawing.draw(timed, work)
+        seconds, image = timed.clock.seconds.get("render", 0.0) - before, None
+    if request.composited:
+        image, counts = Compositing(several=False).picture(run, work, partials, counts)
+    return DrawingResult(partials, counts, drawing.sample_counts, seconds, image)
 
 
 class FrameLoop:
@@ -124,12 +159,11 @@ class FrameLoop:
         self._several, self._warned = several, set[Change]()
         self._compositing = Compositing(several)
         with run.clock.stage("total", "open"):
-            if scene.flows:  # which are convolved as they are opened
+            if any(entry.kind.becomes for entry in entries_of(scene)):  # computed as they are opened
                 run = with_right_device(run, scene, None, "open")
             self.scene, opened, bricks = open_content(run, scene, source)
             run = self._run = with_right_device(run, self.scene, opened, "plan")
-            self._painter = open_painter(run, self.scene, opened)
-        self._infos = opened.infos if opened else ()
+            self._painter = opened.painter(run, self.scene)
         self._opened, self._is_given = opened, source is not None
         self._reader = BrickReader(opened, bricks)
         self._drawing = Drawing(self._reader)
@@ -167,7 +201,7 @@ class FrameLoop:
             self._drawing.forget()
             raise
         rendered = compositing.gather(run, drawn, image, counts)
-        self._planner.auto_mode.learn(self._run, drawn.work, rendered.statistics.per_rank)
+        self._planner.auto_mode.learn(self._run, drawn, rendered.statistics.per_rank)
         return rendered
 
     def frames(self, scenes: Iterable[tuple[int, Scene]]) -> Iterator[Rendered]:
@@ -188,7 +222,7 @@ class FrameLoop:
                 with run.clock.stage("total", f"frame {number}"):
                     drawn = self._draw(run, self._completed(run, scene))
                     costs = run.channel.allgather(replace(drawn.counts, seconds=run.clock.seconds))
-                    self._planner.auto_mode.learn(run, drawn.work, costs)
+                    self._planner.auto_mode.learn(run, drawn, costs)
                     with run.clock.stage("wait"):
                         before = async_compositing.take()
                 async_compositing.put(run, drawn)
@@ -200,23 +234,24 @@ class FrameLoop:
                 yield last
 
     @property
-    def opened(self) -> Opened | None:
-        """The content; None if the scene has none."""
+    def opened(self) -> Opened:
+        """The content."""
         return self._opened
 
     def suits(self, scene: Scene) -> bool:
         """Return whether a frame may show a completed scene; if not, its content has to be opened anew."""
-        return is_same_volume(self.scene, scene) and (self._opened is None or self._opened.suits(scene))
+        return is_same_volume(self.scene, scene) and self._opened.suits(scene)
 
     def _completed(self, run: Run, scene: Scene) -> Scene:
         """Complete a scene by what is known of the content, which is the same at all time steps."""
         with run.local("plan", "plan"):
-            return scene if scene is self.scene else complete_scene(scene, self._infos)
+            return scene if scene is self.scene else complete_scene(scene, self._opened.infos)
 
     def _draw(self, run: Run, scene: Scene) -> DrawnFrame:
         """Open what a completed scene shows anew, plan its frame, and draw this rank's part."""
         self._open_time_steps(run, scene)
-        work, hooks = self._planner.plan(run, scene), self._planner.auto_mode.hooks
+        work = planned(self._drawing, self._planner.plan(run, scene))
+        hooks = self._planner.auto_mode.hooks
         if run.options.check:
             check_cover(run, work)
         self._drawing.load(run, work)
@@ -226,22 +261,15 @@ class FrameLoop:
         check_consistency(run, work)
         partials, counts = self._drawing.draw(run, work, tiles)
         layers = self._drawing.find_layers(run, work, partials)
-        painted = self._painter.paint(run, work, layers) if self._painter else None
+        painted = self._painter.paint(run, scene, layers) if self._painter else None
         counts = hooks.counted(counts) if hooks else counts
         if not self._several:
             self._drawing.release()
-        found = self._infos, self._changes(run, work), layers, self._drawing.fragments
-        return DrawnFrame(run.frame, work, partials, counts, *found, painted)
+        found = self._opened.infos, self._changes(run, work), layers, self._drawing.fragments
+        return DrawnFrame(run.frame, work, partials, counts, *found, painted, self._drawing.sample_counts)
 
     def _averaged(self, run: Run, scene: Scene, compositing: Compositing) -> tuple[DrawnFrame, Image | None, RankFrame]:
-        """Draw and composite a frame once for each eye point of its lens; return the mean on rank 0.
-
-        Returns
-        -------
-        drawn : of the last eye point, with the scene of the lens
-        image : the mean, on rank 0
-        counts : costs of all
-        """
+        """Draw a frame once for each eye point of its lens; return the last one, the mean on rank 0, and all costs."""
         count = scene.quality.lens.eye_points or 1
         total: NDArray[np.float64] | None = None
         counts = list[RankFrame]()
@@ -257,12 +285,11 @@ class FrameLoop:
 
     def _open_time_steps(self, run: Run, scene: Scene) -> None:
         """Open the time steps of a frame, and drop the bricks that may differ from those of the last frame."""
-        if every := [n for n, volume in enumerate(scene.volumes) if volume.time == "all"]:
+        if problem := several_steps(scene):
             with run.local("open"):  # all ranks see it, and may go on with another scene
-                raise SceneError(ONE_STEP, where=f"volumes[{every[0]}].time", found="all", allowed=ALL_STEPS)
+                raise problem
         before, plan = self._opened, self._planner.last_plan
-        times = [volume.time for volume in scene.volumes]
-        if before is None or len(times) != len(before.volumes) or times == [each.time for each in before.volumes]:
+        if not before.shows_other_times(scene):
             return
         if self._is_given:
             with run.local("open"):
@@ -276,7 +303,6 @@ class FrameLoop:
             self._drawing.drop(changed)
 
     def _changes(self, run: Run, work: RankWork) -> tuple[Change, ...]:
-        """Return settings of a frame that are not used as given; rank 0 warns of each once."""
         on_cpu = work.scene.quality.filter == "hardware" and prefers_cpu(run.options.device)
         changes = changed_settings(work.scene, run.channel.size, on_cpu)
         for change in changes:
@@ -292,7 +318,6 @@ class FrameLoop:
         self._drawing.release()
         # After a failure other ranks may never reach a collective call.
         if kind is None:
-            if self._opened is not None:
-                self._opened.free()
+            self._opened.free()
             self._compositing.close()
             self._planner.auto_mode.close()

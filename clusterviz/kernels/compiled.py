@@ -58,10 +58,7 @@ class CompiledKernel:
     def __call__(self, *arguments: Any) -> Any:
         """Run without Python's lock; return an int for one result, a tuple for several.
 
-        Raises
-        ------
-        TypeError
-            An array has not the type, the axes or the order of the kernel.
+        Raises TypeError: an array has not the type, the axes or the order of the kernel.
         """
         numbers: list[int] = []
         for (kind, axes), argument in zip(self._arguments, arguments, strict=True):

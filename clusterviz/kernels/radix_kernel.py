@@ -37,11 +37,7 @@ def _put(item, value, shift, places, target):  # type: ignore[no-untyped-def]
 def count_digits(keys, signed, counts):  # type: ignore[no-untyped-def]
     """Write the histograms of all four digits in one pass.
 
-    Parameters
-    ----------
-    keys : uint32 (n,)
-    signed : 1 for the bits of float32, 0 for whole numbers
-    counts : int64 (4, 256), zeros
+    `keys`: uint32 (n,); `signed`: 1 for the bits of float32, 0 for whole numbers; `counts`: int64 (4, 256), zeros.
     """
     a, b, c, d = counts[0], counts[1], counts[2], counts[3]
     for n in range(len(keys)):
@@ -55,11 +51,7 @@ def count_digits(keys, signed, counts):  # type: ignore[no-untyped-def]
 def count_digit(items, shift, counts):  # type: ignore[no-untyped-def]
     """Write the histogram of one digit.
 
-    Parameters
-    ----------
-    items : uint64 (n,)
-    shift : bits below the digit
-    counts : int64 (256,), zeros
+    `items`: uint64 (n,); `shift`: bits below the digit; `counts`: int64 (256,), zeros.
     """
     shift = _u64(shift)
     for n in range(len(items)):
@@ -69,11 +61,8 @@ def count_digit(items, shift, counts):  # type: ignore[no-untyped-def]
 def scatter_keys(keys, signed, first, shift, places, target):  # type: ignore[no-untyped-def]
     """Make items of keys, and write them in the order of a digit.
 
-    Parameters
-    ----------
-    first : number of the first key
-    places : uint64 (256,), the next place of each digit; raised
-    target : uint64 (whole,)
+    `first`: number of the first key. `places`: uint64 (256,), the next place of each digit; raised. `target`: uint64
+    (whole,).
     """
     shift = _u64(shift)
     for n in range(len(keys)):
@@ -89,12 +78,7 @@ def scatter_items(items, shift, places, target):  # type: ignore[no-untyped-def]
 
 
 def scatter_numbers(items, shift, places, target):  # type: ignore[no-untyped-def]
-    """Write the numbers of items in the order of a digit.
-
-    Parameters
-    ----------
-    target : uint32 (whole,)
-    """
+    """Write the numbers of items in the order of a digit. `target`: uint32 (whole,)."""
     shift = _u64(shift)
     for n in range(len(items)):
         _put(items[n], numba.uint32(items[n]), shift, places, target)

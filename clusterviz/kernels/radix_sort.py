@@ -4,10 +4,8 @@ The least significant digit of 8 bits comes first. One pass over the keys counts
 share needs no pass. With several threads, each moves a part of the items, and counts the later digits of its part
 again.
 
-References
-----------
-S. P. Callahan, M. Ikits, J. L. D. Comba, C. T. Silva: Hardware-assisted visibility sorting for unstructured volume
-rendering, IEEE TVCG 11(3), 2005, section 5.1. (The signs of its formula for negative numbers are lost in print.)
+Reference: S. P. Callahan, M. Ikits, J. L. D. Comba, C. T. Silva: Hardware-assisted visibility sorting for unstructured
+volume rendering, IEEE TVCG 11(3), 2005, section 5.1. (The signs of its formula for negative numbers are lost in print.)
 """
 
 from __future__ import annotations
@@ -40,10 +38,8 @@ _NUMBERS = _kernel("scatter_numbers", "uint64[::1]; int64; uint64[::1]; uint32[:
 def sorted_order(keys: NDArray[Any], threads: int = 1) -> NDArray[np.uint32]:
     """Return the order that sorts keys, uint32 (n,); equal keys keep their order.
 
-    Parameters
-    ----------
-    keys : float32 or uint32 (n,), n < 2³²; −0 is less than 0, and NaN is beyond all numbers, on the side of its sign
-    threads : of the work; the order does not depend on them
+    `keys`: float32 or uint32 (n,), n < 2³²; −0 is less than 0, and NaN is beyond all numbers, on the side of its sign.
+    `threads`: of the work; the order does not depend on them.
     """
     count = max(1, min(threads, len(keys) // LEAST))
     with ThreadPoolExecutor(count) as pool:

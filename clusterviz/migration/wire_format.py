@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from clusterviz.codec.contract import Bytes, CodecError, Pixels, Rows
 from clusterviz.codec.message import unpack
 from clusterviz.data.source import Index
-from clusterviz.plan.cells import CellBrick, CellLayer
-from clusterviz.plan.geometry import GeometryLayer, Primitives
+from clusterviz.plan.geometry import Layer, Members
 from clusterviz.plan.plan import Plan
+from clusterviz.render.content_bricks import pack_parts, parts_of
 from clusterviz.render.storage import STORED_TYPE, Slot, slot_of
-from clusterviz.render.stored_brick import Stored, stamp_of
+from clusterviz.render.stored_brick import Part, Stored, stamp_of
 
 Pack = Callable[[Pixels, Rows], Bytes]
 HEADER = np.dtype([("checksum", "<u4"), ("stamp", "<u4"), ("voxels", "<i8"), ("brick", "<i4", 3), ("number", "<i4")])
@@ -36,11 +36,10 @@ class WireFormat:
     """Wire format of the bricks of one frame, the same for sender and receiver."""
 
     slot: Slot  # of the bricks in memory
-    dtype: np.dtype[Any]  # of value ranges: that of the voxels, float64 for several volumes
     stamp: int  # of the storage format, which depends on the plan
     part_bytes: int  # length of a part of the stream, a multiple of 16
     # of geometry and of unstructured grids
-    layers: tuple[GeometryLayer | CellLayer, ...] = field(default=(), compare=False)
+    layers: tuple[Layer, ...] = field(default=(), compare=False)
     index_zyx: Index | None = None  # of the brick, if it has any, or is one of several volumes
 
     def of(self, brick: Index) -> WireFormat:
@@ -53,7 +52,7 @@ class WireFormat:
     def range_bytes(self) -> int:
         """Bytes of a brick's value ranges: lows, highs, and for the adaptive step bends of groups of cells."""
         bends = 8 * int(np.prod(self.slot.groups_zyx)) if self.slot.adaptive else 0
-        return 2 * int(np.prod(self._range_shape)) * self.dtype.itemsize + bends
+        return 16 * int(np.prod(self._range_shape)) + bends
 
     @property
     def stream_bytes(self) -> int:
@@ -81,16 +80,17 @@ class WireFormat:
         found = np.zeros(self.stream_bytes, np.uint8)
         samples = self._samples(found)
         if self.slot.mixed:
-            samples[:] = stored.samples
+            samples[:] = pack_parts(stored.parts, self.slot)
         else:
-            z, y, x = stored.samples.shape
-            samples[:z, :y, :x] = stored.samples
+            own: NDArray[Any] = stored.parts[0].samples  # type: ignore[union-attr]
+            z, y, x = own.shape
+            samples[:z, :y, :x] = own
             # The last samples of a smaller brick are repeated.
             samples[z:, :y, :x] = samples[z - 1 : z, :y, :x]
             samples[:, y:, :x] = samples[:, y - 1 : y, :x]
             samples[:, :, x:] = samples[:, :, x - 1 : x]
         parts = [stored.low, stored.high] if stored.bend is None else [stored.low, stored.high, stored.bend]
-        parts += [array for one in (*stored.primitives, *stored.cells) if one for array in vars(one).values()]
+        parts += [array for one in stored.members if one for array in vars(one).values()]
         rest = np.concatenate([_bytes(part) for part in parts])
         found[self.slot.sample_bytes : self.slot.sample_bytes + rest.size] = rest
         return found
@@ -121,18 +121,15 @@ class WireFormat:
         """Return the brick of a complete stream; its samples are a view of the stream."""
         ranges = stream[self.slot.sample_bytes : self.slot.sample_bytes + self.range_bytes]
         groups, shape = self.slot.groups_zyx, self._range_shape
-        side = int(np.prod(shape)) * self.dtype.itemsize
-        low, high = (ranges[begin : begin + side].copy().view(self.dtype).reshape(shape) for begin in (0, side))
+        side = 8 * int(np.prod(shape))
+        low, high = (ranges[begin : begin + side].copy().view(np.float64).reshape(shape) for begin in (0, side))
         bend = ranges[2 * side :].copy().view(np.float32).reshape(2, *groups) if self.slot.adaptive else None
-        members = list(zip(self.layers, self._members(stream), strict=True))
-        primitives = tuple(
-            Primitives(**each) if each else None for of, each in members if isinstance(of, GeometryLayer)
-        )
-        cells = tuple(CellBrick(**each) if each else None for of, each in members if isinstance(of, CellLayer))
-        return Stored(self._samples(stream), low, high, voxels, bend, primitives, cells)
+        samples = self._samples(stream)
+        parts = parts_of(samples, self.slot) if self.slot.mixed else [Part(samples)]
+        return Stored(parts, low, high, voxels, bend, tuple(self._members(stream)))
 
-    def _members(self, stream: Bytes) -> Iterator[dict[str, NDArray[Any]]]:
-        """Yield the arrays of each layer's primitives or tetrahedra, copied from a stream; {} where there are none."""
+    def _members(self, stream: Bytes) -> Iterator[Members | None]:
+        """Yield what the brick has of each layer, copied from a stream; None where there is nothing."""
         begin = self.slot.sample_bytes + self.range_bytes
         for layer in self.layers:
             members, positions = (int(count[self.index_zyx]) for count in layer.in_bricks)
@@ -140,7 +137,7 @@ class WireFormat:
             for name, (shape, dtype) in layer.forms(members, positions).items() if members else ():
                 end = begin + int(np.prod(shape)) * dtype.itemsize
                 arrays[name], begin = stream[begin:end].copy().view(dtype).reshape(shape), end
-            yield arrays
+            yield layer.holds(**arrays) if members else None
 
     def _samples(self, stream: Bytes) -> NDArray[Any]:
         """Return the samples in a stream, (z, y, x), or for several volumes the words of the slot."""
@@ -152,7 +149,7 @@ class WireFormat:
     def _range_shape(self) -> tuple[int, ...]:
         """Shape of the lows, and of the highs."""
         if self.slot.group_box is None or self.index_zyx is None:
-            return self.slot.groups_zyx
+            return (1, *self.slot.groups_zyx)
         return (len(self.slot.parts), *self.slot.group_box.shape_of(self.index_zyx))
 
     @property
@@ -169,9 +166,9 @@ class WireFormat:
         return header
 
 
-def wire_format_of(plan: Plan, dtype: np.dtype[Any]) -> WireFormat:
+def wire_format_of(plan: Plan) -> WireFormat:
     """Return the wire format of a plan's bricks."""
-    return WireFormat(slot_of(plan), dtype, stamp_of(plan), PART_BYTES, plan.content.layers)
+    return WireFormat(slot_of(plan), stamp_of(plan), PART_BYTES, plan.content.layers)
 
 
 def _bytes(array: NDArray[Any]) -> Bytes:

@@ -31,15 +31,11 @@ def build_tree(cost: Costs, ranks: int) -> BspTree:
 
     The tree is the same on every rank for the same costs.
 
-    Parameters
-    ----------
-    cost : float64 (bz, by, bx), finite, not negative: cost of each brick; 0 for one that is not drawn
-    ranks : number of leaves; above the number of bricks some leaves are empty
+    Reference: M. Berger, S. Bokhari: A partitioning strategy for nonuniform problems on multiprocessors, IEEE
+    Transactions on Computers 36(5), 1987 (binary decomposition).
 
-    References
-    ----------
-    M. Berger, S. Bokhari: A partitioning strategy for nonuniform problems on multiprocessors, IEEE Transactions on
-    Computers 36(5), 1987 (binary decomposition).
+    `cost`: float64 (bz, by, bx), finite, not negative: cost of each brick; 0 for one that is not drawn. `ranks`: number
+    of leaves; above the number of bricks some leaves are empty.
     """
     z, y, x = cost.shape
     return BspTree((z, y, x), ranks, _grow(np.asarray(cost, np.float64), BrickBox((0, 0, 0), (z, y, x)), 0, ranks))
@@ -109,7 +105,6 @@ def _best_plane(cost: Costs, low_ranks: int, high_ranks: int) -> tuple[int, int]
 
 
 def _planes(cost: Costs, axis: int, low_ranks: int, high_ranks: int) -> Iterator[_Plane]:
-    """Return all planes across an axis, by running sums over the layers."""
     others = tuple(other for other in range(3) if other != axis)
     layer_costs, layer_bricks = cost.sum(axis=others), np.count_nonzero(cost, axis=others)
     low_costs, high_costs = np.cumsum(layer_costs), np.cumsum(layer_costs[::-1])[::-1]
@@ -121,6 +116,5 @@ def _planes(cost: Costs, axis: int, low_ranks: int, high_ranks: int) -> Iterator
 
 
 def _least(planes: list[_Plane], measure: Callable[[_Plane], float]) -> list[_Plane]:
-    """Return the planes with the smallest measure, up to rounding."""
     limit = min(map(measure, planes)) * (1 + SAME_COST)
     return [plane for plane in planes if measure(plane) <= limit]

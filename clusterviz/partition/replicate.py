@@ -40,10 +40,8 @@ def replicate(home: BspTree, copies: int) -> Replicas:
     When to use: the memory of all ranks together can hold the data `copies` times. Leaves with neighbouring numbers are
     neighbours in space, and the ring lets work move between all ranks, each of which keeps a part of its own leaf.
 
-    References
-    ----------
-    R. Samanta, T. Funkhouser, K. Li: Parallel rendering with k-way replication, PVG 2001; H.-I. Hsiao, D. DeWitt:
-    Chained declustering, ICDE 1990 (the ring).
+    Reference: R. Samanta, T. Funkhouser, K. Li: Parallel rendering with k-way replication, PVG 2001; H.-I. Hsiao, D.
+    DeWitt: Chained declustering, ICDE 1990 (the ring).
     """
     ring = np.arange(home.ranks)[:, None] + np.arange(copies)
     return Replicas(home, ring % home.ranks)

@@ -94,11 +94,9 @@ def move_planes(tree: BspTree, cost: Costs) -> BspTree:
 
     `cost`: as in `build_tree`.
 
-    References
-    ----------
-    S. Marchesin, C. Mongenet, J.-M. Dischler: Dynamic load balancing for parallel volume rendering, EGPGV 2006;
-    C. Müller, M. Strengert, T. Ertl: Optimized volume raycasting for graphics-hardware-based cluster systems, EGPGV
-    2006.
+    Reference: S. Marchesin, C. Mongenet, J.-M. Dischler: Dynamic load balancing for parallel volume rendering, EGPGV
+    2006; C. Müller, M. Strengert, T. Ertl: Optimized volume raycasting for graphics-hardware-based cluster systems,
+    EGPGV 2006.
     """
     table = CostTable.of(cost)
     return BspTree(tree.shape_zyx, tree.ranks, _moved(table, tree.root, BrickBox((0, 0, 0), tree.shape_zyx)))
@@ -110,7 +108,6 @@ def busiest(node: Node) -> float:
 
 
 def _best(table: CostTable, box: BrickBox, first_rank: int, ranks: int, limit: float) -> Node | None:
-    """Return the best tree of a box, or None if its largest cost is not below a limit."""
     if ranks == 1:
         leaf = make_leaf(table.cost, box, first_rank)
         return leaf if leaf.cost < limit else None

@@ -31,7 +31,6 @@ class BrickBox:
 
     @property
     def bricks(self) -> int:
-        """Number of bricks."""
         z, y, x = self.shape_zyx
         return z * y * x
 
@@ -88,38 +87,6 @@ def leaves_below(node: Node) -> Iterator[Leaf]:
         yield from leaves_below(node.high)
 
 
-def draw(tree: BspTree) -> str:
-    """Return a tree as text, with a line for each node.
-
-    For two ranks over 2 × 1 × 1 bricks of cost 1::
-
-        2 × 1 × 1 bricks (z, y, x) on 2 ranks
-        └─ z = 1
-           ├─ rank 0: z 0…1, y 0…1, x 0…1, cost 1
-           └─ rank 1: z 1…2, y 0…1, x 0…1, cost 1
-    """
-    z, y, x = tree.shape_zyx
-    ranks = "1 rank" if tree.ranks == 1 else f"{tree.ranks} ranks"
-    return "\n".join([f"{z} × {y} × {x} bricks (z, y, x) on {ranks}", *_lines(tree.root, "", last=True)])
-
-
-def _lines(node: Node, margin: str, *, last: bool) -> Iterator[str]:
-    yield f"{margin}{'└' if last else '├'}─ {_label(node)}"
-    if not isinstance(node, Leaf):
-        margin += "   " if last else "│  "
-        yield from _lines(node.low, margin, last=False)
-        yield from _lines(node.high, margin, last=True)
-
-
-def _label(node: Node) -> str:
-    if not isinstance(node, Leaf):
-        return f"{'zyx'[node.axis_zyx]} = {node.plane}"
-    if node.box.bricks == 0:
-        return f"rank {node.rank}: no bricks"
-    sides = zip("zyx", node.box.begin_zyx, node.box.end_zyx, strict=True)
-    return f"rank {node.rank}: {', '.join(f'{a} {begin}…{end}' for a, begin, end in sides)}, cost {node.cost:.6g}"
-
-
 Vector = tuple[float, float, float]
 
 
@@ -129,16 +96,14 @@ def front_to_back(tree: BspTree, eye_brick: Vector | None, direction_index: Vect
     Returns every rank once, the nearest first. No ray visits a leaf of a later rank before one of an earlier rank. A
     position or direction that is not finite raises InputError.
 
+    Reference: H. Fuchs, Z. Kedem, B. Naylor: On visible surface generation by a priori tree structures, SIGGRAPH 1980.
+
     Parameters
     ----------
     eye_brick : (x, y, z) position of the eye in bricks, or None for parallel projection; may lie inside the volume or
         on a plane
     direction_index : (x, y, z) view direction in index space, of any length; in perspective it is used only if the eye
         lies on a plane, where either order is right
-
-    References
-    ----------
-    H. Fuchs, Z. Kedem, B. Naylor: On visible surface generation by a priori tree structures, SIGGRAPH 1980.
     """
     check_finite(eye_brick, direction_index)
     ranks: list[int] = []

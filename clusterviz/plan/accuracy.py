@@ -42,6 +42,7 @@ from clusterviz.plan.estimate import (
     still_missing,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES
+from clusterviz.scene.transfer import TransferFunction, rescale
 from clusterviz.scene.values import Scene, Volume
 
 COARSEST, FINEST = -1, 6
@@ -57,12 +58,16 @@ VERIFIED_SAFETY, VERIFIED_FINEST = 2.0, FINEST + 1
 or colour jump, or nearly so, single pixels have far larger errors than all others, which a sample of pixels misses.
 Then an estimate needs a picture one level finer, and every view is verified."""
 WITNESS = 4
-"""Level down to which the first view is drawn for that where something jumps: longer steps may all miss a feature that
-is thin along one ray. So it is where a pixel is the colour of one scalar: a ray that crosses a corner of the volume
-within the shortest step has one sample at all of them. Later views are verified by steps around their own."""
+"""Level down to which a first view is drawn for that where planes or faces cut, or where a pixel is the colour of one
+scalar: a ray that crosses a corner of the volume within the shortest step has one sample at all of them. Elsewhere it
+is drawn down to the first level between whose samples little can hide, but not beyond this one, or with jumps not
+beyond `VERIFIED_FINEST`: longer steps may all miss a feature that is thin along one ray. Later views are verified by
+steps around their own."""
 STEEP = 8.0
 """Slope of opacity or colour, in full scales over the range of clim, above which a transfer function counts as a
 jump."""
+PLACES = 1025
+"""Scalars over clim between which changes of opacity and colour are looked for."""
 NARROW = 2.0**-13
 """Share of clim's range below which a change of opacity or colour counts as one at a single scalar. Along a ray, a
 trilinear field leaves the line between two samples 1/128 of a voxel apart by less."""
@@ -87,6 +92,7 @@ class Aim:
     jumps : opacity or colour jump, or nearly so, along rays
     of_one_scalar : a pixel is the colour of one scalar, such as the maximum
     jump : largest change of extinction, or of extinction times colour, at a single scalar, per voxel
+    witness : level down to which a first view is verified at least
     last : choice of the frame before, which is updated; None if there is none
     coarsest : level of the longest step that may be chosen
     safety : factor of all errors estimated in a sample of pixels
@@ -98,6 +104,7 @@ class Aim:
     jumps: bool = False
     of_one_scalar: bool = False
     jump: float = 0.0
+    witness: int = FIRST
     last: Trial | None = None
     coarsest: float = COARSEST
     safety: float = SAFETY
@@ -111,11 +118,6 @@ class Aim:
     def residual(self) -> float:
         """Part of the bound for early ray termination."""
         return TERMINATION * self.bound
-
-    @property
-    def needs_witness(self) -> bool:
-        """Whether long steps may agree on a picture that is wrong."""
-        return self.jumps or self.of_one_scalar
 
     def grazed(self, level: float) -> float:
         """Bound of what a ray can miss that touches the far side of a jump between two samples.
@@ -171,28 +173,35 @@ def make_aim(scene: Scene, spacing: float) -> Aim:
     """
     bound = scene.quality.max_error
     assert bound is not None, "no bound was asked for"
-    scalars = [volume for volume in scene.volumes if not BLEND_MODES[volume.blending].composited]
-    for volume in filter(_is_steep, scalars):
-        raise _of_one_scalar(bound, volume)
-    both = all(is_preintegrated(volume, "pre-integrated") for volume in scene.volumes)
-    steep = any(map(_is_steep, scene.volumes))
+    volumes = [*scene.drawn_as("samples").values()]
+    scalars = [volume for volume in volumes if not BLEND_MODES[volume.blending].composited]
+    # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
+    clipped = bool(scene.clip.planes) or scene.clip.box is not None
+    for volume in scalars:
+        if clipped or _is_steep(volume):
+            raise _of_one_scalar(bound, volume, clipped)
+    both = all(is_preintegrated(volume, "pre-integrated") for volume in volumes)
+    steep = any(map(_is_steep, volumes))
     classifications: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
     if steep and both:  # between two samples, slabs that are integrated before miss nothing that is thin
         classifications = ("pre-integrated",)
-    # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
-    cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
-    jumps = [_jump_of(volume) * spacing for volume in scene.volumes]
-    aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars), max(jumps))
+    cut = clipped or len(volumes) > 1
+    jumps = [_jump_of(volume) * spacing for volume in volumes]
+    witness = max(WITNESS * (cut or bool(scalars)), *(_witness(volume, spacing, bound) for volume in volumes))
+    aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars), max(jumps), witness)
     least = aim.grazed(VERIFIED_FINEST) / (1 - TERMINATION)
     if least > bound:
-        raise _of_a_jump(bound, least, scene.volumes[int(np.argmax(jumps))])
+        raise _of_a_jump(bound, least, volumes[int(np.argmax(jumps))])
     return aim
 
 
-def _of_one_scalar(bound: float, volume: Volume) -> SceneError:
-    """Return the error of a pixel with the colour of one scalar, which may be on either side of a jump."""
+def _of_one_scalar(bound: float, volume: Volume, clipped: bool) -> SceneError:
+    """Return the error of a pixel with the colour of one scalar, which no step is short enough to find for certain."""
     found = f"{volume.blending}, whose pixels may be on either side of a jump of opacity or colour"
     allowed = f"changes of at most {STEEP:.3g} full scales over clim, a composited mode, or null"
+    if clipped:
+        found = f"{volume.blending}, of which a ray across a clipped corner may have no sample"
+        allowed = "no clip, a composited mode, or null"
     return SceneError(f"{bound:.3g} is out of reach", where="quality.max_error", found=found, allowed=allowed)
 
 
@@ -207,15 +216,35 @@ def _jump_of(volume: Volume) -> float:
     """Return the largest change of extinction, or of extinction times colour, at a single scalar, per world unit."""
     if volume.interpolation == "nearest":  # rays graze no corner of a voxel: what they miss falls with the step
         return 0.0
-    transfer, largest_change = transfer_function(volume), 0.0
+    transfer = transfer_function(volume)
     narrow = NARROW * (transfer.domain[1] / 2 - transfer.domain[0] / 2)
+    changes = [0.0]
     for values in (transfer.opacity_values, transfer.colour_values):
         at = np.flatnonzero(np.diff(values / 2) <= narrow)
-        sides = np.stack([np.nextafter(values[at], -np.inf), values[at + 1]])
-        extinction = transfer.extinction(sides)[..., None]
-        shown = np.concatenate([extinction, extinction * transfer.colour(sides)], axis=-1)
-        largest_change = max(largest_change, float(np.abs(shown[1] - shown[0]).max(initial=0.0)))
-    return largest_change
+        changes.append(_largest_change(transfer, np.nextafter(values[at], -np.inf), values[at + 1]))
+    return max(changes)
+
+
+def _witness(volume: Volume, spacing: float, bound: float) -> int:
+    """Return the first level whose samples hide no more than the bound of a field that changes by clim in a voxel."""
+    if volume.interpolation == "nearest":
+        return WITNESS
+    transfer, places = transfer_function(volume), np.linspace(0.0, 1.0, PLACES)
+    deepest = VERIFIED_FINEST if _is_steep(volume) else WITNESS
+    for level in range(FIRST, deepest):
+        half = math.exp2(-level) / 2  # a peak between two samples is no farther away, and this long in the mean
+        sides = (rescale(np.clip(places + move, 0.0, 1.0), transfer.domain) for move in (0.0, half))
+        if -math.expm1(-_largest_change(transfer, *sides) * half * spacing) <= bound:
+            return level
+    return deepest
+
+
+def _largest_change(transfer: TransferFunction, one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the largest change of extinction, or of extinction times colour, between scalars (n,), per world unit."""
+    scalars = np.stack([one, other])
+    extinction = transfer.extinction(scalars)[..., None]
+    shown = np.concatenate([extinction, extinction * transfer.colour(scalars)], axis=-1)
+    return float(np.abs(shown[1] - shown[0]).max(initial=0.0))
 
 
 def _is_steep(volume: Volume) -> bool:
@@ -298,10 +327,12 @@ def verified(pictures: Sequence[NDArray[Any]], aim: Aim, level: float, coarser: 
     # The largest changes of two halvings are in different pixels, so that their ratio is no order of convergence: a
     # narrow peak that both missed appears later. So each pixel has an order of its own, that of jumps where anything
     # jumps, and no error is expected to fall faster than without jumps.
-    shares = SLOWEST if aim.jumps else np.clip(last / np.maximum(earlier, 1e-30), FASTEST, SLOWEST)
+    # So is the order of one scalar, since the sample next to an end of the ray moves by half a step.
+    slow = aim.jumps or aim.of_one_scalar
+    shares = SLOWEST if slow else np.clip(last / np.maximum(earlier, 1e-30), FASTEST, SLOWEST)
     missing = float((last * shares / (1 - shares)).max())
     least = FASTEST * float(earlier.max())
-    missing = max(missing, least if aim.jumps else still_missing(least, 4 * least))
+    missing = max(missing, least if slow else still_missing(least, 4 * least))
     moved = float(difference(finest, pictures[-1 - coarser]).max())
     return VERIFIED_SAFETY * missing + moved + aim.residual + aim.grazed(level)
 

@@ -7,8 +7,7 @@ says which; all else is the same for both.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -16,12 +15,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.geometry.section import GeometryInfo
-from clusterviz.content.grid.section import GridInfo, KBuffer
+from clusterviz.content.grid.section import KBuffer
 from clusterviz.content.transfer import transfer_function
-from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.bricks import Boxes, BrickLayout
 from clusterviz.data.levels import LevelMap, mixed_type
-from clusterviz.data.source import Grid, Index, MultilevelSource
+from clusterviz.data.source import Grid, Index, Source, levels_of
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError, SceneError
 from clusterviz.plan.blend_mode import (
@@ -34,11 +32,11 @@ from clusterviz.plan.blend_mode import (
     reach_of,
     spread_of,
 )
-from clusterviz.plan.cells import CellBrick, CellLayer
+from clusterviz.plan.cells import CellLayer
 from clusterviz.plan.detail import choose_levels, levels_in_bricks
 from clusterviz.plan.domain import BrickGrid, Cut, Domain, domain_layout, make_cut, make_domain, samples_in_bricks
 from clusterviz.plan.encoding import Encoding, make_encoding
-from clusterviz.plan.geometry import GeometryLayer, Primitives
+from clusterviz.plan.geometry import GeometryLayer, Layer, Members
 from clusterviz.plan.preintegration import make_preintegrated
 from clusterviz.plan.ray_sampling import clip_planes, slab_units
 from clusterviz.plan.segments import Segments, make_segments
@@ -53,23 +51,21 @@ Filter = Literal["linear", "nearest", "cubic", "hardware", "cubic-hardware"]
 
 @dataclass(frozen=True, eq=False)
 class ContentBrick:
-    """Samples of all volumes in one brick of the domain.
+    """All that one brick of the domain needs of a scene's content.
 
     Attributes
     ----------
     index_zyx : index of the brick in the domain
-    samples : samples (z, y, x) of each volume, in the box of its `Cut`; None if the volume is invisible there
+    samples : samples (z, y, x) of each volume, in the box of `VolumeLayer.boxes`; None if the volume is invisible there
     around : margin and reach of each volume's cut, with which they were read
+    members : those of each of `Content.layers` that come within half a slab; None where there are none, () for all
     levels : of the volumes' bricks around it, as `Content.levels_around`
-    primitives : those of each layer of geometry that come within half a slab; None where there are none, () for all
-    cells : those of each unstructured grid, as `primitives`
     """
 
     index_zyx: Index
     samples: tuple[NDArray[Any] | None, ...]
     around: tuple[tuple[int, int], ...] = ()
-    primitives: tuple[Primitives | None, ...] = ()
-    cells: tuple[CellBrick | None, ...] = ()
+    members: tuple[Members | None, ...] = ()
     levels: tuple[bytes, ...] = ()
 
     @property
@@ -77,24 +73,39 @@ class ContentBrick:
         """Number of samples of all volumes."""
         return sum(part.size for part in self.samples if part is not None)
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the samples of all volumes."""
+        return sum(part.nbytes for part in self.samples if part is not None)
+
+
+Bricks = dict[Index, ContentBrick]
+
+
+def bricks_of_volume(layout: BrickLayout, samples: Iterable[tuple[Index, NDArray[Any]]]) -> Bricks:
+    """Return the bricks of a volume alone, given the samples in each."""
+    return {index: ContentBrick(index, (own,), ((layout.margin, 0),)) for index, own in samples}
+
 
 @dataclass(frozen=True, eq=False)
 class KnownVolume:
-    """Metadata of a volume that planning needs.
+    """A volume as planning needs it; all but the source is the same on every rank.
 
     Attributes
     ----------
-    grid, dtype : grid and dtype of its voxels
+    source : of its voxels
     layout : bricks of the volume itself, which the summary describes; their margin is at least `margin_of`'s
     summary : extremes of its bricks, and its histogram
-    source : its data if they have levels
     """
 
-    grid: Grid
-    dtype: np.dtype[Any]
+    source: Source
     layout: BrickLayout
     summary: VolumeSummary
-    source: MultilevelSource | None = None
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the voxels."""
+        return self.source.grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +126,7 @@ class VolumeLayer:
     preintegrated : its slabs are classified between their ends, not at their midpoints
     levels : levels of its own bricks; None: the finest everywhere, as it is
     brick_levels : uint8 (bz, by, bx), the level whose samples each brick of the domain holds; None as `levels`
+    own : bricks of the volume, if it is alone and these are drawn
     """
 
     cut: Cut
@@ -129,6 +141,17 @@ class VolumeLayer:
     preintegrated: bool = False
     levels: LevelMap | None = None
     brick_levels: NDArray[np.uint8] | None = None
+    own: BrickLayout | None = None
+
+    @property
+    def boxes(self) -> Boxes:
+        """Boxes of samples of the bricks."""
+        return self.own or self.cut
+
+    @cached_property
+    def bricks_met(self) -> NDArray[np.bool_]:
+        """Bricks of the domain that have samples, bool (bz, by, bx)."""
+        return np.ones(self.own.counts_zyx, bool) if self.own else self.cut.bricks_met()
 
     @property
     def finest(self) -> int:
@@ -153,7 +176,6 @@ class VolumeLayer:
 
     @cached_property
     def _cuts(self) -> list[Cut]:
-        """Cuts of the levels."""
         coarsest = 0 if self.brick_levels is None else int(self.brick_levels.max())
         return [self.cut.at(level) for level in range(coarsest + 1)]
 
@@ -173,32 +195,39 @@ class Content:
     layout : the domain's bricks, which may be larger than the scene asks for
     volume_layers : the volumes, in the order of the scene
     mixed : bricks hold a share of all content; False: they are those of one volume, which is alone
-    geometry : meshes, lines and points, in the order of the scene
+    layers : meshes, lines and points, then unstructured grids, in the order of the scene
     reach : cells beyond its own in which a brick has primitives and tetrahedra
     fill : how fragments are stored, see `render/abuffer/fills.py`
     resolve : how they come in order, see `render/abuffer/resolves.py`; not auto
-    cells : unstructured grids, in the order of the scene
     """
 
     domain: Domain
     layout: BrickLayout
     volume_layers: tuple[VolumeLayer, ...]
     mixed: bool = True
-    geometry: tuple[GeometryLayer, ...] = ()
+    layers: tuple[Layer, ...] = ()
     reach: int = 0
     fill: Fill = "fixed"
     resolve: Resolve = "static"
-    cells: tuple[CellLayer, ...] = ()
 
     @property
     def around(self) -> tuple[tuple[int, int], ...]:
         """Margin and reach of each volume's cut, and of all else; bricks that were read with others are read again."""
         volumes = tuple((part.cut.margin, part.cut.reach) for part in self.volume_layers)
-        return (*volumes, (0, self.reach)) if self.geometry or self.cells else volumes
+        return (*volumes, (0, self.reach)) if self.layers else volumes
 
     def levels_around(self, index_zyx: Index) -> tuple[bytes, ...]:
         """Return for each volume with levels those around a brick; one that was read with others is read again."""
         return tuple(part.levels_around(index_zyx) for part in self.volume_layers if part.levels)
+
+    def suiting(self, bricks: Bricks) -> Bricks:
+        """Return those of some bricks that were read with the margins and levels that are needed now."""
+        around = self.around
+        return {
+            index: brick
+            for index, brick in bricks.items()
+            if brick.around == around and brick.levels == self.levels_around(index)
+        }
 
     @property
     def encodings(self) -> tuple[Encoding | None, ...]:
@@ -211,10 +240,15 @@ class Content:
         """Objects by which groups of cells of the volumes are hidden or not, if their bricks are the same."""
         return tuple(one for part in self.volume_layers for one in (part.blend_mode, part.transfer))
 
-    @property
-    def layers(self) -> tuple[GeometryLayer | CellLayer, ...]:
-        """Geometry, and then the unstructured grids."""
-        return (*self.geometry, *self.cells)
+    @cached_property
+    def geometry(self) -> tuple[GeometryLayer, ...]:
+        """The layers of meshes, lines and points."""
+        return tuple(layer for layer in self.layers if isinstance(layer, GeometryLayer))
+
+    @cached_property
+    def cells(self) -> tuple[CellLayer, ...]:
+        """The layers of unstructured grids."""
+        return tuple(layer for layer in self.layers if isinstance(layer, CellLayer))
 
     @property
     def kbuffer(self) -> KBuffer | None:
@@ -227,22 +261,10 @@ class Content:
         return BrickGrid(self.domain, self.layout, self.reach)
 
 
-PRIMITIVE_COST = 8.0
-"""Cost of a primitive in a brick, in cells of a volume: a triangle of a third of a pixel takes 90 ns, a cell 11 ns."""
-SEGMENT_COST = 2.0
-"""Cost of a ray's segment in a tetrahedron, in cells of a volume: 40 ns beside 20 ns in alternated frames of both.
-
-Nearly all of it is the walk: a segment without opacity costs 0.93 times as much.
-"""
-
-
 def is_mixed(scene: Scene) -> bool:
     """Return whether the content of a scene is mixed: it is unless there is one volume, without levels, and no more."""
-    return (
-        len(scene.volumes) != 1
-        or bool(scene.geometry or scene.grids or scene.flows)
-        or scene.volumes[0].detail != "full"
-    )
+    sampled = [*scene.drawn_as("samples").values()]
+    return len(scene.entries) != 1 or not sampled or sampled[0].detail != "full"
 
 
 def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -251,115 +273,106 @@ def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.flo
     return np.where(hidden, 0.0, cells)
 
 
-def make_lone_content(
-    scene: Scene, known: KnownVolume, bricks: BrickGrid, step_world: float, spectrum: Spectrum | None
-) -> tuple[Content, NDArray[np.float64]]:
-    """Return the content of a completed scene with one volume alone, and the cost of its bricks, as `make_content`.
-
-    Raises
-    ------
-    InputError
-        The layout's margin is too small, so that pictures would depend on the bricks.
-    """
-    (volume,), quality, layout = scene.volumes, scene.quality, bricks.layout
-    how, around = (quality.classification, quality.borders), occlusion_reach(volume, known.grid)
-    if layout.margin < (needed := margin_of(volume, *how, scene.needs_layers, around)):
-        raise InputError(
-            "bricks lack the margin that the blend mode needs",
-            where="brick layout",
-            found=layout.margin,
-            allowed=needed,
-        )
-    cut = make_cut(bricks.domain, layout, known.grid, layout.margin)
-    layer = replace(
-        _volume_layer(volume, known, scene, cut, step_world, spectrum),
-        filter=_filter(volume, quality.filter),
-        reach=reach_of(volume, *how) + around,
-        spread=spread_of(volume, *how),
-    )
-    hidden = layer.blend_mode.hides(layer.transfer, known.summary.minimum, known.summary.maximum)
-    return Content(bricks.domain, layout, (layer,), mixed=False), brick_cost(layout, hidden)
-
-
 def make_content(
     scene: Scene,
     volumes: Sequence[KnownVolume],
     bricks: BrickGrid,
-    geometry: Sequence[GeometryLayer],
-    grids: Sequence[tuple[CellLayer, NDArray[np.float64]]],
+    layers: Sequence[Layer],
     step_world: float,
+    spectrum: Spectrum | None = None,
 ) -> tuple[Content, NDArray[np.float64]]:
-    """Return the mixed content of a completed scene, and the cost of drawing each brick of the domain.
+    """Return the content of a completed scene, and the cost of drawing each brick of the domain.
 
     Parameters
     ----------
     volumes : metadata of the volumes, in the order of the scene
     bricks : of the domain
-    geometry : meshes, lines and points, in the order of the scene
-    grids : unstructured grids, in the order of the scene, each with the segments of a ray expected in each brick
+    layers : meshes, lines and points, then unstructured grids, in the order of the scene
     step_world : length of a slab in world units
+    spectrum : wavelengths of a volume alone
 
     Returns
     -------
     content : all content in the domain
-    cost : float64 (bz, by, bx), cells of all volumes, `PRIMITIVE_COST` a primitive and `SEGMENT_COST` a segment in a
-        tetrahedron; 0 where all is hidden
+    cost : float64 (bz, by, bx), cells of all volumes, and `cost` of the layers; 0 where all is hidden
+
+    Raises
+    ------
+    InputError
+        The margin of a volume alone is too small, so that pictures would depend on the bricks; or as `choose_levels`.
     """
-    domain, layout = bricks.domain, bricks.layout
-    cost = np.zeros(layout.counts_zyx)
-    volume_layers = []
-    for number, (volume, known) in enumerate(zip(scene.volumes, volumes, strict=True)):
-        reach = reach_of(volume, scene.quality.classification)
-        around = occlusion_reach(volume, known.grid)
-        margin = margin_of(volume, has_layers=scene.needs_layers, around=around) - reach_of(volume)
-        cut = make_cut(domain, layout, known.grid, margin, reach)
-        levels, dtype = choose_levels(volume, known.source, f"volumes[{number}]"), known.dtype
-        if levels is not None:
-            dtype = mixed_type(dtype, levels)
-            if volume.interpolation == "nearest" and not levels.is_uniform:
-                text, where = "no levels beside each other", f"volumes[{number}].interpolation"
-                raise SceneError(text, where=where, found="nearest", allowed="linear, or detail: {level: n}")
-        part = _volume_layer(volume, replace(known, dtype=dtype), scene, cut, step_world)
-        if levels is not None:
-            part = replace(part, levels=levels, brick_levels=levels_in_bricks(cut, levels))
+    mixed, cost, volume_layers = is_mixed(scene), np.zeros(bricks.layout.counts_zyx), list[VolumeLayer]()
+    for (key, volume), known in zip(scene.drawn_as("samples").items(), volumes, strict=True):
+        if mixed:
+            part = _mixed_layer(scene, key, volume, known, bricks, step_world)
+        else:
+            part = _lone_layer(scene, volume, known, bricks, step_world, spectrum)
         hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
-        cost += samples_in_bricks(part.cut, known.layout, hidden)
+        cost += samples_in_bricks(part.cut, known.layout, hidden) if mixed else brick_cost(bricks.layout, hidden)
         volume_layers.append(part)
-    for section, layer in zip(scene.geometry, geometry, strict=True):
-        cost += PRIMITIVE_COST * layer.in_bricks[0] * (section.opacity != 0 or layer.edges is not None)
-    for number, (grid, (cells, segments)) in enumerate(zip(scene.grids, grids, strict=True)):
-        if grid.shade and cells.on_cells:
-            text, where = "values of cells have no gradient to light", f"grids[{number}].shade"
-            raise SceneError(text, where=where, found="true, and values of cells", allowed="false, or values of points")
-        cost += SEGMENT_COST * segments
+    for layer in layers:
+        cost += layer.cost
+    content = Content(bricks.domain, bricks.layout, tuple(volume_layers), mixed, tuple(layers), bricks.reach)
     asked = scene.quality.abuffer
     # Of opaque layers alone, a pixel has one fragment at most.
-    fill = "fixed" if asked.fill == "auto" and geometry and all(layer.opaque for layer in geometry) else asked.fill
+    is_opaque = bool(content.geometry) and all(layer.opaque for layer in content.geometry)
+    fill = "fixed" if asked.fill == "auto" and is_opaque else asked.fill
     resolve: Resolve = "peeling" if fill in ("lists", "pages") else "static"
-    schemes = fill, resolve if asked.resolve == "auto" else asked.resolve
-    layers, grids_alone = tuple(geometry), tuple(cells for cells, _ in grids)
-    return Content(domain, layout, tuple(volume_layers), True, layers, bricks.reach, *schemes, grids_alone), cost
+    return replace(content, fill=fill, resolve=resolve if asked.resolve == "auto" else asked.resolve), cost
 
 
-def domain_of(
-    scene: Scene, volumes: Sequence[KnownVolume], geometry: Sequence[GeometryInfo], grids: Sequence[GridInfo]
-) -> Domain:
-    """Return the domain of a completed scene."""
-    pairs = zip(scene.geometry, geometry, strict=True)
-    boxes = [*(info.grown_box(section) for section, info in pairs), *(info.box for info in grids)]
+def _lone_layer(
+    scene: Scene, volume: Volume, known: KnownVolume, bricks: BrickGrid, step_world: float, spectrum: Spectrum | None
+) -> VolumeLayer:
+    """Return the layer of a volume alone, whose own bricks are drawn."""
+    quality, layout = scene.quality, bricks.layout
+    how, around = (quality.classification, quality.borders), occlusion_reach(volume, known.grid)
+    if layout.margin < (needed := margin_of(volume, *how, scene.needs_layers, around)):
+        text = "bricks lack the margin that the blend mode needs"
+        raise InputError(text, where="brick layout", found=layout.margin, allowed=needed)
+    cut = make_cut(bricks.domain, layout, known.grid, layout.margin)
+    return replace(
+        _volume_layer(volume, known, scene, cut, step_world, spectrum),
+        filter=_filter(volume, quality.filter),
+        reach=reach_of(volume, *how) + around,
+        spread=spread_of(volume, *how),
+        own=layout,
+    )
+
+
+def _mixed_layer(
+    scene: Scene, key: str, volume: Volume, known: KnownVolume, bricks: BrickGrid, step_world: float
+) -> VolumeLayer:
+    reach, around = reach_of(volume, scene.quality.classification), occlusion_reach(volume, known.grid)
+    margin = margin_of(volume, has_layers=scene.needs_layers, around=around) - reach_of(volume)
+    cut = make_cut(bricks.domain, bricks.layout, known.grid, margin, reach)
+    levels = choose_levels(volume, levels_of(known.source), key)
+    if levels is None:
+        return _volume_layer(volume, known, scene, cut, step_world)
+    if volume.interpolation == "nearest" and not levels.is_uniform:
+        text, allowed = "no levels beside each other", "linear, or detail: {level: n}"
+        raise SceneError(text, where=f"{key}.interpolation", found="nearest", allowed=allowed)
+    part = _volume_layer(volume, known, scene, cut, step_world)
+    encoding = make_encoding(mixed_type(known.source.dtype, levels), part.transfer.domain)
+    return replace(part, encoding=encoding, levels=levels, brick_levels=levels_in_bricks(cut, levels))
+
+
+def domain_of(volumes: Sequence[KnownVolume], placed: Sequence[tuple[Any, Any]]) -> Domain:
+    """Return the domain of volumes, and of completed sections of geometry and grids with the facts on them."""
+    boxes = [info.grown_box(section) for section, info in placed]
     return make_domain([known.grid for known in volumes], boxes)
 
 
 def layout_of(
-    scene: Scene, domain: Domain, volumes: Sequence[KnownVolume], has_geometry: bool, grids: Sequence[GridInfo]
+    scene: Scene, domain: Domain, volumes: Sequence[KnownVolume], placed: Sequence[tuple[Any, Any]]
 ) -> BrickLayout:
     """Return the bricks of the domain of a completed scene: of a volume alone its own."""
     if not is_mixed(scene):
         return volumes[0].layout
     # Bricks of volumes are as large as is asked for, since voxels are what takes memory.
-    side = 0.0 if volumes else min((info.side for info in grids), default=0.0)
-    own = sum(math.prod(BrickLayout(known.grid.shape_zyx, scene.cluster.brick).counts_zyx) for known in volumes)
-    return domain_layout(domain, scene.cluster.brick, has_geometry or bool(grids), side, own)
+    sides = [info.side for _, info in placed if info.side is not None]
+    side = 0.0 if volumes else min(sides, default=0.0)
+    return domain_layout(domain, scene.cluster.brick, bool(placed), side, [known.grid for known in volumes])
 
 
 def _volume_layer(
@@ -382,7 +395,7 @@ def _volume_layer(
     return VolumeLayer(
         cut,
         make_blend_mode(volume, transfer, shading, grading),
-        make_encoding(known.dtype, transfer.domain),
+        make_encoding(known.source.dtype, transfer.domain),
         transfer,
         segments,
         volume.interpolation,

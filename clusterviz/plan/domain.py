@@ -25,8 +25,8 @@ from clusterviz.errors import InputError
 
 Floats = NDArray[np.float64]
 Placed = GeometrySection | GridSection
-MOST_BRICKS = 1 << 20
-"""Every rank holds arrays over all bricks."""
+MOST_BRICKS, MOST_OF_VOLUMES = 1 << 20, 1 << 16
+"""Every rank holds arrays over all bricks; fewer are allowed where volumes have not many of their own."""
 MOST_WITH_GEOMETRY = 1 << 16
 """Bricks are larger than asked for if there would be more around geometry, which may lie far apart."""
 MOST_BESIDE_VOLUMES, TIMES_OWN = 1 << 12, 8
@@ -76,12 +76,7 @@ class Domain:
 
 
 def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()) -> Domain:
-    """Return the domain of volumes and geometry; around nothing at all, a small box.
-
-    Parameters
-    ----------
-    boxes : low and high corners of the boxes around geometry and unstructured grids, float64 (2, 3) or (0, 3)
-    """
+    """Return the domain of volumes and of boxes, low and high corners (2, 3) or (0, 3); a small box around nothing."""
     volumes, geometry = np.concatenate([EMPTY, *(grid.corners for grid in grids)]), np.concatenate([EMPTY, *boxes])
     if not len(volumes) + len(geometry):
         geometry = np.zeros((1, 3))
@@ -102,7 +97,7 @@ def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()
 
 
 def domain_layout(
-    domain: Domain, brick: int, has_geometry: bool = False, side: float = 0.0, own_bricks: int = 0
+    domain: Domain, brick: int, has_geometry: bool = False, side: float = 0.0, volumes: Sequence[Grid] = ()
 ) -> BrickLayout:
     """Return the brick layout of a domain.
 
@@ -112,7 +107,7 @@ def domain_layout(
     has_geometry : bricks may be larger, by a power of two
     side : mean side of the box around a tetrahedron, world units; bricks of `USUAL_BRICK` cells are made so much larger
         that they hold most tetrahedra alone, and others in proportion
-    own_bricks : of the volumes alone; 0 without any
+    volumes : grids of all volumes
 
     Raises
     ------
@@ -123,6 +118,7 @@ def domain_layout(
     def count() -> float:
         return math.prod(max(1.0, length / brick) for length in domain.extent)
 
+    own_bricks = sum(math.prod(BrickLayout(grid.shape_zyx, brick).counts_zyx) for grid in volumes)
     if side > 0:
         longest = max(domain.extent)
         wanted = min(SIDES_A_BRICK * side / domain.spacing, longest / ENOUGH_BRICKS)
@@ -132,26 +128,30 @@ def domain_layout(
     most = min(beside, MOST_WITH_GEOMETRY)
     while has_geometry and count() > most and brick < LARGEST_BRICK:
         brick *= 2
-    if count() > MOST_BRICKS:
-        size = " × ".join(f"{length:.3g}" for length in domain.extent)
+    most = MOST_BRICKS if has_geometry else min(MOST_BRICKS, max(MOST_OF_VOLUMES, TIMES_OWN * own_bricks))
+    if count() > most:
+        found, asked = f"{_product(domain.extent)} cells of {domain.spacing:g} in bricks of {brick}", brick
+        while count() > most:
+            brick *= 2
+        boxes = [np.ptp(grid.corners, axis=0).tolist() for grid in volumes]
+        each = zip(boxes, volumes, strict=True)
+        listed = [f"volumes[{n}] of {_product(box)} has {min(grid.spacing):g}" for n, (box, grid) in enumerate(each)]
         raise InputError(
-            "the volumes lie too far apart for their smallest spacing",
+            "the volumes lie too far apart, or reach too far, for their smallest spacing",
             where="scene" if has_geometry else "volumes",
-            found=f"{size} cells of {domain.spacing:g} in bricks of {brick}",
-            allowed=f"{MOST_BRICKS} bricks; cluster.brick makes them larger",
+            found=", ".join([found, *listed]),
+            allowed=f"{most} bricks: cluster.brick={brick} instead of {asked}, or spacings that are more alike",
         )
     return BrickLayout(domain.grid.shape_zyx, brick)
 
 
+def _product(sides: Sequence[float]) -> str:
+    return " × ".join(f"{float(f'{length:.3g}'):g}" for length in sides)
+
+
 @dataclass(frozen=True, eq=False)
 class BrickGrid:
-    """Bricks in which primitives are looked for.
-
-    Attributes
-    ----------
-    domain, layout : of a plan
-    reach : cells beyond its own in which a brick has primitives
-    """
+    """Bricks of a plan, which have primitives in `reach` cells beyond their own."""
 
     domain: Domain
     layout: BrickLayout
@@ -271,14 +271,7 @@ def make_cut(domain: Domain, layout: BrickLayout, grid: Grid, margin: int, reach
 def samples_in_bricks(cut: Cut, own: BrickLayout, hidden: NDArray[np.bool_]) -> Floats:
     """Return the cost of the volume in each brick of the domain, float64 (bz, by, bx): cells, as in `brick_cost`.
 
-    Parameters
-    ----------
-    own : bricks of the volume itself
-    hidden : bool (bz, by, bx) of these, True if hidden
-
-    Returns
-    -------
-    cost : 0 where everything that a brick may sample is hidden
+    It is 0 where all that a brick may sample is hidden. `hidden` says of the volume's `own` bricks which are.
     """
     begin, end = cut.brick_edges()
     low, high = cut.images(begin, end)

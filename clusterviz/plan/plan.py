@@ -7,14 +7,13 @@ those that are chosen automatically (`auto`, `quality.max_error`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.geometry.section import GeometryInfo
-from clusterviz.content.grid.section import GridInfo
 from clusterviz.data.bricks import BrickLayout
 from clusterviz.data.source import Grid, Index
 from clusterviz.image.partial import Rect
@@ -29,7 +28,6 @@ from clusterviz.plan.blend_mode import (
     lattice_of,
     step_of,
 )
-from clusterviz.plan.cells import CellLayer
 from clusterviz.plan.content import (
     Content,
     Filter,
@@ -39,10 +37,9 @@ from clusterviz.plan.content import (
     is_mixed,
     layout_of,
     make_content,
-    make_lone_content,
 )
 from clusterviz.plan.domain import BrickGrid
-from clusterviz.plan.geometry import GeometryLayer
+from clusterviz.plan.geometry import Layer
 from clusterviz.plan.layers import LayeredContent, make_layers
 from clusterviz.plan.lens import Lens, make_lens
 from clusterviz.plan.ray_sampling import clip_planes, clipped_bricks, make_frame_coherence, slab_length
@@ -52,7 +49,7 @@ from clusterviz.plan.spectrum import Spectrum, make_spectrum
 from clusterviz.plan.view import Vector, View, make_view
 from clusterviz.report.decisions import Change, Detail
 from clusterviz.scene.blend_modes import BLEND_MODES
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Quality, Scene, Volume
 
 CROSSED = 0.5 - 1e-4
 """Transparency at which a ray has surely passed one half, whatever the rounding."""
@@ -66,26 +63,21 @@ class March:
 
     Attributes
     ----------
-    step_world : length of a slab in world units
-    residual : a ray ends when its transparency falls to this value
     lattice : where slabs begin: where the ray enters the volume (rays), by a hash of the pixel (jittered), or on planes
         perpendicular to the view direction (slices)
-    adaptive_step : the adaptive step; None: all slabs are equally long
-    split : slabs are cut where they leave a brick
     frame_coherence : slabs between a ray's start and the last frame's hit; None: rays start where they enter the volume
     discard_margin : world units behind the end of a ray of the last frame, beyond which fragments are not stored;
         None: all are stored
-    crossing : only where the opacity of a pixel passes one half is found, see `Plan.crossing`
     """
 
-    step_world: float
-    residual: float
+    step_world: float  # length of a slab in world units
+    residual: float  # a ray ends when its transparency falls to this value
     lattice: Lattice = "rays"
-    adaptive_step: AdaptiveStep | None = None
-    split: bool = False
+    adaptive_step: AdaptiveStep | None = None  # the adaptive step; None: all slabs are equally long
+    split: bool = False  # slabs are cut where they leave a brick
     frame_coherence: int | None = None
     discard_margin: float | None = None
-    crossing: bool = False
+    crossing: bool = False  # only where the opacity of a pixel passes one half is found, see `Plan.crossing`
 
 
 @dataclass(frozen=True)
@@ -94,30 +86,22 @@ class Plan:
 
     Attributes
     ----------
-    view : the camera in index space
-    march : the sampling of rays
-    content : what is drawn, in whose domain are index space and bricks
-    clip : float64 (n, 4), planes in index space, see `clip_planes`
-    cost : float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
-    times : time steps of the volumes
-    detail : levels of the volumes that are drawn by those of a store
     spectrum : wavelengths of a volume with optics, whose first one is that of its segments; else None
     lens : sub-images of a thin lens, whose planes are the last two of `clip`, and whose margin is in `view`; else None
-    refraction : how rays bend; None: they are straight
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
 
-    view: View
-    march: March
-    content: Content
-    clip: NDArray[np.float64]
-    cost: NDArray[np.float64]
+    view: View  # the camera in index space
+    march: March  # the sampling of rays
+    content: Content  # what is drawn, in whose domain are index space and bricks
+    clip: NDArray[np.float64]  # float64 (n, 4), planes in index space, see `clip_planes`
+    cost: NDArray[np.float64]  # float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
     layers: tuple[LayeredContent, ...] = ()
-    times: tuple[int | str | None, ...] = ()
-    detail: tuple[Detail, ...] = ()
+    times: tuple[int | str | None, ...] = ()  # time steps of the volumes
+    detail: tuple[Detail, ...] = ()  # levels of the volumes that are drawn by those of a store
     spectrum: Spectrum | None = None
     lens: Lens | None = None
-    refraction: Refraction | None = None
+    refraction: Refraction | None = None  # how rays bend; None: they are straight
 
     @property
     def layout(self) -> BrickLayout:
@@ -139,6 +123,12 @@ class Plan:
     def filter(self) -> Filter:
         """Filter of the volume that is drawn alone; of mixed content linear interpolation, which most volumes have."""
         return "linear" if self.content.mixed else self.volume.filter
+
+    @property
+    def has_passes(self) -> bool:
+        """Whether its bricks may be drawn in passes: those of volumes only, and each ray once."""
+        march = self.march
+        return not self.content.layers and march.frame_coherence is None and march.discard_margin is None
 
     @property
     def pictures(self) -> int:
@@ -222,32 +212,19 @@ class Plan:
 def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     """Return True if a plan shows a brick that was hidden when bricks were assigned to ranks.
 
-    Parameters
-    ----------
-    assigned_cost : the cost of bricks by which they were assigned; 0 for a hidden one; None: all were hidden
+    `assigned_cost`: the cost of bricks by which they were assigned; 0 for a hidden one; None: all were hidden.
     """
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
 
-def domain_bricks(
-    scene: Scene,
-    volumes: Sequence[KnownVolume],
-    geometry: Sequence[GeometryInfo] = (),
-    grids: Sequence[GridInfo] = (),
-) -> BrickGrid:
+def domain_bricks(scene: Scene, volumes: Sequence[KnownVolume], placed: Sequence[tuple[Any, Any]] = ()) -> BrickGrid:
     """Return the bricks of a completed scene, in which the primitives of its geometry and grids are then looked for.
 
-    Parameters
-    ----------
-    volumes, geometry, grids : their metadata, in the order of the scene
-
-    Raises
-    ------
-    InputError
-        The domain would have too many bricks, or a ray too many slabs.
+    `volumes`: their metadata, in the order of the scene. `placed`: sections and facts of meshes, lines, points and
+    unstructured grids. Raises InputError: the domain would have too many bricks, or a ray too many slabs.
     """
-    domain = domain_of(scene, volumes, geometry, grids)
-    layout = layout_of(scene, domain, volumes, bool(geometry), grids)
+    domain = domain_of(volumes, placed)
+    layout = layout_of(scene, domain, volumes, placed)
     # Fragments lie up to half a slab from the midpoint that a brick holds.
     half = _rays_of(scene, domain.grid)[1] / domain.spacing / 2
     return BrickGrid(domain, layout, max(1, math.ceil(half)) if is_mixed(scene) else 0)
@@ -257,8 +234,7 @@ def make_plan(
     scene: Scene,
     volumes: Sequence[KnownVolume],
     bricks: BrickGrid | None = None,
-    geometry: Sequence[GeometryLayer] = (),
-    grids: Sequence[tuple[CellLayer, NDArray[np.float64]]] = (),
+    layers: Sequence[Layer] = (),
 ) -> Plan:
     """Make the plan of a frame.
 
@@ -267,7 +243,7 @@ def make_plan(
     scene : a completed scene
     volumes : their metadata, in the order of the scene
     bricks : of the scene; None: it shows volumes only
-    geometry, grids : meshes, lines and points, and unstructured grids, in these bricks, as in `make_content`
+    layers : meshes, lines and points, then unstructured grids, in these bricks
 
     Raises
     ------
@@ -278,11 +254,9 @@ def make_plan(
     quality, mixed, bricks = scene.quality, is_mixed(scene), bricks or domain_bricks(scene, volumes)
     domain = bricks.domain.grid
     view, step_world, shortest = _rays_of(scene, domain)
-    spectrum = None if mixed else make_spectrum(scene)
-    if mixed:
-        content, cost = make_content(scene, volumes, bricks, geometry, grids, step_world)
-    else:
-        content, cost = make_lone_content(scene, volumes[0], bricks, step_world, spectrum)
+    sampled = [*scene.drawn_as("samples").values()]
+    spectrum = None if mixed else make_spectrum(sampled[0], scene.image.background)
+    content, cost = make_content(scene, volumes, bricks, layers, step_world, spectrum)
     planes, surfaces = clip_planes(scene.clip, domain), bool(content.layers)
     # A slab's midpoint may be clipped where a fragment in the slab is not.
     beyond = planes.copy()
@@ -293,31 +267,32 @@ def make_plan(
         March(
             step_world,
             quality.early_termination,
-            lattice_of(scene.volumes, quality),
+            lattice_of(sampled, quality),
             frame_coherence=None if surfaces else make_frame_coherence(scene, all_grids, shortest * step_world),
-            discard_margin=quality.early_discarding if geometry and not grids else None,
+            discard_margin=quality.early_discarding if content.geometry and not content.cells else None,
         ),
         content,
         planes,
         np.where(clipped_bricks(beyond, content.layout), 0.0, cost),
         make_layers(scene, all_grids, [part.blend_mode for part in parts]),
-        tuple(volume.time for volume in scene.volumes),
+        tuple(volume.time for volume in sampled),
         spectrum=spectrum,
     )
-    return _behind_lens(plan if mixed else _of_lone_volume(plan, scene), scene)
+    return _behind_lens(plan if mixed else _of_lone_volume(plan, sampled[0], quality), scene)
 
 
 def _rays_of(scene: Scene, domain: Grid) -> tuple[View, float, float]:
     """Return the view, the length of a slab in world units, and that of the shortest slab of all rays in these."""
     quality, view = scene.quality, make_view(scene.camera, scene.image.size, domain)
-    steps = [step_of(volume, quality.step, quality.classification) for volume in scene.volumes]
-    shortest = view.corner_cosine if lattice_of(scene.volumes, quality) == "slices" else 1.0
+    sampled = [*scene.drawn_as("samples").values()]
+    steps = [step_of(volume, quality.step, quality.classification) for volume in sampled]
+    shortest = view.corner_cosine if lattice_of(sampled, quality) == "slices" else 1.0
     return view, slab_length(min(steps, default=quality.step), domain, shortest), shortest
 
 
-def _of_lone_volume(plan: Plan, scene: Scene) -> Plan:
+def _of_lone_volume(plan: Plan, volume: Volume, quality: Quality) -> Plan:
     """Return the plan of a volume alone with what no mixed content has: slabs of other lengths, and rays that bend."""
-    volume, quality, grid = scene.volumes[0], scene.quality, plan.content.domain.grid
+    grid = plan.content.domain.grid
     adaptive = make_adaptive_step(volume, quality, grid, plan.volume.transfer)
     split = plan.volume.preintegrated and quality.borders == "split"
     refraction = make_refraction(volume, grid, plan.layout, plan.cost > 0, plan.march.step_world)
@@ -336,31 +311,29 @@ def _behind_lens(plan: Plan, scene: Scene) -> Plan:
 def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Change, ...]:
     """Return all settings of a scene that are not used as given.
 
-    Parameters
-    ----------
-    scene : completed, all settings chosen
-    ranks : that draw
-    on_cpu : the CPU ray caster draws
+    `scene`: completed, all settings chosen. `ranks`: that draw. `on_cpu`: the CPU ray caster draws.
     """
     found: list[Change] = []
-    if scene.volumes:
-        found += [*_of_quality(scene), *_of_light(scene)]
-    if scene.geometry or scene.grids:
-        found += _in_a_box(scene)
-    margin, ends = scene.quality.early_discarding, scene.quality.early_termination > 0
-    if margin is not None and scene.grids:
+    sampled, quality = scene.drawn_as("samples"), scene.quality
+    surfaces, cells = scene.drawn_as("fragments"), scene.drawn_as("segments")
+    if sampled:
+        found += [*_of_quality([*sampled.values()], quality), *_of_light(sampled)]
+    if quality.frame_coherence and (surfaces or cells):
+        text = "rays start where they enter the box around all content"
+        found.append(Change("quality.frame_coherence", True, False, text))
+    margin, ends = quality.early_discarding, quality.early_termination > 0
+    if margin is not None and cells:
         found.append(Change("quality.early_discarding", margin, "null", "rays through grids need all entries"))
-    elif margin is not None and not any(ends or one.may_be_opaque for one in scene.geometry):
+    elif margin is not None and not any(ends or one.may_be_opaque for one in surfaces.values()):
         found.append(Change("quality.early_discarding", margin, "null", "nothing ends rays in front of geometry"))
     if scene.has_content:
         found += _of_cluster(scene, ranks)
-    if on_cpu and scene.quality.filter == "hardware":
+    if on_cpu and quality.filter == "hardware":
         found.append(Change("quality.filter", "hardware", "exact", "CPUs have no texture unit"))
     return tuple(found)
 
 
-def _of_quality(scene: Scene) -> Iterator[Change]:
-    volumes, quality = scene.volumes, scene.quality
+def _of_quality(volumes: Sequence[Volume], quality: Quality) -> Iterator[Change]:
     step = min(step_of(volume, quality.step, quality.classification) for volume in volumes)
     if step < quality.step:
         text = f"slabs with geometry, pre-integration or refraction are at most {LONGEST_SLAB:g} voxels long"
@@ -382,15 +355,10 @@ def _of_quality(scene: Scene) -> Iterator[Change]:
         yield Change("quality.early_termination", quality.early_termination, 0.0, "there is no opacity that ends a ray")
 
 
-def _in_a_box(scene: Scene) -> Iterator[Change]:
-    if scene.quality.frame_coherence:
-        yield Change("quality.frame_coherence", True, False, "rays start where they enter the box around all content")
-
-
-def _of_light(scene: Scene) -> Iterator[Change]:
-    for number, volume in enumerate(scene.volumes):
+def _of_light(volumes: Mapping[str, Volume]) -> Iterator[Change]:
+    for key, volume in volumes.items():
         if volume.shade and not is_lit(volume):
-            yield Change(f"volumes[{number}].shade", True, False, f"not with blending: {volume.blending}")
+            yield Change(f"{key}.shade", True, False, f"not with blending: {volume.blending}")
 
 
 def _of_cluster(scene: Scene, ranks: int) -> Iterator[Change]:

@@ -16,7 +16,7 @@ from clusterviz.image.spectral.from_rgb import reflectance_of
 from clusterviz.plan.segments import RECORD, Segments, indexed, outline
 from clusterviz.scene.background import background_rgb
 from clusterviz.scene.transfer import TransferFunction
-from clusterviz.scene.values import Scene
+from clusterviz.scene.values import Volume
 
 Floats = NDArray[np.float64]
 STEP = 1e-9
@@ -27,16 +27,12 @@ STEP = 1e-9
 class Spectrum:
     """Wavelengths of a plan.
 
-    Attributes
-    ----------
-    wavelengths : float64 (n,), nm
-    segments : absorption, scattering and the refractive index above that outside at each, as the colour of segments
-    background : float64 (n,), reflectance of the background
+    `segments`: absorption, scattering and the refractive index above that outside at each, as the colour of segments.
     """
 
-    wavelengths: Floats
+    wavelengths: Floats  # float64 (n,), nm
     segments: tuple[Segments, ...]
-    background: Floats
+    background: Floats  # float64 (n,), reflectance of the background
 
     @property
     def count(self) -> int:
@@ -49,12 +45,11 @@ class Spectrum:
         return Spectrum(self.wavelengths[one], self.segments[one], self.background[one])
 
 
-def make_spectrum(scene: Scene) -> Spectrum | None:
-    """Return the spectrum of a scene's first volume; None without optics."""
-    optics = scene.volumes[0].optics
-    if optics is None:
+def make_spectrum(volume: Volume, behind: str | tuple[float, float, float]) -> Spectrum | None:
+    """Return the spectrum of a volume over a background; None without optics."""
+    if volume.optics is None:
         return None
-    function, background = optical_function(optics), background_rgb(scene.image.background)
+    function, background = optical_function(volume.optics), background_rgb(behind)
     assert background is not None, "an opaque one is required"
     segments = tuple(_segments(function.at(number)) for number in range(len(function.wavelengths)))
     return Spectrum(function.wavelengths, segments, reflectance_of(background, function.wavelengths))

@@ -2,10 +2,8 @@
 
 Slabs between a pixel's samples are integrated exactly, by quadrature between the control points.
 
-References
-----------
-M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 4.3.1,
-figure 4.12.
+Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section
+4.3.1, figure 4.12.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.fields import SAMPLERS
+from clusterviz.reference.lighting import SAMPLERS
 from clusterviz.reference.preintegrated import integrate
 from clusterviz.reference.pyramid import convolve
 from clusterviz.reference.rays import Floats, camera_frame, camera_rays, inside, to_index_space
@@ -32,13 +30,9 @@ def render_adaptively(
 ) -> tuple[Floats, int]:
     """Return the picture, float64 (h, w, 4), premultiplied, and the number of samples in the volume.
 
-    Parameters
-    ----------
-    scene : complete, one composited volume without light or clipping, seen by a camera outside of it
-    voxels : (z, y, x), finite
-    distances : (z, y, x), sampling distances in blocks, in cells
-    block : cells along the side of a block
-    coarsest : the coarsest level of the pyramid
+    `scene`: complete, one composited volume without light or clipping, seen by a camera outside of it; `voxels`: (z, y,
+    x), finite; `distances`: (z, y, x), sampling distances in blocks, in cells; `block`: cells along the side of a
+    block; `coarsest`: the coarsest level of the pyramid.
     """
     width, height = scene.image.size
     camera, classify = scene.camera, transfer_function(scene.volumes[0])

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.fields import SAMPLERS
-from clusterviz.reference.lighting import lit
+from clusterviz.reference.lighting import SAMPLERS, lit
 from clusterviz.reference.rays import Floats
 from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.values import Scene, Volume
@@ -22,13 +21,10 @@ def ambient_light(volume: Volume, voxels: NDArray[Any], point: Floats, scene: Sc
     from four samples each, and averaged. A step at a face of the volume, or at a clipping plane, counts by the part
     inside of a step across that face.
 
-    Parameters
-    ----------
-    point : float64 (n, 3), (x, y, z) in samples
+    `point`: float64 (n, 3), (x, y, z) in samples.
 
-    References
-    ----------
-    F. Hernell, P. Ljung, A. Ynnerman: Local ambient occlusion in direct volume rendering, IEEE TVCG 16(4), 2010.
+    Reference: F. Hernell, P. Ljung, A. Ynnerman: Local ambient occlusion in direct volume rendering, IEEE TVCG 16(4),
+    2010.
     """
     if volume.ambient_occlusion is None:
         return np.full((len(point), 1), volume.ambient)

@@ -9,10 +9,8 @@ Between two faces the scalar is linear. Colour and extinction are smooth between
 function, so the ray is cut there, and each part is halved until Gaussian quadrature agrees with that of both halves.
 Tetrahedra that overlap, of one grid or of several, are a mixture as volumes are: extinctions add up.
 
-References
-----------
-H. Edelsbrunner, E. P. Mücke: Simulation of simplicity, ACM Transactions on Graphics 9(1), 1990.
-N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4.
+Reference: H. Edelsbrunner, E. P. Mücke: Simulation of simplicity, ACM Transactions on Graphics 9(1), 1990. N. Max:
+Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4.
 """
 
 from __future__ import annotations
@@ -86,19 +84,15 @@ def place_cells(section: GridSection, grid: UnstructuredGrid) -> PlacedCells:
 
 @dataclass(frozen=True)
 class Passages(Columns):
-    """Parts of rays in tetrahedra, (k,) each, in no order.
+    """Parts of rays in tetrahedra, (k,) each, in no order."""
 
-    Attributes
-    ----------
-    ray, tetrahedron : int64 (k,)
-    begin, end : float64 (k,), lengths along the ray, 0 ≤ begin ≤ end
-    front, back : float64 (k,), scalars there
-    """
-
+    # int64 (k,)
     ray: Indices
     tetrahedron: Indices
+    # float64 (k,), lengths along the ray, 0 ≤ begin ≤ end
     begin: Floats
     end: Floats
+    # float64 (k,), scalars there
     front: Floats
     back: Floats
 
@@ -213,21 +207,14 @@ class Medium(Protocol):
 
 @dataclass(frozen=True)
 class UniformSlabs(Columns):
-    """Slabs of rays that absorb evenly, such as those of volumes; the scalar is a slab's number.
+    """Slabs of rays that absorb evenly, such as those of volumes; the scalar is a slab's number."""
 
-    Attributes
-    ----------
-    ray : int64 (k,)
-    begin, end : float64 (k,), lengths along the ray, begin < end
-    depth : float64 (k,), optical depth of each
-    glow : float64 (k, 3), its colour times its depth
-    """
-
-    ray: Indices
+    ray: Indices  # int64 (k,)
+    # float64 (k,), lengths along the ray, begin < end
     begin: Floats
     end: Floats
-    depth: Floats
-    glow: Floats
+    depth: Floats  # float64 (k,), optical depth of each
+    glow: Floats  # float64 (k, 3), its colour times its depth
 
     colour_values = opacity_values = np.empty(0)
 
@@ -361,7 +348,6 @@ class _Course:
         return found
 
     def _place(self, ray: Indices, t: Floats) -> Indices:
-        """Return the numbers of cuts."""
         keys = np.empty(len(self.ray), [("ray", "i8"), ("t", "f8")])
         keys["ray"], keys["t"] = self.ray, self.t
         wanted = np.empty(len(ray), keys.dtype)
@@ -431,7 +417,6 @@ class _Course:
 
 
 def _within(counts: Indices) -> Indices:
-    """Return 0, 1, … for each of some counts, one after another."""
     return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 

@@ -3,9 +3,7 @@
 A fragment is an intersection with its colour and opacity. Front to back, equal depths: the order of the scene, then the
 number of the primitive. Tubes and spheres have a fragment where a ray enters them and one where it leaves.
 
-References
-----------
-B. T. Phong: Illumination for computer generated pictures, CACM 18(6), 1975 (interpolated normals).
+Reference: B. T. Phong: Illumination for computer generated pictures, CACM 18(6), 1975 (interpolated normals).
 """
 
 from __future__ import annotations
@@ -33,42 +31,25 @@ WORLD = Grid((1, 1, 1))
 
 @dataclass(frozen=True)
 class Fragments:
-    """Fragments of n rays, sorted.
+    """Fragments of n rays, sorted."""
 
-    Attributes
-    ----------
-    begins : int64 (n + 1,); ray i has the fragments [begins[i], begins[i + 1])
-    t : float64 (k,), world length along the ray
-    rgba : float64 (k, 4), straight
-    entry : int64 (k,), number of the entry in the scene's geometry
-    normal : float64 (k, 3), unit vectors in the world, that light it; those of primitives if nothing is lit
-    """
-
-    begins: NDArray[np.int64]
-    t: Floats
-    rgba: Floats
-    entry: NDArray[np.int64]
-    normal: Floats
+    begins: NDArray[np.int64]  # int64 (n + 1,); ray i has the fragments [begins[i], begins[i + 1])
+    t: Floats  # float64 (k,), world length along the ray
+    rgba: Floats  # float64 (k, 4), straight
+    entry: NDArray[np.int64]  # int64 (k,), number of the entry in the scene's geometry
+    normal: Floats  # float64 (k, 3), unit vectors in the world, that light it; those of primitives if nothing is lit
 
 
 @dataclass(frozen=True)
 class PlacedGeometry:
-    """Primitives of one entry of a scene, with what colours them.
-
-    Attributes
-    ----------
-    primitives : m of them
-    corners : int64 (m, c), vertices of each primitive
-    cells : int64 (m,), the triangle or line of the file that each belongs to
-    normals : float64 (n, 3), of vertices; None for those of the primitives
-    of_vertices, of_cells : arrays of the file by name
-    """
+    """Primitives of one entry of a scene, with what colours them."""
 
     section: GeometrySection
-    primitives: Primitives
-    corners: NDArray[np.int64]
-    cells: NDArray[np.int64]
-    normals: Floats | None
+    primitives: Primitives  # m of them
+    corners: NDArray[np.int64]  # int64 (m, c), vertices of each primitive
+    cells: NDArray[np.int64]  # int64 (m,), the triangle or line of the file that each belongs to
+    normals: Floats | None  # float64 (n, 3), of vertices; None for those of the primitives
+    # arrays of the file by name
     of_vertices: Attributes
     of_cells: Attributes
 
@@ -123,10 +104,7 @@ class PlacedGeometry:
 def place(section: GeometrySection, geometry: Mesh | Lines | Points) -> PlacedGeometry:
     """Return the primitives of an entry that can be drawn, in the world.
 
-    Raises
-    ------
-    InputError
-        The section is of another kind, or an array of radii is missing or not positive.
+    Raises InputError: the section is of another kind, or an array of radii is missing or not positive.
     """
     matrix = np.array(section.transform or np.eye(4), np.float64)
     if isinstance(section, MeshSection) and isinstance(geometry, Mesh):
@@ -142,10 +120,7 @@ def place(section: GeometrySection, geometry: Mesh | Lines | Points) -> PlacedGe
 def find_fragments(rays: Rays, geometry: Sequence[PlacedGeometry], scene: Scene) -> Fragments:
     """Return the fragments of rays in the world that are not clipped.
 
-    Parameters
-    ----------
-    geometry : in the order of the scene
-    scene : for its lights and clipping
+    `geometry`: in the order of the scene; `scene`: for its lights and clipping.
     """
     parts = [_of_geometry(rays, each, number, scene) for number, each in enumerate(geometry)]
     keys = np.concatenate([np.empty((0, 3), np.int64), *(part[0] for part in parts)])
@@ -196,7 +171,6 @@ def _of_geometry(
 
 
 def _to_edges(triangles: Primitives, hits: Hits) -> Floats:
-    """Return the distances (k,) of intersections to the nearest edge of their triangle."""
     assert isinstance(triangles, Triangles)
     corners = triangles.vertices[triangles.corners[hits.primitive]]
     point, found = (corners * hits.weights[:, :, None]).sum(axis=1), np.full(len(hits.t), np.inf)

@@ -7,9 +7,7 @@ A ray through an edge that two triangles share meets one of them, or, at a fold,
 top-left rule: no surface is missed or counted twice. Triangles with the same three vertices are met at the same t, to
 the last bit.
 
-References
-----------
-S. Woop, C. Benthin, I. Wald: Watertight ray/triangle intersection, JCGT 2(1), 2013.
+Reference: S. Woop, C. Benthin, I. Wald: Watertight ray/triangle intersection, JCGT 2(1), 2013.
 """
 
 from __future__ import annotations
@@ -29,30 +27,18 @@ PAIRS = 1 << 13  # of rays and primitives that are tested without dividing them 
 
 @dataclass(frozen=True)
 class Hits(Columns):
-    """Intersections of rays with primitives, (k,) each.
+    """Intersections of rays with primitives, (k,) each."""
 
-    Attributes
-    ----------
-    ray, primitive : int64 (k,)
-    t : float64 (k,), length along the ray
-    normal : float64 (k, 3), of the primitive, outward or by the order of the vertices; not normalised
-    weights : float64 (k, c), of the primitive's c vertices at the intersection
-    """
-
+    # int64 (k,)
     ray: Indices
     primitive: Indices
-    t: Floats
-    normal: Floats
-    weights: Floats
+    t: Floats  # float64 (k,), length along the ray
+    normal: Floats  # float64 (k, 3), of the primitive, outward or by the order of the vertices; not normalised
+    weights: Floats  # float64 (k, c), of the primitive's c vertices at the intersection
 
 
 class Primitives(Protocol):
-    """Primitives with boxes around them.
-
-    Attributes
-    ----------
-    low, high : float64 (m, 3), the corners of the boxes
-    """
+    """Primitives with boxes around them, whose corners are `low` and `high`, float64 (m, 3)."""
 
     @property
     def low(self) -> Floats: ...
@@ -77,9 +63,7 @@ def intersect(rays: Rays, primitives: Primitives) -> Hits:
 def near_pairs(rays: Rays, lows: Floats, highs: Floats) -> Iterator[tuple[Indices, Indices]]:
     """Yield rays (r,) and primitives (p,) that may meet.
 
-    Parameters
-    ----------
-    lows, highs : float64 (m, 3), corners of the boxes around primitives
+    `lows`, `highs`: float64 (m, 3), corners of the boxes around primitives.
     """
     waiting = [(np.arange(len(rays.direction)), np.arange(len(lows)))]
     while waiting:
@@ -104,16 +88,8 @@ def near_pairs(rays: Rays, lows: Floats, highs: Floats) -> Iterator[tuple[Indice
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles with an area.
-
-    Attributes
-    ----------
-    vertices : float64 (n, 3)
-    corners : int64 (m, 3), indices of vertices
-    """
-
-    vertices: Floats
-    corners: Indices
+    vertices: Floats  # float64 (n, 3)
+    corners: Indices  # int64 (m, 3), indices of vertices
 
     @property
     def low(self) -> Floats:
@@ -169,16 +145,8 @@ class Triangles:
 
 @dataclass(frozen=True)
 class Spheres:
-    """Spheres.
-
-    Attributes
-    ----------
-    centres : float64 (m, 3)
-    radii : float64 (m,)
-    """
-
-    centres: Floats
-    radii: Floats
+    centres: Floats  # float64 (m, 3)
+    radii: Floats  # float64 (m,)
 
     @property
     def low(self) -> Floats:
@@ -204,17 +172,13 @@ class Segments:
 
     Of a segment, what lies in the segment before or after it is no surface. Segments that are no neighbours may
     penetrate each other; then each has its own surface.
-
-    Attributes
-    ----------
-    begins, ends : float64 (m, 3), different
-    radius : of the tubes
-    before, after : int64 (m,), the neighbours along the line; −1 at its ends
     """
 
+    # float64 (m, 3), different
     begins: Floats
     ends: Floats
-    radius: float
+    radius: float  # of the tubes
+    # int64 (m,), the neighbours along the line; −1 at its ends
     before: Indices
     after: Indices
 
@@ -276,7 +240,6 @@ class Segments:
 
 
 def _axis(begin: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """Return unit vectors and lengths."""
     length = np.linalg.norm(end - begin, axis=-1)
     return (end - begin) / length[..., None], length
 

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
-from clusterviz.reference.fields import gradient_at
-from clusterviz.reference.lighting import unit
+from clusterviz.reference.lighting import gradient_at, unit
 from clusterviz.reference.rays import Floats
 from clusterviz.scene.values import Volume
 
@@ -24,20 +23,12 @@ Field = tuple[Volume, NDArray[Any], Grid]
 
 @dataclass(frozen=True)
 class HalfOpacity:
-    """What rays meet where their opacity passes one half.
+    """What rays meet where their opacity passes one half."""
 
-    Attributes
-    ----------
-    length : float64 (n,), world length along the ray; infinite where the opacity does not pass one half
-    normal : float64 (n, 3), in the world, towards the eye; zeros where there is none
-    object : int64 (n,), −1 where there is none
-    directions : float64 (n, 3), of the rays in the world
-    """
-
-    length: Floats
-    normal: Floats
-    object: Indices
-    directions: Floats
+    length: Floats  # float64 (n,), world length along the ray; infinite where the opacity does not pass one half
+    normal: Floats  # float64 (n, 3), in the world, towards the eye; zeros where there is none
+    object: Indices  # int64 (n,), −1 where there is none
+    directions: Floats  # float64 (n, 3), of the rays in the world
 
     @classmethod
     def of(cls, directions: Floats) -> HalfOpacity:
@@ -84,10 +75,7 @@ class HalfOpacity:
 def gradient_normals(points: Floats, field: Field) -> Callable[[Indices], Floats]:
     """Return a function that gives the normals of a field at some of the points.
 
-    Parameters
-    ----------
-    points : float64 (m, 3), (x, y, z) in samples
-    field : the volume
+    `points`: float64 (m, 3), (x, y, z) in samples; `field`: the volume.
     """
     volume, voxels, grid = field
     matrix = grid.world_from_index[:3, :3]
@@ -102,16 +90,10 @@ def gradient_normals(points: Floats, field: Field) -> Callable[[Indices], Floats
 def layers_of(met: HalfOpacity, rgba: Floats, forward: Floats) -> dict[str, Floats | Indices]:
     """Return the layers of a picture.
 
-    Parameters
-    ----------
-    met : of all pixels
-    rgba : float64 (h, w, 4)
-    forward : float64 (3,), unit vector of the view's direction
+    Returns depth, float64 (h, w), along the view; normal, float64 (h, w, 3); opacity, float64 (h, w); object, int64 (h,
+    w).
 
-    Returns
-    -------
-    layers : depth, float64 (h, w), along the view; normal, float64 (h, w, 3); opacity, float64 (h, w); object, int64
-        (h, w)
+    `met`: of all pixels; `rgba`: float64 (h, w, 4); `forward`: float64 (3,), unit vector of the view's direction.
     """
     shape = rgba.shape[:2]
     depth = met.length * (met.directions @ forward)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.rays import Floats
-from clusterviz.reference.sample import Flags, nearest_voxel, trilinear_cell
+from clusterviz.reference.sample import Flags, cubic, cubic_gradient, nearest, nearest_voxel, trilinear, trilinear_cell
 from clusterviz.reference.transfer import transfer_function
 from clusterviz.scene.values import Clip, Light, Scene, Volume
 
@@ -39,14 +39,8 @@ def trilinear_gradient(voxels: NDArray[Any], point: Floats) -> Floats:
 
     Differences are central, and one-sided where a neighbour lies outside of the volume or is invalid.
 
-    Parameters
-    ----------
-    voxels : (z, y, x)
-    point : float64 (n, 3), (x, y, z) in samples, inside the box, in cells without an invalid corner
-
-    Returns
-    -------
-    gradient : float64 (n, 3), (x, y, z); undefined where a corner is invalid
+    `voxels`: (z, y, x); `point`: float64 (n, 3), (x, y, z) in samples, inside the box, in cells without an invalid
+    corner. Returns float64 (n, 3), (x, y, z); undefined where a corner is invalid.
     """
     cell, fraction = trilinear_cell(voxels, point)
     corners = np.array(list(np.ndindex(2, 2, 2)))[:, None]
@@ -79,6 +73,8 @@ def lit(
     up to `CAP_STEEP`, or, at the volume's faces, `FACE_STEEP`. Of several planes the one with the largest weight is
     used.
 
+    Reference: B. T. Phong: Illumination for computer generated pictures, CACM 18(6), 1975.
+
     Parameters
     ----------
     colour : float64 (n, 3)
@@ -89,10 +85,6 @@ def lit(
     scene : for its lights, none being a headlight, and its clipping
     box : samples of the volume along z, y, x, whose cut faces are lit as such; () for surfaces, which have none
     ambient : share of the ambient light that arrives, see `ambient_light`; default: the volume's
-
-    References
-    ----------
-    B. T. Phong: Illumination for computer generated pictures, CACM 18(6), 1975.
     """
     world_from_index = grid.world_from_index[:3, :3]
     normal = unit(unit(gradient) @ np.linalg.inv(world_from_index / np.abs(world_from_index).max()))
@@ -121,15 +113,11 @@ def lit_line(
     Of all normals of a line, the one that lies in a plane with the light reflects most diffusely, and the one between
     light and eye most specularly. Without a direction a line reflects as much as one across the light.
 
-    Parameters
-    ----------
-    vector : float64 (n, 3), along the lines, in the world
-    colour, point, ray, volume, scene, grid : as in `lit`
+    Reference: M. Zöckler, D. Stalling, H.-C. Hege: Interactive visualization of 3D-vector fields using illuminated
+    stream lines, IEEE Visualization 1996, section 3.
 
-    References
-    ----------
-    M. Zöckler, D. Stalling, H.-C. Hege: Interactive visualization of 3D-vector fields using illuminated stream lines,
-    IEEE Visualization 1996, section 3.
+    `vector`: float64 (n, 3), along the lines, in the world; `colour`, `point`, `ray`, `volume`, `scene`, `grid`: as in
+    `lit`.
     """
     world_from_index = grid.world_from_index[:3, :3]
     tangent, toward_eye = unit(vector), -unit(ray @ world_from_index.T)
@@ -245,3 +233,13 @@ def unit(vectors: Floats) -> Floats:
     length = np.linalg.norm(scaled, axis=1, keepdims=True)
     unit: Floats = scaled / np.where(length > 0, length, 1)
     return unit
+
+
+SAMPLERS = {"linear": trilinear, "nearest": nearest, "cubic": cubic}
+_GRADIENTS = {"linear": trilinear_gradient, "nearest": nearest_gradient, "cubic": cubic_gradient}
+
+
+def gradient_at(volume: Volume, voxels: NDArray[Any], point: Floats) -> Floats:
+    """Return the gradient by which a volume is lit, float64 (n, 3), per voxel along (x, y, z)."""
+    kernel = cubic_gradient if volume.gradient == "smooth" else _GRADIENTS[volume.interpolation]
+    return kernel(voxels, point)

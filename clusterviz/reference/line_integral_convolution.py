@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
+from clusterviz.reference.sample import interpolated
 
 Floats = NDArray[np.float64]
 SUBSTEPS = 8
@@ -24,19 +25,12 @@ BORDER = 2.0**-10
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines of vectors on a grid.
+    """Lines of vectors on a grid."""
 
-    Attributes
-    ----------
-    vectors : float64 (z, y, x, 3), components along x, y, z of the world
-    grid : positions of the samples
-    integrator : "euler", "rk4" or "rk45"
-    by_speed : a unit of a line's parameter moves it as far as the vector, in parts of the largest one; else by 1
-    """
-
-    vectors: Floats
-    grid: Grid
-    integrator: str = "rk4"
+    vectors: Floats  # float64 (z, y, x, 3), components along x, y, z of the world
+    grid: Grid  # positions of the samples
+    integrator: str = "rk4"  # "euler", "rk4" or "rk45"
+    # a unit of a line's parameter moves it as far as the vector, in parts of the largest one; else by 1
     by_speed: bool = False
 
     def velocity(self, places: Floats) -> Floats:
@@ -73,16 +67,8 @@ def line_integral_convolution(
 ) -> Floats:
     """Return the mean of the noise along the line through each sample.
 
-    Parameters
-    ----------
-    noise : (z, y, x)
-    weight : of the sample n steps downstream, −steps to steps
-    steps : of half a line
-    step : in units of the smallest spacing
-
-    Returns
-    -------
-    values : float64 (z, y, x); NaN at samples without vectors
+    `noise`: (z, y, x); `weight`: of the sample n steps downstream, −steps to steps; `steps`: of half a line; `step`: in
+    units of the smallest spacing. Returns float64 (z, y, x); NaN at samples without vectors.
     """
     shape = lines.grid.shape_zyx
     index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)[:, ::-1].astype(float)
@@ -103,23 +89,3 @@ def line_integral_convolution(
             rows, places = rows[going], places[going]
     values: Floats = np.where(np.isnan(speed), np.nan, sums / weights).reshape(shape)
     return values
-
-
-def interpolated(samples: NDArray[Any], places: Floats) -> Floats:
-    """Interpolate linearly at places (n, 3), in samples along x, y, z; outside as in the nearest cell."""
-    low, share = [], []
-    for axis, side in enumerate(samples.shape[2::-1]):
-        with np.errstate(invalid="ignore"):
-            cell = np.floor(np.where(np.isnan(places[:, axis]), 0, places[:, axis]))
-        low.append(np.clip(cell, 0, max(side - 2, 0)).astype(int))
-        share.append(places[:, axis] - low[-1])
-    found = np.zeros((len(places), *samples.shape[3:]))
-    for corner in range(8):
-        weight, at = np.ones(len(places)), []
-        for axis, side in enumerate(samples.shape[2::-1]):
-            up = corner >> axis & 1
-            weight = weight * (share[axis] if up else 1 - share[axis])
-            at.append(np.minimum(low[axis] + up, side - 1))
-        weight, values = weight.reshape(-1, *[1] * (samples.ndim - 3)), samples[at[2], at[1], at[0]]
-        found += np.where(weight == 0, 0, weight * values)
-    return found

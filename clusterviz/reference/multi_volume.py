@@ -12,12 +12,10 @@ part of the slab in the volume is used: the scalar changes linearly from one end
 an isosurface's value between them. The integral gives the optical depth of the part and its mean colour weighted by κ.
 The order of absorption within a slab is ignored, as it is mixed with other volumes.
 
-References
-----------
-N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 2 and 4: particles of several kinds
-absorb and glow independently, so both densities are sums.
-K. Engel, M. Kraus, T. Ertl: High-quality pre-integrated volume rendering using hardware-accelerated pixel shading,
-Graphics Hardware 2001, section 3.3 (integral functions, without attenuation within a slab).
+Reference: N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 2 and 4: particles of
+several kinds absorb and glow independently, so both densities are sums. K. Engel, M. Kraus, T. Ertl: High-quality
+pre-integrated volume rendering using hardware-accelerated pixel shading, Graphics Hardware 2001, section 3.3 (integral
+functions, without attenuation within a slab).
 """
 
 from __future__ import annotations
@@ -34,11 +32,10 @@ from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.cells import PlacedCells, UniformSlabs, march_cells
-from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import Fragments, PlacedGeometry, find_fragments, joined_fragments
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
-from clusterviz.reference.lighting import lit_line
+from clusterviz.reference.lighting import SAMPLERS, gradient_at, lit_line
 from clusterviz.reference.preintegrated import is_ramped, ramp
 from clusterviz.reference.rays import Floats, Rays, inside, kept, on_slices, to_index_space
 from clusterviz.reference.slabs import Slab, slabs_in
@@ -67,21 +64,13 @@ class PlacedVolume:
 
 @dataclass(frozen=True)
 class Layer:
-    """A surface in a slab of rays: a fragment of geometry, or an isosurface.
+    """A surface in a slab of rays: a fragment of geometry, or an isosurface."""
 
-    Attributes
-    ----------
-    place : float64 (m,), world length along the ray
-    opacity : float64 (m,), 0 where the slab has no surface
-    colour : float64 (m, 3), straight
-    number : int (m,), of the object
-    normals : gives unit normals in the world, (k, 3), of some of the rays, int (k,)
-    """
-
-    place: Floats
-    opacity: Floats
-    colour: Floats
-    number: NDArray[np.int64]
+    place: Floats  # float64 (m,), world length along the ray
+    opacity: Floats  # float64 (m,), 0 where the slab has no surface
+    colour: Floats  # float64 (m, 3), straight
+    number: NDArray[np.int64]  # int (m,), of the object
+    # gives unit normals in the world, (k, 3), of some of the rays, int (k,)
     normals: Callable[[NDArray[np.int64]], Floats]
 
     def note(self, met: HalfOpacity, rays: NDArray[np.int64], before: Floats, opacity: Floats, place: Floats) -> None:
@@ -99,11 +88,8 @@ def has_ends(volume: Volume, scene: Scene) -> bool:
 class VolumeRays:
     """Rays through one volume.
 
-    Parameters
-    ----------
-    rays : rays in the world
-    first : number of the volume as an object; its isosurfaces follow as they are listed
-    components : voxels of the components of a LIC volume's vectors
+    `rays`: rays in the world. `first`: number of the volume as an object; its isosurfaces follow as they are listed.
+    `components`: voxels of the components of a LIC volume's vectors.
     """
 
     def __init__(
@@ -125,9 +111,7 @@ class VolumeRays:
     def absorbing(self, slab: Slab, seen: Flags) -> tuple[Floats, Floats]:
         """Return the optical depth (m,) of a slab, and its colour times that (m, 3).
 
-        Parameters
-        ----------
-        seen : bool (m,), rays whose slab is not clipped
+        `seen`: bool (m,), rays whose slab is not clipped.
         """
         if self.volume.blending != "composite":
             return np.zeros(len(seen)), np.zeros((len(seen), 3))
@@ -317,10 +301,7 @@ def _as_fragments(slab: Slab, surface: Layer, rays: int) -> Fragments:
 class FragmentQueue:
     """Fragments of rays, of which each slab takes those in front of its end; `next` is the first of each ray left.
 
-    Parameters
-    ----------
-    first : number of the first entry of geometry as an object
-    met : written by `composite_rest`
+    `first`: number of the first entry of geometry as an object; `met`: written by `composite_rest`.
     """
 
     def __init__(self, fragments: Fragments, first: int = 0, met: HalfOpacity | None = None) -> None:
@@ -379,11 +360,8 @@ def _pass(
 ) -> None:
     """Composite a slab behind the pixels: its surfaces at their positions, and between them its uniform absorption.
 
-    Parameters
-    ----------
-    depth, colour : float64 (m,), (m, 3), optical depth and colour of the whole slab
-    met : surfaces of the slab, isosurfaces first; equal places keep this order
-    passed : takes all parts, if given
+    `depth`, `colour`: float64 (m,), (m, 3), optical depth and colour of the whole slab. `met`: surfaces of the slab,
+    isosurfaces first; equal places keep this order. `passed`: takes all parts, if given.
     """
     places = np.array([one.place for one in met]).reshape(-1, len(depth))
     order = np.argsort(places, axis=0, kind="stable")
@@ -411,17 +389,12 @@ def _pass(
 
 @dataclass(frozen=True)
 class _Passed:
-    """Takes the parts of a slab for `HalfOpacity`.
-
-    Attributes
-    ----------
-    depths : float64 (volumes, m), optical depth of each volume in the slab
-    """
+    """Takes the parts of a slab for `HalfOpacity`."""
 
     met: HalfOpacity
     slab: Slab
     volumes: Sequence[VolumeRays]
-    depths: Floats
+    depths: Floats  # float64 (volumes, m), optical depth of each volume in the slab
 
     def take_part(self, transmittance: Floats, depth: Floats, begin: Floats, end: Floats) -> None:
         """Take the mixture between two places (m,)."""

@@ -14,22 +14,10 @@ from clusterviz.errors import InputError
 def over(layers: Sequence[NDArray[Any]]) -> NDArray[np.float64]:
     """Composite whole layers, the first in front.
 
-    Parameters
-    ----------
-    layers : one or more of floats (h, w, 4), premultiplied, all of one shape
+    `layers`: one or more of floats (h, w, 4), premultiplied, all of one shape. Returns float64 (h, w, 4),
+    premultiplied: Σ_r layer_r · Π_{q<r} (1 − α_q). Raises InputError: no layers, or layers of different shapes.
 
-    Returns
-    -------
-    rgba : float64 (h, w, 4), premultiplied: Σ_r layer_r · Π_{q<r} (1 − α_q)
-
-    Raises
-    ------
-    InputError
-        No layers, or layers of different shapes.
-
-    References
-    ----------
-    T. Porter, T. Duff: Compositing digital images, SIGGRAPH 1984.
+    Reference: T. Porter, T. Duff: Compositing digital images, SIGGRAPH 1984.
     """
     shapes = {layer.shape for layer in layers}
     if len(shapes) != 1:

@@ -3,10 +3,8 @@
 It uses no tables: each slab is cut at the control points of the transfer function, and each piece, which is smooth, is
 integrated by Gaussian quadrature, with attenuation.
 
-References
-----------
-K. Engel, M. Kraus, T. Ertl: High-quality pre-integrated volume rendering using hardware-accelerated pixel shading,
-Graphics Hardware 2001, section 3.1.
+Reference: K. Engel, M. Kraus, T. Ertl: High-quality pre-integrated volume rendering using hardware-accelerated pixel
+shading, Graphics Hardware 2001, section 3.1.
 """
 
 from __future__ import annotations
@@ -19,9 +17,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import lit_volume
-from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import fading, magnitude_of, needs_gradient
 from clusterviz.reference.layers import Field, HalfOpacity, gradient_normals
+from clusterviz.reference.lighting import SAMPLERS, gradient_at
 from clusterviz.reference.rays import Floats, Rays, inside, kept
 from clusterviz.reference.sample import Flags
 from clusterviz.reference.slabs import in_brick, pieces_of, slabs
@@ -98,10 +96,7 @@ def ramp(
 
     An end without a scalar has that of the middle; without it, or where a slab is not seen, it is transparent.
 
-    Parameters
-    ----------
-    places : begin, middle and end of the slabs, (n, 3), in samples
-    way : float64 (n,), their lengths in the world
+    `places`: begin, middle and end of the slabs, (n, 3), in samples; `way`: float64 (n,), their lengths in the world.
     """
     volume, voxels, grid = field
     (front, has_front), (middle, known), (back, has_back) = (
@@ -122,15 +117,8 @@ def integrate(
 ) -> tuple[Floats, Floats]:
     """Return emission and optical depth of slabs along which the scalar changes linearly from front to back.
 
-    Parameters
-    ----------
-    front, back, length : float64 (n,)
-    attenuated : whether emission is attenuated within the slab; else the integral of κc is returned
-
-    Returns
-    -------
-    colour : float64 (n, 3), premultiplied
-    depth : float64 (n,)
+    `front`, `back`, `length`: float64 (n,). `attenuated`: whether emission is attenuated within the slab; else the
+    integral of κc is returned. Returns `colour`, float64 (n, 3), premultiplied; `depth`, float64 (n,).
     """
     # Less than they are where a difference of two scalars overflows.
     small = 1.0 if np.abs([front, back]).max(initial=0.0) < 4e307 else 0.25

@@ -5,6 +5,13 @@ no code with the renderer, only the scene's values and the grid.
 
 It has no early ray termination, hardware texture filter or float32 pixels, as it measures their errors. A ray stops
 only when its transmittance is at most 2⁻⁶⁰, below the last bit of float64.
+
+A thin lens is the mean of the pictures that its points see. All rays of a pixel meet in one point of the plane in
+focus, so that what is there is sharp. The error of the mean falls as the number of points grows, at about its power −1
+for smooth scenes, −3/4 at edges.
+
+Reference: P. Haeberli, K. Akeley: The accumulation buffer: hardware support for high-quality rendering, SIGGRAPH 1990,
+4. H. Vogel: A better way to construct the sunflower head, Mathematical Biosciences 44, 1979.
 """
 
 from __future__ import annotations
@@ -21,10 +28,10 @@ from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.ambient_occlusion import lit_volume
 from clusterviz.reference.cells import PlacedCells
-from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.fragments import SectionGeometry, place
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, gradient_normals, layers_of
+from clusterviz.reference.lighting import SAMPLERS, gradient_at
 from clusterviz.reference.multi_volume import PlacedVolume, march_mixture
 from clusterviz.reference.preintegrated import is_ramped, march_preintegrated
 from clusterviz.reference.projections import projection_of
@@ -81,6 +88,14 @@ def render_reference(
     modes. The volume is transparent next to NaN and infinite voxels (in the cells that they touch; for `nearest`, where
     they are the nearest), and where a midpoint is clipped.
 
+    Returns float64 (h, w, 4), premultiplied, before the background; transparent if the box has no thickness along an
+    axis. It converges with order step² where voxels and transfer function are smooth along the ray. Raises InputError:
+    the shape of `voxels` is not the grid's, the step is not positive, the camera is degenerate or not complete, or
+    there are not as many grids as volumes.
+
+    Reference: N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4 (absorption plus
+    emission).
+
     Parameters
     ----------
     scene : complete (every default filled in)
@@ -91,21 +106,6 @@ def render_reference(
     geometry : meshes, lines and points with their sections, in the order of the scene
     cells : unstructured grids in the world, with their transfer functions
     lens_point : from which the scene is seen, see `camera_rays` and `lens.py`
-
-    Returns
-    -------
-    rgba : float64 (h, w, 4), premultiplied, before the background; transparent if the box has no thickness along
-        an axis. It converges with order step² where voxels and transfer function are smooth along the ray.
-
-    Raises
-    ------
-    InputError
-        The shape of `voxels` is not the grid's, the step is not positive, the camera is degenerate or not complete,
-        or there are not as many grids as volumes.
-
-    References
-    ----------
-    N. Max: Optical models for direct volume rendering, IEEE TVCG 1(2), 1995, section 4 (absorption plus emission).
     """
     if (geometry or cells) and isinstance(grid, Grid):
         grid, voxels = [grid], [np.asarray(voxels)]
@@ -230,7 +230,6 @@ def _project(rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid
 
 
 def _slab_length(step: float, grid: Grid) -> float:
-    """Return the slab length h in world units."""
     if not (step > 0 and math.isfinite(step)):
         raise InputError("no step", where="step", found=step, allowed="above 0")
     return step * min(grid.spacing)
@@ -241,3 +240,25 @@ def _check(scene: Scene, grid: Grid, voxels: NDArray[Any]) -> None:
         raise InputError("not the grid's shape", where="voxels", found=voxels.shape, allowed=grid.shape_zyx)
     if len(scene.volumes) > 1:
         raise InputError("one grid for several volumes", where="grid", found=1, allowed=len(scene.volumes))
+
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+
+
+def disc_points(count: int) -> Floats:
+    """Return points spread evenly over a disc of radius 1, float64 (count, 2), as the seeds of a sunflower."""
+    number = np.arange(count)
+    radius, angle = np.sqrt((number + 0.5) / count), number * GOLDEN_ANGLE
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def render_lens(scene: Scene, grid: Any, voxels: Any, *, points: Floats, **more: Any) -> Floats:
+    """Return the picture of a scene with `camera.aperture`, float64 (h, w, 4), premultiplied.
+
+    `scene`: complete; `grid`, `voxels`, `more`: as of `render_reference`; `points`: float64 (n, 2), of the lens, in its
+    radii.
+    """
+    total: Floats = np.zeros((*scene.image.size[::-1], 4))
+    for point in points:
+        total += render_reference(scene, grid, voxels, lens_point=point.tolist(), **more)
+    return total / len(points)

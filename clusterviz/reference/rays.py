@@ -32,24 +32,19 @@ class Columns:
 
 @dataclass(frozen=True)
 class Rays:
-    """One ray per pixel, in pixel order (row 0 on top): start + t · direction, t in world length.
+    """One ray per pixel, in pixel order (row 0 on top): start + t · direction, t in world length."""
 
-    Attributes
-    ----------
-    start : float64 (n, 3), (x, y, z): the eye, or for parallel projection a point of the plane through it
-    direction : float64 (n, 3); of unit length in the world
-    shift : float64 (n,) or one for all: fraction of a slab by which the first one begins before the volume
-    thickness : float64 (n,) or one for all: length of a slab over the longest one of all rays
-    """
-
-    start: Floats
-    direction: Floats
+    start: Floats  # float64 (n, 3), (x, y, z): the eye, or for parallel projection a point of the plane through it
+    direction: Floats  # float64 (n, 3); of unit length in the world
+    # float64 (n,) or one for all: fraction of a slab by which the first one begins before the volume
     shift: Floats | float = 0.0
-    thickness: Floats | float = 1.0
+    thickness: Floats | float = 1.0  # float64 (n,) or one for all: length of a slab over the longest one of all rays
 
 
 def camera_rays(camera: Camera, size: tuple[int, int], lens_point: Sequence[float] = (0.0, 0.0)) -> Rays:
     """Return the rays through the centres of all pixels, in the world, by VTK's camera model.
+
+    Raises InputError: the camera is not complete, position = focal_point, or view_up lies along the view direction.
 
     Parameters
     ----------
@@ -57,11 +52,6 @@ def camera_rays(camera: Camera, size: tuple[int, int], lens_point: Sequence[floa
     size : (width, height) in pixels; pixels are square
     lens_point : to the right and up, in radii of the lens: where rays start; each meets its ray from the centre on the
         plane in focus
-
-    Raises
-    ------
-    InputError
-        The camera is not complete, position = focal_point, or view_up lies along the view direction.
     """
     right, up, forward = camera_frame(camera)
     width, height = size
@@ -91,9 +81,7 @@ def view_direction(camera: Camera) -> Floats:
 def pixel_shifts(size: tuple[int, int]) -> Floats:
     """Return the jitter of every pixel, in pixel order: a hash of its column and row in [0, 1).
 
-    References
-    ----------
-    C. Wellons: Prospecting for hash functions, 2018 (lowbias32).
+    Reference: C. Wellons: Prospecting for hash functions, 2018 (lowbias32).
     """
 
     def hashed(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
@@ -143,18 +131,11 @@ def to_index_space(rays: Rays, grid: Grid) -> Rays:
 def inside(rays: Rays, last: Floats) -> tuple[Floats, Floats]:
     """Return the part [entry, exit] of each ray in the closed box [0, last] and not behind its start.
 
-    Parameters
-    ----------
-    rays : rays in index space
-    last : (x, y, z) of the last sample
+    Returns float64 (n,), exit ≤ entry where the ray misses the box.
 
-    Returns
-    -------
-    entry, exit : float64 (n,), exit ≤ entry where the ray misses the box
+    Reference: T. Kay, J. Kajiya: Ray tracing complex scenes, SIGGRAPH 1986 (slabs).
 
-    References
-    ----------
-    T. Kay, J. Kajiya: Ray tracing complex scenes, SIGGRAPH 1986 (slabs).
+    `rays`: rays in index space; `last`: (x, y, z) of the last sample.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         to_first = (0 - rays.start) / rays.direction
@@ -187,7 +168,6 @@ def _given(vector: tuple[float, float, float] | None, key: str) -> Floats:
 
 
 def _unit(vector: Floats, key: str) -> Floats:
-    """Return the unit vector, also if the square of its length would underflow or overflow."""
     largest = np.abs(vector).max()
     if not largest > 0:
         raise InputError("gives no direction", where=f"camera: {key}", found=vector.tolist())
@@ -197,12 +177,7 @@ def _unit(vector: Floats, key: str) -> Floats:
 
 
 def kept(point: Floats, clip: Clip, grid: Grid) -> NDArray[np.bool_]:
-    """Return which points are not clipped, bool (n,).
-
-    Parameters
-    ----------
-    point : float64 (n, 3), (x, y, z) in samples
-    """
+    """Return which points are not clipped, bool (n,). `point`: float64 (n, 3), (x, y, z) in samples."""
     world = point @ grid.world_from_index[:3, :3].T + grid.origin
     found = np.ones(len(world), bool)
     for origin, normal in clip.planes:

@@ -3,9 +3,7 @@
 The ray of each pixel and wavelength is followed by itself. It is in the world, with the gradient there, where the
 renderer has momenta in index space and steps in bricks. `plan/refraction.py` has the equations.
 
-References
-----------
-E. Hairer, C. Lubich, G. Wanner: Geometric numerical integration, 2006, section I.1 (leapfrog).
+Reference: E. Hairer, C. Lubich, G. Wanner: Geometric numerical integration, 2006, section I.1 (leapfrog).
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 from clusterviz.content.volume.optics import optical_function
 from clusterviz.data.source import Grid
 from clusterviz.image.spectral.two_flux import Fluxes
-from clusterviz.reference.fields import SAMPLERS, gradient_at
+from clusterviz.reference.lighting import SAMPLERS, gradient_at
 from clusterviz.reference.rays import Floats, Rays, inside
 from clusterviz.reference.two_flux import TwoFlux
 from clusterviz.scene.values import Volume
@@ -32,11 +30,8 @@ MOST_DIAGONALS, MOST_REFLECTIONS, HALVINGS = 16, 256, 20
 def snell(momentum: Floats, normal: Floats, change: float) -> tuple[Floats, bool]:
     """Return the momentum (3,) behind a face, and whether it is refracted rather than reflected.
 
-    Parameters
-    ----------
-    momentum : (3,), its length the refractive index
-    normal : (3,), of any length but 0
-    change : n² behind the face less n² before it
+    `momentum`: (3,), its length the refractive index; `normal`: (3,), of any length but 0; `change`: n² behind the face
+    less n² before it.
     """
     unit = normal / np.linalg.norm(normal)
     across = float(momentum @ unit)
@@ -50,9 +45,7 @@ def snell(momentum: Floats, normal: Floats, change: float) -> tuple[Floats, bool
 class Medium:
     """Volume at one wavelength: scalars, gradients and refractive index at points in the world.
 
-    Parameters
-    ----------
-    number : of the wavelength
+    `number`: of the wavelength.
     """
 
     volume: Volume
@@ -82,7 +75,6 @@ class Medium:
         return found
 
     def n(self, scalar: float) -> float:
-        """Return the refractive index."""
         return float(self.index.at(scalar)[self.number])
 
     def slope(self, scalar: float) -> float:
@@ -105,15 +97,11 @@ Take = Callable[[float, float], None]
 def follow(medium: Medium, start: Floats, direction: Floats, step: float, take: Take) -> tuple[Floats, Floats, bool]:
     """Follow a ray from where it enters the volume.
 
-    Parameters
-    ----------
-    start, direction : (3,) in index space; the direction is a world unit long
-    step : length of a slab, world units
+    Returns `x` and `v`, where it leaves, in index space, and its momentum, in the world, the length of which is the
+    index outside; `leaves`, False if it was ended.
 
-    Returns
-    -------
-    x, v : where it leaves, in index space, and its momentum, in the world, the length of which is the index outside
-    leaves : False if it was ended
+    `start`, `direction`: (3,) in index space; the direction is a world unit long. `step`: length of a slab, world
+    units.
     """
     x: NDArray[Any] = start.copy()
     side: int | None = None

@@ -17,15 +17,8 @@ def trilinear(voxels: NDArray[Any], x: Floats, y: Floats, z: Floats) -> tuple[Fl
     A point belongs to the cell [floor, floor + 1) along each axis; the last cell includes its end. If one of the eight
     samples of the cell is NaN or infinite, the point has no scalar.
 
-    Parameters
-    ----------
-    voxels : (z, y, x), at least two samples along each axis, C order
-    x, y, z : (n,) positions in samples, inside the box
-
-    Returns
-    -------
-    scalar : float64 (n,), 0 where there is none
-    valid : bool (n,)
+    `voxels`: (z, y, x), at least two samples along each axis, C order; `x`, `y`, `z`: (n,) positions in samples, inside
+    the box. Returns `scalar`, float64 (n,), 0 where there is none; `valid`, bool (n,).
     """
     (nz, ny, nx), flat = voxels.shape, voxels.reshape(-1)
     i, fx = _cell(x, nx)
@@ -64,8 +57,30 @@ def nearest_voxel(voxels: NDArray[Any], point: Floats) -> NDArray[np.int64]:
     return np.stack([_round(p, n) for p, n in zip(point.T, voxels.shape[::-1], strict=True)], axis=1)
 
 
+def interpolated(samples: NDArray[Any], places: Floats) -> Floats:
+    """Interpolate samples (…, y, x, *) linearly at places (n, k), along x, y, …: (n, *); outside as in a cell.
+
+    Samples of weight 0 do not count, even if they are NaN.
+    """
+    count = places.shape[1]
+    low, share = [], []
+    for axis, side in enumerate(samples.shape[count - 1 :: -1]):
+        with np.errstate(invalid="ignore"):
+            cell = np.floor(np.where(np.isnan(places[:, axis]), 0, places[:, axis]))
+        low.append(np.clip(cell, 0, max(side - 2, 0)).astype(int))
+        share.append(places[:, axis] - low[-1])
+    found = np.zeros((len(places), *samples.shape[count:]))
+    for corner in np.ndindex(*(2,) * count):
+        weight, at = np.ones(len(places)), []
+        for axis, side in enumerate(samples.shape[count - 1 :: -1]):
+            weight = weight * (share[axis] if corner[axis] else 1 - share[axis])
+            at.append(np.minimum(low[axis] + corner[axis], side - 1))
+        weight, values = weight.reshape(-1, *[1] * (samples.ndim - count)), samples[tuple(at[::-1])]
+        found += np.where(weight == 0, 0, weight * values)
+    return found
+
+
 def _cell(position: Floats, samples: int) -> tuple[NDArray[np.int64], Floats]:
-    """Return the cell of a position, and the position in it."""
     cell = np.clip(np.floor(position), 0, samples - 2).astype(np.int64)
     # Rounding may put the ends of a ray an ulp outside the box.
     return cell, np.clip(position - cell, 0, 1)
@@ -140,12 +155,10 @@ def _apart(taps: Floats) -> tuple[Floats, Floats, float]:
 
 
 def _weights(t: Floats) -> Floats:
-    """Return the weights of the four B-splines in a cell, (n, 4)."""
     weights = [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
     return np.stack(weights, axis=1) / 6
 
 
 def _slopes(t: Floats) -> Floats:
-    """Return the derivatives of the weights."""
     slopes = [-3 * (1 - t) ** 2, 9 * t**2 - 12 * t, -9 * t**2 + 6 * t + 3, 3 * t**2]
     return np.stack(slopes, axis=1) / 6

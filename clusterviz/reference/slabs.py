@@ -14,19 +14,13 @@ from clusterviz.reference.rays import Columns, Floats, Rays, inside
 
 @dataclass(frozen=True)
 class Slab(Columns):
-    """The k-th slab of rays.
+    """The k-th slab of rays."""
 
-    Attributes
-    ----------
-    rays : int (m,), indices of the rays
-    begin, end : float64 (m,), world lengths along the ray
-    point : float64 (m, 3), (x, y, z) of the midpoint in the rays' space: for one volume, in samples
-    """
-
-    rays: NDArray[np.int64]
+    rays: NDArray[np.int64]  # int (m,), indices of the rays
+    # float64 (m,), world lengths along the ray
     begin: Floats
     end: Floats
-    point: Floats
+    point: Floats  # float64 (m, 3), (x, y, z) of the midpoint in the rays' space: for one volume, in samples
 
 
 def slabs(
@@ -34,12 +28,8 @@ def slabs(
 ) -> Iterator[Slab]:
     """Yield slab after slab of all rays that are still inside the volume.
 
-    Parameters
-    ----------
-    rays : rays in index space
-    shape_zyx : samples of the volume
-    length : length of the longest slabs, world units
-    goes_on : called before each slab; returns the rays that continue, bool (n,) or one for all
+    `rays`: rays in index space. `shape_zyx`: samples of the volume. `length`: length of the longest slabs, world units.
+    `goes_on`: called before each slab; returns the rays that continue, bool (n,) or one for all.
     """
     yield from slabs_in(rays, np.array(shape_zyx[::-1], np.float64) - 1, length, goes_on)
 
@@ -65,9 +55,7 @@ def slabs_in(
 def pieces_of(slab: Slab, rays: Rays, shape_zyx: tuple[int, ...], brick: int | None) -> Iterator[Slab]:
     """Yield the parts of a slab between the faces of bricks, front to back, some empty; without bricks the slab.
 
-    Parameters
-    ----------
-    brick : cells along the side of a brick, at least the slab's length
+    `brick`: cells along the side of a brick, at least the slab's length.
     """
     if brick is None:
         yield slab

@@ -25,14 +25,9 @@ MOVED = 1e-6
 
 @dataclass(frozen=True)
 class LicLine:
-    """Lines and noise; keys as of the scene's `lic`, lengths in pixels.
+    """Lines and noise; keys as of the scene's `lic`, lengths in pixels."""
 
-    Attributes
-    ----------
-    weights : float64 (2n + 1,), of samples from the begin of a line to its end
-    """
-
-    weights: Floats
+    weights: Floats  # float64 (2n + 1,), of samples from the begin of a line to its end
     step: float = 0.5
     integrator: str = "rk4"
     grain: float = 1.5
@@ -43,11 +38,8 @@ class LicLine:
 class SurfacePicture:
     """Surface in a picture.
 
-    Parameters
-    ----------
-    camera : completed
-    depth : (h, w), along the view; infinite where there is no surface
-    normals : (h, w, 3), in the world
+    `camera`: completed. `depth`: (h, w), along the view; infinite where there is no surface. `normals`: (h, w, 3), in
+    the world.
     """
 
     def __init__(self, camera: Camera, depth: Floats, normals: Floats) -> None:
@@ -68,9 +60,7 @@ class SurfacePicture:
     def directions(self, vectors: Floats) -> Floats:
         """Return unit vectors on the screen, (h, w, 2), to the right and down; zeros where there is none.
 
-        Parameters
-        ----------
-        vectors : (h, w, 3), in the world; NaN where there is none
+        `vectors`: (h, w, 3), in the world; NaN where there is none.
         """
         n = self.normals
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -114,10 +104,7 @@ class SurfacePicture:
 def reference_surface_lic(picture: SurfacePicture, vectors: Floats, grid: Grid, line: LicLine) -> Floats:
     """Return noise convolved along the lines of all pixels, (h, w); NaN where there is no line.
 
-    Parameters
-    ----------
-    vectors : (h, w, 3), at the picture's points
-    grid : of the vectors, at whose middle the noise begins
+    `vectors`: (h, w, 3), at the picture's points; `grid`: of the vectors, at whose middle the noise begins.
     """
     directions = picture.directions(vectors)
     links, noise = picture.links(directions), picture.noise(grid, line)
@@ -190,7 +177,6 @@ def _lattice_noise(places: Floats, level: Pixels, line: LicLine) -> Floats:
 
 
 def _mixed_bits(bits: Pixels) -> Pixels:
-    """Return a hash of the lower 32 bits (the finalizer of MurmurHash3)."""
     bits = bits & 0xFFFFFFFF
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         product = (bits ^ (bits >> shift)).astype(np.uint64) * np.uint64(factor)

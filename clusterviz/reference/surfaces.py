@@ -1,16 +1,14 @@
-"""Reference of isosurfaces, alone or in a volume: every crossing of every ray (`crossings.py`), front to back.
+"""Reference of isosurfaces, alone or in a volume: every crossing of every ray, front to back.
 
 Along a ray, a trilinear field is a cubic polynomial in each cell. Slabs are cut at the faces of cells, and each piece
 at the extrema of the polynomial. Between extrema the field is monotone and crosses a value at most once; the crossing
 is found by bisection. Splines have degree nine in a cell: their extrema are those of the cubic through four points.
 Nearest voxels give a constant field that jumps at the faces half-way between voxels.
 
-References
-----------
-G. Marmitt, A. Kleer, I. Wald, H. Friedrich, P. Slusallek: Fast and accurate ray-voxel intersection techniques for
-iso-surface ray tracing, VMV 2004, section 3 (the extrema of the cubic isolate its roots).
-S. Parker, P. Shirley, Y. Livnat, C. Hansen, P.-P. Sloan: Interactive ray tracing for isosurface rendering,
-IEEE Visualization 1998, section 3.
+Reference: G. Marmitt, A. Kleer, I. Wald, H. Friedrich, P. Slusallek: Fast and accurate ray-voxel intersection
+techniques for iso-surface ray tracing, VMV 2004, section 3 (the extrema of the cubic isolate its roots). S. Parker, P.
+Shirley, Y. Livnat, C. Hansen, P.-P. Sloan: Interactive ray tracing for isosurface rendering, IEEE Visualization 1998,
+section 3.
 """
 
 from __future__ import annotations
@@ -24,9 +22,9 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
 from clusterviz.reference.ambient_occlusion import lit_volume
-from clusterviz.reference.fields import SAMPLERS, gradient_at
 from clusterviz.reference.grading import glow_and_extinction, needs_gradient
 from clusterviz.reference.layers import HalfOpacity, gradient_normals
+from clusterviz.reference.lighting import SAMPLERS, gradient_at
 from clusterviz.reference.rays import Floats, Rays, kept
 from clusterviz.reference.slabs import Slab, in_brick, pieces_of, slabs
 from clusterviz.reference.transfer import transfer_function
@@ -38,29 +36,18 @@ THIRDS = np.array([0.0, 1 / 3, 2 / 3, 1.0])
 
 @dataclass(frozen=True)
 class Crossings:
-    """The n-th crossing of rays in their slabs.
+    """The n-th crossing of rays in their slabs."""
 
-    Attributes
-    ----------
-    slabs : int (c,), indices of the slabs
-    place : float64 (c,), world lengths along the rays
-    surface : int (c,), indices of the values
-    inside : float64 (c, 3), points in the rays' cells, where the field has a gradient
-    """
-
-    slabs: NDArray[np.int64]
-    place: Floats
-    surface: NDArray[np.int64]
-    inside: Floats
+    slabs: NDArray[np.int64]  # int (c,), indices of the slabs
+    place: Floats  # float64 (c,), world lengths along the rays
+    surface: NDArray[np.int64]  # int (c,), indices of the values
+    inside: Floats  # float64 (c, 3), points in the rays' cells, where the field has a gradient
 
 
 class RayField:
     """Field along rays, from slab to slab.
 
-    Parameters
-    ----------
-    rays : rays in index space
-    values : values of the isosurfaces, ascending
+    `rays`: rays in index space; `values`: values of the isosurfaces, ascending.
     """
 
     def __init__(self, rays: Rays, voxels: NDArray[Any], interpolation: str, values: Floats) -> None:
@@ -131,7 +118,6 @@ class RayField:
         value: Floats,
         rises: NDArray[np.bool_],
     ) -> Floats:
-        """Return where the field crosses values, each in one of the pieces."""
         low, high = between
         for _ in range(HALVINGS if len(of) else 0):
             middle = low + (high - low) / 2
@@ -152,9 +138,7 @@ class RayField:
 def extrema(fields: Floats) -> Floats:
     """Return the extrema of cubic polynomials, float64 (2, p) in 0 … 1; 1 where there is none.
 
-    Parameters
-    ----------
-    fields : float64 (4, p), values of the polynomials at 0, 1/3, 2/3 and 1
+    `fields`: float64 (4, p), values of the polynomials at 0, 1/3, 2/3 and 1.
     """
     a, b, c, d = fields / np.maximum(np.abs(fields).max(axis=0), np.finfo(np.float64).tiny)
     slope, bend, twist = -11 * a + 18 * b - 9 * c + 2 * d, 9 * (2 * a - 5 * b + 4 * c - d), 27 * (3 * (b - c) + d - a)
@@ -164,10 +148,6 @@ def extrema(fields: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         turns = np.stack([root / twist, slope / root])
     return np.where((square > 0) & (turns > 0) & (turns < 1), turns, 1.0)
-
-
-def _value(entry: float | tuple[float, float]) -> float:
-    return entry[0] if isinstance(entry, tuple) else entry
 
 
 def march_surfaces(
@@ -180,10 +160,8 @@ def march_surfaces(
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
-    wanted = sorted(
-        (entry if isinstance(entry, tuple) else (entry, float(classify.opacity(entry)))) for entry in volume.isosurfaces
-    )
-    numbers = 1 + np.array(sorted(range(len(wanted)), key=lambda n: _value(volume.isosurfaces[n])))
+    entries = [e if isinstance(e, tuple) else (e, float(classify.opacity(e))) for e in volume.isosurfaces]
+    wanted, numbers = sorted(entries), 1 + np.array(sorted(range(len(entries)), key=lambda n: entries[n][0]))
     rgba = np.zeros((len(rays.direction), 4))
 
     def absorb(

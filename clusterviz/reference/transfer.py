@@ -27,22 +27,16 @@ TABLE = 256
 
 @dataclass(frozen=True, eq=False)
 class TransferFunction:
-    """Piecewise-linear colour and opacity of a scalar.
+    """Piecewise-linear colour and opacity of a scalar."""
 
-    Attributes
-    ----------
-    colour_values, colours : float64 (n,), (n, 3), straight RGB
-    opacity_values, opacities : float64 (m,)
-    unit_distance : world units over which opacities hold
-    domain : (low, high), low < high, of the colour map
-    """
-
+    # float64 (n,), (n, 3), straight RGB
     colour_values: Floats
     colours: Floats
+    # float64 (m,)
     opacity_values: Floats
     opacities: Floats
-    unit_distance: float
-    domain: tuple[float, float]
+    unit_distance: float  # world units over which opacities hold
+    domain: tuple[float, float]  # (low, high), low < high, of the colour map
 
     def colour(self, s: ArrayLike) -> Floats:
         """Return straight RGB, float64 (…, 3), of scalars (…)."""
@@ -60,10 +54,7 @@ class TransferFunction:
 def transfer_function(volume: Volume | GridSection) -> TransferFunction:
     """Return the transfer function of a completed volume or unstructured grid; see `scene.complete.transfer_function`.
 
-    Raises
-    ------
-    ValueError
-        The volume is not completed.
+    Raises ValueError: the volume is not completed.
     """
     if isinstance(volume, Volume) and volume.optics is not None:
         one = optical_function(volume.optics).at(0)
@@ -121,11 +112,7 @@ def _preset(name: str) -> Floats:
 def interpolate(s: ArrayLike, values: Floats, results: Floats) -> Floats:
     """Interpolate linearly; at a repeated value the last result counts.
 
-    Parameters
-    ----------
-    s : (…)
-    values : float64 (n,), ascending
-    results : float64 (n, k)
+    `s`: (…); `values`: float64 (n,), ascending; `results`: float64 (n, k).
 
     Returns
     -------

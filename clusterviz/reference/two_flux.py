@@ -44,14 +44,8 @@ TERMS = 24
 def solve_layers(absorption: ArrayLike, scattering: ArrayLike, lengths: ArrayLike) -> Fluxes:
     """Return reflectances and transmittance of a stack of homogeneous layers, the first nearest to the eye.
 
-    Parameters
-    ----------
-    absorption, scattering, lengths : (n,) each: K and S per unit of length, and the thickness
-
-    Raises
-    ------
-    InputError
-        The stack needs more than `MOST_PARTS` parts.
+    `absorption`, `scattering`, `lengths`: (n,) each: K and S per unit of length, and the thickness. Raises InputError:
+    the stack needs more than `MOST_PARTS` parts.
     """
     layers = np.stack(np.broadcast_arrays(absorption, scattering, lengths)).astype(np.float64)
     front = _lit(layers)
@@ -87,11 +81,7 @@ def _lit(layers: Floats) -> tuple[float, float]:
 class TwoFlux:
     """Fluxes of rays at all wavelengths of optics.
 
-    Parameters
-    ----------
-    rays : number of rays
-    function : of the volume's optics
-    background : sRGB of the background, for `finish`
+    `rays`: number of rays; `function`: of the volume's optics; `background`: sRGB of the background, for `finish`.
     """
 
     def __init__(self, rays: int, function: OpticalFunction, background: RGB) -> None:
@@ -135,9 +125,7 @@ class TwoFlux:
 def symmetrical_front_to_back(layers: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return reflectance and transmittance by equation 3.21 of the thesis, which is right for symmetrical stacks only.
 
-    Parameters
-    ----------
-    layers : (R, T) of each, the first nearest to the eye
+    `layers`: (R, T) of each, the first nearest to the eye.
     """
     reflected, transmitted = 0.0, 1.0
     for r, t in layers:

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from clusterviz.errors import DeviceError
 from clusterviz.gl.texels import copy_box, read_box
 from clusterviz.partition import UNASSIGNED, BrickBox, Owners, bounding_box, build_tree, visible_groups
-from clusterviz.plan.cells import CellBrick
-from clusterviz.plan.geometry import Primitives
+from clusterviz.plan.geometry import Members
 from clusterviz.plan.plan import Plan
+from clusterviz.render.content_bricks import pack_parts, parts_of
 from clusterviz.render.group_box import skips_in_box
 from clusterviz.render.storage import STORED_TYPE, Slot
 from clusterviz.render.stored_brick import Ranges, Stored, doubling_bits, visibility_bits
@@ -64,7 +64,7 @@ class BrickAtlas:
         self._bends = np.zeros((slot_count, 2, *slot.groups_zyx), np.float32) if slot.adaptive else None
         self._doublings: tuple[TransferFunction, NDArray[np.uint32]] | None = None
         self._counts = np.zeros(slot_count, np.int64)
-        self._members: dict[int, tuple[tuple[Primitives | None, ...], tuple[CellBrick | None, ...]]] = {}
+        self._members: dict[int, tuple[Members | None, ...]] = {}
         self._voxels = (
             _texture(context, slot, slot_count) if slot.textured else context.buffer(reserve=slot_count * slot.bytes)
         )
@@ -92,7 +92,7 @@ class BrickAtlas:
         number = self._free.pop()
         self.slots[index] = number
         self._note(number, stored)
-        words = self._slot.pack(stored.samples)
+        words = pack_parts(stored.parts, self._slot)
         if isinstance(self._voxels, moderngl.Buffer):
             self._voxels.write(words, offset=number * self._slot.bytes)
         else:
@@ -128,15 +128,11 @@ class BrickAtlas:
             bend = None if self._bends is None else self._bends[number]
             words = self._words(number) if isinstance(self._voxels, moderngl.Buffer) else self._texels(number)
             count, members = int(self._counts[number]), self._members[number]
-            yield index, Stored(self._slot.unpack(words), low, high, count, bend, *members)
+            yield index, Stored(parts_of(words, self._slot), low, high, count, bend, members)
 
-    def primitives(self, bricks: NDArray[np.int64]) -> list[tuple[Primitives | None, ...]]:
-        """Return the primitives of bricks (m, 3)."""
-        return [self._members[self.slots[z, y, x]][0] for z, y, x in bricks.tolist()]
-
-    def cells(self, bricks: NDArray[np.int64]) -> list[tuple[CellBrick | None, ...]]:
-        """Return the tetrahedra of bricks (m, 3)."""
-        return [self._members[self.slots[z, y, x]][1] for z, y, x in bricks.tolist()]
+    def members(self, bricks: NDArray[np.int64]) -> list[tuple[Members | None, ...]]:
+        """Return what bricks (m, 3) hold of each layer."""
+        return [self._members[self.slots[z, y, x]] for z, y, x in bricks.tolist()]
 
     def tables(self, plan: Plan, box: BrickBox, bricks: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the offsets, and the visible groups of cells, of all bricks of a box.
@@ -183,7 +179,7 @@ class BrickAtlas:
         return self._doublings[1]
 
     def _stacked(self, numbers: NDArray[np.int64]) -> Ranges:
-        """Return low and high of slots, each (n, *slot.groups_zyx)."""
+        """Return low and high of slots, each (n, volumes, *slot.groups_zyx)."""
         each = [self._ranges[number] for number in numbers.tolist()]
         return np.stack([low for low, _ in each]), np.stack([high for _, high in each])
 
@@ -202,7 +198,7 @@ class BrickAtlas:
         self._ranges[number] = stored.low, stored.high
         if self._bends is not None:
             self._bends[number], self._doublings = stored.bend, None
-        self._counts[number], self._members[number] = stored.voxels, (stored.primitives, stored.cells)
+        self._counts[number], self._members[number] = stored.voxels, stored.members
 
     def _take_over(self, smaller: BrickAtlas) -> None:
         """Copy the metadata of a smaller atlas, whose bricks keep their slots."""

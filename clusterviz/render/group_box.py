@@ -33,7 +33,7 @@ def skips_in_box(
     Parameters
     ----------
     bricks : int64 (n, 3), indices (z, y, x)
-    ranges : results of `content_ranges` for each
+    ranges : results of `ranges_of` for each
     far : rays may skip several groups at once, which takes longer to find; else one
 
     Returns

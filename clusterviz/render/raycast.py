@@ -47,8 +47,7 @@ from clusterviz.render.render_result import Progress, RenderResult, joined_bands
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import Variant, of_size, variant_of
 from clusterviz.render.volume_layers import all_segments, content_tables, volume_blocks
-from clusterviz.report.early_discarding import all_counts
-from clusterviz.report.kbuffer_counts import KBufferCounts
+from clusterviz.report.counts import KBufferCounts, all_counts
 
 ITERATIONS = (1 << 16, 3600)
 """Of the loops of a ray in a dispatch, on GPUs and on llvmpipe, which silently leaves all loops after 65535 in total:
@@ -182,7 +181,7 @@ class Raycaster:
 
         Parameters
         ----------
-        bricks : samples (z, y, x), or the `ContentBrick` of several volumes, by index
+        bricks : by index
         """
         if bricks:
             self._finder.forget_bricks()

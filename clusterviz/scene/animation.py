@@ -4,13 +4,10 @@ An orbit rotates the eye about view_up through the focal point. Between key fram
 Catmull-Rom curves, directions are interpolated and normalised, and numbers follow monotone cubics. Values that a key
 frame leaves out are the scene's.
 
-References
-----------
-F. N. Fritsch, J. Butland: A method for constructing local monotone piecewise cubic interpolants, SIAM Journal on
-Scientific and Statistical Computing 5(2), 1984.
-C. Yuksel, S. Schaefer, J. Keyser: On the parameterization of Catmull-Rom curves, SPM 2009: centripetal knots give
-segments without cusps and loops.
-P. Barry, R. Goldman: A recursive evaluation algorithm for a class of Catmull-Rom splines, SIGGRAPH 1988.
+Reference: F. N. Fritsch, J. Butland: A method for constructing local monotone piecewise cubic interpolants, SIAM
+Journal on Scientific and Statistical Computing 5(2), 1984. C. Yuksel, S. Schaefer, J. Keyser: On the parameterization
+of Catmull-Rom curves, SPM 2009: centripetal knots give segments without cusps and loops. P. Barry, R. Goldman: A
+recursive evaluation algorithm for a class of Catmull-Rom splines, SIGGRAPH 1988.
 """
 
 from __future__ import annotations
@@ -30,7 +27,7 @@ from clusterviz.errors import SceneError, guard
 from clusterviz.scene.checks import InvalidValueError, to_builtin
 from clusterviz.scene.field_types import Clim, Cmap, Number, Opacity, Positive, Section, Vector
 from clusterviz.scene.validation_messages import format_key, format_value, scene_error, unknown_key
-from clusterviz.scene.values import Camera, Scene
+from clusterviz.scene.values import Camera, Scene, Volume
 from clusterviz.scene.yaml_text import parse_yaml, read_text, yaml_problem
 
 Floats = NDArray[np.float64]
@@ -39,11 +36,8 @@ Floats = NDArray[np.float64]
 def monotone(times: Floats, values: Floats, time: float) -> Floats:
     """Interpolate numbers, monotonically between two key frames and with a continuous derivative.
 
-    Parameters
-    ----------
-    times : float64 (n,), strictly ascending
-    values : float64 (n, k)
-    time : the curve is constant before the first and after the last key frame
+    `times`: float64 (n,), strictly ascending; `values`: float64 (n, k); `time`: the curve is constant before the first
+    and after the last key frame.
 
     Returns
     -------
@@ -78,11 +72,8 @@ def _slope(rates: Floats, steps: Floats, key: int) -> Floats:
 def centripetal(times: Floats, points: Floats, time: float) -> Floats:
     """Interpolate positions along a centripetal Catmull-Rom curve with continuous speed.
 
-    Parameters
-    ----------
-    times : float64 (n,), strictly ascending
-    points : float64 (n, 3); the curve is constant between equal consecutive points
-    time : the curve is constant before the first and after the last key frame
+    `times`: float64 (n,), strictly ascending. `points`: float64 (n, 3); the curve is constant between equal consecutive
+    points. `time`: the curve is constant before the first and after the last key frame.
 
     Returns
     -------
@@ -105,7 +96,6 @@ def centripetal(times: Floats, points: Floats, time: float) -> Floats:
 
 
 def _barry_goldman(points: tuple[Floats, ...], knots: tuple[float, ...], t: float) -> Floats:
-    """Evaluate a Catmull-Rom segment by repeated linear interpolation."""
     level = list(points)
     for width, spans in ((1, 3), (2, 2)):
         level = [
@@ -172,10 +162,7 @@ class KeyFrames(Section):
     def frames(self, frames_per_second: float, where: str = "path") -> int:
         """Return the number of frames from the first to the last key frame, both included.
 
-        Raises
-        ------
-        SceneError
-            There are more than `MAX_FRAMES`.
+        Raises SceneError: there are more than `MAX_FRAMES`.
         """
         begin, end = self.times
         count = (end - begin) * frames_per_second
@@ -191,10 +178,7 @@ KEY_FRAME_TYPES: dict[str, type[KeyFrame]] = {"camera": CameraKeyFrame, "transfe
 def load_path(path: str | os.PathLike[str]) -> KeyFrames:
     """Read key frames from a YAML or JSON file.
 
-    Raises
-    ------
-    SceneError
-        The file cannot be read, or holds an unknown key or an invalid value.
+    Raises SceneError: the file cannot be read, or holds an unknown key or an invalid value.
     """
     where = os.fspath(path)
     with guard(SceneError, where):
@@ -223,11 +207,8 @@ def _keys(text: str, where: str) -> KeyFrames:
 def orbit(camera: Camera, degrees: float, frames: int) -> list[Camera]:
     """Return cameras on an orbit about view_up through the focal point, counter-clockwise seen from above.
 
-    Parameters
-    ----------
-    camera : the completed camera of the first frame
-    degrees : total angle; full turns end one step before the first camera, so that they can be repeated
-    frames : number of cameras
+    `camera`: the completed camera of the first frame. `degrees`: total angle; full turns end one step before the first
+    camera, so that they can be repeated. `frames`: number of cameras.
     """
     steps = frames if math.remainder(degrees, TURN) == 0 else max(1, frames - 1)
     position, centre, up = (np.array(v, float) for v in (camera.position, camera.focal_point, camera.view_up))
@@ -250,9 +231,11 @@ def scenes_along(
     degrees: float | None = None,
     keys: KeyFrames | None = None,
     where: str = "path",
-    time_steps: Mapping[int, int] | None = None,
+    time_steps: Mapping[str, int] | None = None,
 ) -> list[Scene]:
     """Return the scenes of all frames, at equal time steps from the first to the last key frame.
+
+    Raises SceneError: key frames are incompatible, or an interpolated camera is degenerate.
 
     Parameters
     ----------
@@ -261,7 +244,7 @@ def scenes_along(
     degrees : total angle of an orbit; None for no orbit
     keys : key frames; without camera key frames if there is an orbit
     where : the file named in errors
-    time_steps : number of time steps of each volume that shows all of them, by its number; they last equally long
+    time_steps : number of time steps of each volume that shows all of them, by its key; they last equally long
 
     Raises
     ------
@@ -273,21 +256,20 @@ def scenes_along(
         raise SceneError("camera keys and an orbit", where=where, allowed="one of them")
     cameras = orbit(scene.camera, degrees or 0.0, frames)
     begin, end = keys.times
-    scenes = []
+    scenes, sampled = [], scene.drawn_as("samples")
     for number, camera in enumerate(cameras):
         time = begin + (end - begin) * number / max(1, frames - 1)
         update: dict[str, Any] = {"camera": camera}
         if keys.camera:
             update["camera"] = _camera_at(scene.camera, keys.camera, time, f"{where}: frame {number}")
-        changes = [
-            {"time": number * time_steps[n] // frames} if time_steps and n in time_steps else {}
-            for n in range(len(scene.volumes))
-        ]
-        if keys.transfer and scene.volumes:
-            changes[0] |= _transfer_at(scene, keys.transfer, time, where)
-        pairs = zip(scene.volumes, changes, strict=True)
-        update["volumes"] = tuple(volume.model_copy(update=each) if each else volume for volume, each in pairs)
-        scenes.append(scene.model_copy(update=update))
+        changes: dict[str, dict[str, Any]] = {
+            key: {"time": number * steps // frames} for key, steps in (time_steps or {}).items()
+        }
+        if keys.transfer and sampled:
+            first, volume = next(iter(sampled.items()))
+            changes[first] = changes.get(first, {}) | _transfer_at(volume, keys.transfer, time, where)
+        changed = {key: sampled[key].model_copy(update=each) for key, each in changes.items()}
+        scenes.append(scene.model_copy(update=update).with_entries(changed))
     return scenes
 
 
@@ -314,9 +296,9 @@ def _camera_at(base: Camera, keys: Sequence[CameraKeyFrame], time: float, where:
         raise scene_error(error, where) from None
 
 
-def _transfer_at(scene: Scene, keys: Sequence[TransferKeyFrame], time: float, where: str) -> dict[str, Any]:
+def _transfer_at(volume: Volume, keys: Sequence[TransferKeyFrame], time: float, where: str) -> dict[str, Any]:
     """Return the keys of the transfer function at a time; control points are interpolated one to one."""
-    times, volume = np.array([key.time for key in keys]), scene.volumes[0]
+    times = np.array([key.time for key in keys])
     found: dict[str, Any] = {}
     for name in ("cmap", "clim", "opacity"):
         given = [getattr(key, name) for key in keys]
@@ -327,7 +309,6 @@ def _transfer_at(scene: Scene, keys: Sequence[TransferKeyFrame], time: float, wh
 
 
 def _between(times: Floats, each: Sequence[Any], time: float, where: str) -> Any:
-    """Interpolate numbers and control points between key frames; names must be the same in all."""
     if all(value == each[0] for value in each):
         return each[0]
     shapes = {np.shape(value) if not isinstance(value, str) else value for value in each}

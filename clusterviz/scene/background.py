@@ -13,18 +13,8 @@ ALLOWED = "a CSS colour name, #rrggbb, [r, g, b] in 0..1, or transparent"
 def background_rgb(background: str | RGB) -> RGB | None:
     """Return the RGB components of a background colour.
 
-    Parameters
-    ----------
-    background : `ImageSettings.background`
-
-    Returns
-    -------
-    rgb : components in [0, 1]; None for transparent
-
-    Raises
-    ------
-    InvalidValueError
-        The colour is unknown or half transparent.
+    `background`: `ImageSettings.background`. Returns components in [0, 1]; None for transparent. Raises
+    InvalidValueError: the colour is unknown or half transparent.
     """
     if not isinstance(background, str):
         return background

@@ -17,38 +17,27 @@ Skip = Literal["nothing", "transparent", "transparent below", "transparent above
 
 @dataclass(frozen=True)
 class BlendModeTraits:
-    """What is known of a blend mode before any scene.
+    """What is known of a blend mode before any scene."""
 
-    Attributes
-    ----------
-    pixel : what a pixel shows, in one line of the documentation
-    shader : file in `shaders/` that blends samples, behind those that it needs
-    operator : merge operator of partial images, see `image/merge.py`
-    resolve : how merged pixels become colours, see `render/render_result.py`
-    skip : samples that change no pixel. "transparent": those of opacity 0; "transparent below" and "transparent above":
-        those below, or above, which all opacities are 0; "below threshold": those below the key `threshold`;
-        "all": samples, but not isosurfaces
-    constants : GLSL declarations for the shader
-    surfaces : isosurfaces are "refused", "allowed" among the samples, or "required"
-    absorbs : opacity accumulates with the length of the ray, so it can be pre-integrated, depend on the gradient, and
-        be sampled by an adaptive step
-    lit : samples and surfaces can be shaded by the gradient
-    threshold : the mode uses the key `threshold`
-    spectral : the mode uses the key `optics` in place of a transfer function, and is drawn for each wavelength
-    shows_transparent : transparent parts of a volume change the picture, so the automatic camera shows all of it
-    """
-
-    pixel: str
-    shader: str | tuple[str, ...]
-    operator: Operator = "over"
-    resolve: Resolve = "none"
+    pixel: str  # what a pixel shows, in one line of the documentation
+    shader: str | tuple[str, ...]  # file in `shaders/` that blends samples, behind those that it needs
+    operator: Operator = "over"  # merge operator of partial images, see `image/merge.py`
+    resolve: Resolve = "none"  # how merged pixels become colours, see `render/render_result.py`
+    # samples that change no pixel. "transparent": those of opacity 0; "transparent below" and "transparent above":
+    # those below, or above, which all opacities are 0; "below threshold": those below the key `threshold`; "all":
+    # samples, but not isosurfaces
     skip: Skip = "nothing"
-    constants: tuple[str, ...] = ()
+    constants: tuple[str, ...] = ()  # GLSL declarations for the shader
+    # isosurfaces are "refused", "allowed" among the samples, or "required"
     surfaces: Literal["refused", "allowed", "required"] = "refused"
+    # opacity accumulates with the length of the ray, so it can be pre-integrated, depend on the gradient, and be
+    # sampled by an adaptive step
     absorbs: bool = False
-    lit: bool = False
-    threshold: bool = False
+    lit: bool = False  # samples and surfaces can be shaded by the gradient
+    threshold: bool = False  # the mode uses the key `threshold`
+    # the mode uses the key `optics` in place of a transfer function, and is drawn for each wavelength
     spectral: bool = False
+    # transparent parts of a volume change the picture, so the automatic camera shows all of it
     shows_transparent: bool = False
 
     @property
@@ -73,12 +62,7 @@ Blending = Literal[
 """Names of the table, for type checkers."""
 BLEND_MODES: dict[Blending, BlendModeTraits] = {
     "composite": BlendModeTraits(
-        "emission and absorption",
-        "composite.glsl",
-        skip="transparent",
-        surfaces="allowed",
-        absorbs=True,
-        lit=True,
+        "emission and absorption", "composite.glsl", skip="transparent", surfaces="allowed", absorbs=True, lit=True
     ),
     "maximum": BlendModeTraits(
         "colour and opacity of the largest scalar",
@@ -126,11 +110,7 @@ BLEND_MODES: dict[Blending, BlendModeTraits] = {
         threshold=True,
     ),
     "isosurface": BlendModeTraits(
-        "the surfaces of isosurfaces",
-        "composite.glsl",
-        skip="all",
-        surfaces="required",
-        lit=True,
+        "the surfaces of isosurfaces", "composite.glsl", skip="all", surfaces="required", lit=True
     ),
     "two-flux": BlendModeTraits(
         "light that optics scatter and absorb, at each wavelength",

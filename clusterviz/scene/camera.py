@@ -19,17 +19,7 @@ from clusterviz.scene.checks import InvalidValueError, to_builtin
 from clusterviz.scene.field_types import FINITE, NotNegative, Number, Positive, Section, Vector
 
 View = Literal[
-    "iso",
-    "front",
-    "back",
-    "left",
-    "right",
-    "top",
-    "bottom",
-    "anterior",
-    "posterior",
-    "superior",
-    "inferior",
+    "iso", "front", "back", "left", "right", "top", "bottom", "anterior", "posterior", "superior", "inferior"
 ]
 PARALLEL = 1e-6
 """Sine of the angle below which `view_up` counts as parallel to the direction of view."""
@@ -109,8 +99,7 @@ class Camera(Section):
     )
     elevation: Number = Field(default=0.0, description="Rotation of the eye upwards, degrees; as in VTK.")
     roll: Number = Field(
-        default=0.0,
-        description="Clockwise rotation of the camera about the direction of view, degrees; as in VTK.",
+        default=0.0, description="Clockwise rotation of the camera about the direction of view, degrees; as in VTK."
     )
     zoom: Positive = Field(default=1.0, description="Magnification by a narrower view angle.")
     fit: Annotated[bool, Field(strict=True)] | Literal["orbit"] | None = Field(
@@ -193,6 +182,9 @@ def fitted_camera(
 ) -> Camera:
     """Return a camera with position, focal point and view_up; values that are set are kept.
 
+    Returns a non-degenerate camera without named view, rotations, zoom or fit. Raises SceneError: the given values are
+    degenerate, such as a view_up along the direction of view.
+
     Parameters
     ----------
     camera : the camera of a scene file
@@ -202,15 +194,6 @@ def fitted_camera(
     orientation : anatomical directions of x, y and z of the world, such as "RAS"; "" if unknown
     margin : around the points, as a share of half the picture's sides
     axes : directions of x, y and z for data without an orientation, such as "RSA" where y is up
-
-    Returns
-    -------
-    camera : a non-degenerate camera without named view, rotations, zoom or fit
-
-    Raises
-    ------
-    SceneError
-        The given values are degenerate, such as a view_up along the direction of view.
     """
     if is_completed(camera):
         return camera
@@ -257,10 +240,7 @@ WORDS = ("view", "azimuth", "elevation", "roll", "zoom", "fit")
 def camera_vectors(camera: Camera) -> tuple[Vector, Vector, Vector]:
     """Return position, focal point and view_up of a completed camera.
 
-    Raises
-    ------
-    ValueError
-        The camera is not completed.
+    Raises ValueError: the camera is not completed.
     """
     if camera.position is None or camera.focal_point is None or camera.view_up is None:
         raise ValueError("a view needs a completed camera; call complete_scene first")
@@ -277,10 +257,7 @@ def camera_axes(position: Vector, focal_point: Vector, view_up: Vector) -> tuple
 def project_points(camera: Camera, points: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
     """Project points to pixels of a completed camera.
 
-    Parameters
-    ----------
-    points : float64 (n, 3), world
-    size : width and height of the picture, pixels
+    `points`: float64 (n, 3), world; `size`: width and height of the picture, pixels.
 
     Returns
     -------
@@ -330,7 +307,6 @@ def is_completed(camera: Camera) -> bool:
 
 
 def _named_direction(camera: Camera, orientation: str, axes: str) -> tuple[Vector, Vector | None]:
-    """Return the direction to the eye for `view`, and its view_up."""
     letters = orientation or axes
 
     def axis(letter: str) -> Floats:
@@ -369,7 +345,6 @@ def _apply_rotations(camera: Camera, position: Vector, focal_point: Vector, up: 
 
 
 def _rotated(vector: Floats, axis: Floats, degrees: float) -> Floats:
-    """Return a vector rotated about a unit axis by Rodrigues' formula."""
     angle = math.radians(degrees)
     turned: Floats = vector * math.cos(angle) + np.cross(axis, vector) * math.sin(angle)
     return turned + axis * (axis @ vector) * (1 - math.cos(angle))
@@ -389,7 +364,6 @@ def _view_coordinates(
 def _view_angle_for(
     position: Vector, focal_point: Vector, view_up: Vector | None, corners: Floats, size: tuple[int, int]
 ) -> float:
-    """Return the vertical view angle, degrees, at which all corners are seen from a position."""
     _, up = _apply_rotations(Camera(), position, focal_point, view_up)
     ahead, aside = _view_coordinates(position, focal_point, position, up, corners)
     if (ahead <= 0).any():

@@ -2,15 +2,15 @@
 
 The range of a preset is mapped to the range of the data (`clim`), as in ParaView.
 
-References
-----------
-K. Moreland, "Diverging Color Maps for Scientific Visualization", ISVC 2009: Msh space and the interpolation through
-white (section 5). CIE 1976 L*a*b* with the D65 white point and the sRGB transfer curve, as in VTK's vtkMath.
+Reference: K. Moreland, "Diverging Color Maps for Scientific Visualization", ISVC 2009: Msh space and the interpolation
+through white (section 5). CIE 1976 L*a*b* with the D65 white point and the sRGB transfer curve, as in VTK's vtkMath.
 """
 
 from __future__ import annotations
 
+import colorsys
 import json
+import logging
 from collections.abc import Sequence
 from difflib import get_close_matches
 from functools import cache
@@ -35,21 +35,12 @@ MIN_SEGMENTS = 256
 def read_preset(path: str, *, where: str = "cmap") -> tuple[Floats, Floats, tuple[tuple[float, float], ...] | None]:
     """Read a preset, over [0, 1].
 
-    Parameters
-    ----------
-    path : the file; its first preset is read
-    where : the file and key named in errors
+    Raises SceneError: the file is not a preset, or uses an unsupported colour space, midpoints or a logarithmic scale.
 
-    Returns
-    -------
-    places : float64 (n,), ascending from 0 to 1
-    colours : float64 (n, 3), straight RGB, linear between the places
-    opacity : ((place, opacity), …), or None if the preset has none
+    Returns `places`, float64 (n,), ascending from 0 to 1; `colours`, float64 (n, 3), straight RGB, linear between the
+    places; `opacity`, ((place, opacity), …), or None if the preset has none.
 
-    Raises
-    ------
-    SceneError
-        The file is not a preset, or uses an unsupported colour space, midpoints or a logarithmic scale.
+    `path`: the file; its first preset is read. `where`: the file and key named in errors.
     """
     with guard(SceneError, f"{where}: {path}"):
         return _read(_load(path, where), path, where)
@@ -124,16 +115,9 @@ def _opacity(preset: dict[str, Any], low: float, width: float, where: str) -> tu
 def interpolate_colours(space: str, first: Floats, second: Floats, share: Floats, wrap: bool = True) -> Floats:
     """Interpolate between two colours in a colour space.
 
-    Parameters
-    ----------
-    space : one of `SPACES`
-    first, second : float64 (3,), straight RGB
-    share : float64 (n,), 0 for the first colour, 1 for the second
-    wrap : HSV only: interpolate hues along the shorter arc
-
-    Returns
-    -------
-    rgb : float64 (n, 3), straight RGB; outside [0, 1] for colours outside the gamut
+    `space`: one of `SPACES`; `first`, `second`: float64 (3,), straight RGB; `share`: float64 (n,), 0 for the first
+    colour, 1 for the second; `wrap`: HSV only: interpolate hues along the shorter arc. Returns float64 (n, 3), straight
+    RGB; outside [0, 1] for colours outside the gamut.
     """
     if space == "Step":  # as in VTK, a segment has the colour of its right end
         return np.broadcast_to(second, (len(share), 3)).copy()
@@ -182,8 +166,6 @@ def _mix(first: Floats, second: Floats, share: Floats) -> Floats:
 
 
 def _between_hsv(first: Floats, second: Floats, share: Floats, wrap: bool) -> Floats:
-    import colorsys
-
     a, b = np.array(colorsys.rgb_to_hsv(*first)), np.array(colorsys.rgb_to_hsv(*second))
     if wrap and abs(a[0] - b[0]) > 0.5:
         (a if a[0] > b[0] else b)[0] -= 1
@@ -228,6 +210,8 @@ MIN_FLAT_ENTRIES = 512
 def colour_points(cmap: str | Sequence[Sequence[float]], clim: tuple[float, float], *, where: str = "cmap") -> Colours:
     """Return the control points of a scene's colour map.
 
+    Raises SceneError: the colour map is unknown, or the preset cannot be read.
+
     Parameters
     ----------
     cmap : a name, the path of a ParaView preset (.json), ((r, g, b), …) evenly over clim, or ((value, r, g, b), …)
@@ -239,11 +223,6 @@ def colour_points(cmap: str | Sequence[Sequence[float]], clim: tuple[float, floa
     -------
     values : float64 (n,), ascending; a repeated value is a step
     colours : float64 (n, 3), straight RGB in [0, 1], linear between the values
-
-    Raises
-    ------
-    SceneError
-        The colour map is unknown, or the preset cannot be read.
     """
     if not isinstance(cmap, str):
         table = np.asarray(cmap, np.float64)
@@ -265,10 +244,7 @@ def follows_clim(cmap: str | Sequence[Sequence[float]]) -> bool:
 def named_colour_points(name: str, *, where: str = "cmap") -> Colours:
     """Return the control points of a named map of the `cmap` package over [0, 1]; matplotlib's maps take precedence.
 
-    Raises
-    ------
-    SceneError
-        The name is unknown.
+    Raises SceneError: the name is unknown.
     """
     stem = name.removesuffix("_r")
     found = _named(stem)
@@ -292,14 +268,8 @@ def map_names() -> dict[str, tuple[str, str]]:
 def scene_cmap(colormap: Any) -> str | list[list[float]]:
     """Return a matplotlib or `cmap` colour map in the form that scenes use.
 
-    Parameters
-    ----------
-    colormap : a matplotlib.colors.Colormap or a cmap.Colormap
-
-    Returns
-    -------
-    cmap : its name if the scene's map of this name differs by less than 1/255 everywhere, else colours
-        [[r, g, b], …] at equal distances; flat colours are repeated
+    `colormap`: a matplotlib.colors.Colormap or a cmap.Colormap. Returns its name if the scene's map of this name
+    differs by less than 1/255 everywhere, else colours [[r, g, b], …] at equal distances; flat colours are repeated.
     """
     theirs = hasattr(colormap, "color_stops")
     count = 256 if theirs else int(colormap.N)
@@ -321,7 +291,6 @@ def scene_cmap(colormap: Any) -> str | list[list[float]]:
 
 @cache
 def _named(name: str) -> Any:
-    """Return the map of the `cmap` package with a name, or None."""
     for candidate in (f"matplotlib:{name}", name):
         try:
             return _cmap_package().Colormap(candidate)
@@ -332,8 +301,6 @@ def _named(name: str) -> Any:
 
 def _cmap_package() -> Any:
     """Import the `cmap` package without its warnings about ambiguous names."""
-    import logging
-
     import cmap
 
     logging.getLogger("cmap").setLevel(logging.ERROR)
@@ -341,7 +308,6 @@ def _cmap_package() -> Any:
 
 
 def _control_points(colormap: Any) -> Colours:
-    """Return the control points of a map of the `cmap` package; flat colours become steps."""
     stops = np.asarray(colormap.color_stops, np.float64)
     places, colours = stops[:, 0], stops[:, 1:4]
     if colormap.interpolation == "nearest":

@@ -202,7 +202,6 @@ def _check_pixel_format(scene: Any) -> None:
 
 
 def _wanted_layers(scene: Any) -> dict[str, Any]:
-    """Return the values that need a picture's layers, by their keys."""
     found = {"image.layers": list(scene.image.layers)} if scene.image.layers else {}
     return found | {f"flows[{n}].show": flow.show for n, flow in enumerate(scene.flows) if flow.show == "surface-lic"}
 
@@ -324,5 +323,4 @@ CHECKS: tuple[Callable[[Any], None], ...] = (
 
 
 def _names(chosen: Iterable[bool]) -> str:
-    """Return the names of the chosen blend modes."""
     return " or ".join(compress(BLEND_MODES, chosen))

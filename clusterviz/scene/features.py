@@ -43,23 +43,13 @@ SECTION: dict[Content, str] = {
 
 @dataclass(frozen=True)
 class Feature:
-    """Feature and its picture.
-
-    Attributes
-    ----------
-    name : for users
-    content : of the picture
-    keys : by their full paths without numbers; a scene uses the feature if it has the same in any section of the name,
-        or, of what is neither a text nor a flag, anything at all; `...` is a key that the content sets
-    bound : largest error of the picture that is right
-    more : keys of the picture alone
-    """
-
-    name: str
-    content: Content = "volume"
+    name: str  # for users
+    content: Content = "volume"  # of the picture
+    # by their full paths without numbers; a scene uses the feature if it has the same in any section of the name, or,
+    # of what is neither a text nor a flag, anything at all; `...` is a key that the content sets
     keys: Mapping[str, Any] = field(default_factory=dict)
-    bound: float = 1e-5
-    more: Mapping[str, Any] = field(default_factory=dict)
+    bound: float = 1e-5  # largest error of the picture that is right
+    more: Mapping[str, Any] = field(default_factory=dict)  # keys of the picture alone
 
     def is_used(self, scene: Scene, has_invalid: bool) -> bool:
         """Return whether a completed scene uses the feature; `has_invalid`: some of its voxels are not finite."""
@@ -135,7 +125,6 @@ def features_of(scene: Scene, has_invalid: bool) -> list[str]:
 
 
 def _values(value: Any, path: Sequence[str]) -> Iterator[Any]:
-    """Yield what is at a path of keys; a list without a number stands for each of its items."""
     if isinstance(value, tuple) and path and not path[0].isdecimal():
         for item in value:
             yield from _values(item, path)

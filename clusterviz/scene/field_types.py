@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable
 from inspect import Parameter, Signature
 from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -124,7 +124,6 @@ else:
         """Metaclass of sections: validation raises a `SceneError`, and `dir` lists keys only."""
 
         def __call__(cls, *args: Any, **values: Any) -> Any:
-            """Return a section with the given values."""
             try:
                 return super().__call__(*args, **values)
             except ValidationError as error:
@@ -162,18 +161,6 @@ class Section(_Model):
     """Base class of scene sections: frozen, unknown keys are refused, former names of keys are read."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    of_flow: ClassVar[bool] = False
-    """Whether the section is what a flow becomes; such sections are not written to files."""
-
-    @property
-    def shown_array(self) -> str | None:
-        """Name of the array that an entry of content shows, if it names one."""
-        return getattr(self, "array", None)
-
-    @property
-    def has_one_colour(self) -> bool:
-        """Whether no scalars give the colours of an entry of content."""
-        return False
 
     @model_validator(mode="before")
     @classmethod
@@ -183,3 +170,35 @@ class Section(_Model):
             return data
         known = cls.model_fields.keys() - data.keys()
         return {current_key(key) if RENAMED_KEYS.get(key) in known else key: value for key, value in data.items()}
+
+
+DrawnAs = Literal["samples", "fragments", "segments", "other content"]
+"""What a ray collects of content: samples in slabs, fragments of surfaces, or segments in cells."""
+
+
+class ContentSection(Section):
+    """Base class of the sections of content, with what the stages of a frame ask of them."""
+
+    of_flow: ClassVar[bool] = False
+    """Whether the section is what a flow becomes; such sections are not written to files."""
+    drawn_as: ClassVar[DrawnAs]
+
+    @property
+    def shown_array(self) -> str | None:
+        """Name of the array that is shown, if one is named."""
+        return getattr(self, "array", None)
+
+    @property
+    def has_one_colour(self) -> bool:
+        """Whether no scalars give the colours."""
+        return False
+
+    @property
+    def may_be_opaque(self) -> bool:
+        """Whether a ray may end at a surface of it."""
+        return False
+
+    @property
+    def objects(self) -> int:
+        """Numbers that it takes in the layer `object`."""
+        return 1

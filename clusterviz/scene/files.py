@@ -29,20 +29,11 @@ SUFFIXES = (".yaml", ".yml", ".json")
 def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = (), preset: str | None = None) -> Scene:
     """Read a scene from a YAML or JSON file.
 
-    Parameters
-    ----------
-    path : the file; JSON if the suffix is .json
-    overrides : options such as "quality.step=0.25", see `parse_overrides`
-    preset : of all volumes, in place of the keys in the file that presets choose
+    Returns it with absolute paths; paths in the file and in overrides are relative to the file's folder. Raises
+    SceneError: the file cannot be read, or holds an unknown key or an invalid value.
 
-    Returns
-    -------
-    scene : with absolute paths; paths in the file and in overrides are relative to the file's folder
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read, or holds an unknown key or an invalid value.
+    `path`: the file; JSON if the suffix is .json. `overrides`: options such as "quality.step=0.25", see
+    `parse_overrides`. `preset`: of all volumes, in place of the keys in the file that presets choose.
     """
     where = os.fspath(path)
     parsed = parse_overrides(overrides)
@@ -62,11 +53,8 @@ def scene_of_data(
 ) -> Scene:
     """Return a scene with automatic settings for one data file.
 
-    Parameters
-    ----------
-    sections : what the file holds: volumes, meshes, lines, points, grids
-    keys : of each entry of a section
-    preset : of all volumes; the default is chosen by the class of their values
+    `sections`: what the file holds: volumes, meshes, lines, points, grids. `keys`: of each entry of a section.
+    `preset`: of all volumes; the default is chosen by the class of their values.
     """
     where = os.fspath(path)
     found: dict[str, Any] = {name: [{"path": where, **each} for each in keys] for name in sections}
@@ -92,16 +80,9 @@ def _apply_preset(data: dict[str, Any], preset: str | None, replaced: Iterable[s
 def load_picture_scene(path: str | os.PathLike[str], text: str, overrides: Sequence[str] = ()) -> Scene:
     """Return the scene that a picture holds.
 
-    Parameters
-    ----------
-    path : the picture; paths in its scene are relative to its folder
-    text : the scene in the picture, YAML
-    overrides : as of `load_scene`; their paths are relative to the working folder
-
-    Raises
-    ------
-    SceneError
-        The scene is damaged, of another version of clusterviz, or an override is not valid.
+    `path`: the picture; paths in its scene are relative to its folder. `text`: the scene in the picture, YAML.
+    `overrides`: as of `load_scene`; their paths are relative to the working folder. Raises SceneError: the scene is
+    damaged, of another version of clusterviz, or an override is not valid.
     """
     where = f"{os.fspath(path)}: scene"
     with guard(SceneError, where):
@@ -121,9 +102,7 @@ def dump_scene(scene: Scene) -> str:
 def public_data(scene: Scene, exclude: AbstractSet[str] = frozenset()) -> dict[str, Any]:
     """Return a scene as JSON values that are kept or shown, without the secrets of addresses.
 
-    Parameters
-    ----------
-    exclude : sections that are left out
+    `exclude`: sections that are left out.
     """
     return change_paths(scene.model_dump(mode="json", exclude=set(exclude)), public_address)
 
@@ -161,7 +140,6 @@ def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _sections(data: Any, where: str) -> dict[str, Any]:
-    """Return the sections of a scene without those that are empty."""
     allowed = f"the sections {', '.join(Scene.model_fields)}; a scene with nothing in it is volumes: []"
     if data is None:
         raise SceneError("the scene file is empty", where=where, allowed=allowed)
@@ -212,15 +190,8 @@ def _is_path(key: str, text: str) -> bool:
 def check_scene(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]) -> Scene:
     """Return the scene of raw data, whose colour maps and tables are there.
 
-    Parameters
-    ----------
-    where : the scene file, or another name of the scene
-    options : key path -> text of the option that set it
-
-    Raises
-    ------
-    SceneError
-        A key is unknown, or a value invalid.
+    `where`: the scene file, or another name of the scene; `options`: key path -> text of the option that set it. Raises
+    SceneError: a key is unknown, or a value invalid.
     """
     try:
         scene = Scene.model_validate(data)
@@ -231,8 +202,7 @@ def check_scene(data: dict[str, Any], where: str, options: Mapping[KeyPath, str]
             if isinstance(entry.cmap, str):
                 place = options.get((name, index, "cmap"), where)
                 colour_points(entry.cmap, (0.0, 1.0), where=f"{place}: {name}[{index}].cmap")
-    for index, volume in enumerate(scene.volumes):
-        if volume.transfer_2d is not None:
-            place = options.get(("volumes", index, "transfer_2d", "path"), where)
-            read_table(volume.transfer_2d.path, where=f"{place}: volumes[{index}].transfer_2d.path")
+            if (table := getattr(entry, "transfer_2d", None)) is not None:
+                place = options.get((name, index, "transfer_2d", "path"), where)
+                read_table(table.path, where=f"{place}: {name}[{index}].transfer_2d.path")
     return scene

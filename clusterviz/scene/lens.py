@@ -8,10 +8,8 @@ circle of confusion. Seen from the point p of the lens, of radius 1, it lies p Â
 on the plane one world unit in front of the eye: negative in front of the plane in focus, positive behind it, where r
 is at most aperture / F.
 
-References
-----------
-P. Haeberli, K. Akeley: The accumulation buffer: hardware support for high-quality rendering, SIGGRAPH 1990, 4.
-P. Shirley, K. Chiu: A low distortion map between disk and square, Journal of Graphics Tools 2(3), 1997.
+Reference: P. Haeberli, K. Akeley: The accumulation buffer: hardware support for high-quality rendering, SIGGRAPH 1990,
+4. P. Shirley, K. Chiu: A low distortion map between disk and square, Journal of Graphics Tools 2(3), 1997.
 """
 
 from __future__ import annotations

@@ -34,32 +34,17 @@ from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
 
 @dataclass(frozen=True)
 class Override:
-    """Override of one key.
-
-    Attributes
-    ----------
-    key : full path, or a path that begins with a last name
-    value : the new value
-    option : the text of the option, for errors
-    """
-
-    key: KeyPath
-    value: Any
-    option: str
+    key: KeyPath  # full path, or a path that begins with a last name
+    value: Any  # the new value
+    option: str  # the text of the option, for errors
 
 
 def parse_overrides(options: Sequence[str]) -> tuple[Override, ...]:
     """Parse options of the form "key=value".
 
-    Parameters
-    ----------
-    options : "key=value"; the key is a path with dots and list indices (volumes.0.clim or volumes[0].clim), or a last
-        name (clim); the value is YAML
-
-    Raises
-    ------
-    SceneError
-        An option lacks "=", its key is unknown, or its value is not YAML.
+    `options`: "key=value"; the key is a path with dots and list indices (volumes.0.clim or volumes[0].clim), or a last
+    name (clim); the value is YAML. Raises SceneError: an option lacks "=", its key is unknown, or its value is not
+    YAML.
     """
     return tuple(_parse(option) for option in options)
 
@@ -67,15 +52,8 @@ def parse_overrides(options: Sequence[str]) -> tuple[Override, ...]:
 def apply_overrides(data: dict[str, Any], overrides: Sequence[Override]) -> tuple[dict[str, Any], dict[KeyPath, str]]:
     """Apply overrides to a copy of raw scene data; later overrides take precedence.
 
-    Returns
-    -------
-    data : the copy
-    options : full key path -> text of the option that set it
-
-    Raises
-    ------
-    SceneError
-        A last name is ambiguous in this scene, or a list index is out of range.
+    Returns `data`, the copy; `options`, full key path -> text of the option that set it. Raises SceneError: a last name
+    is ambiguous in this scene, or a list index is out of range.
     """
     data, options = copy.deepcopy(data), {}
     for override in overrides:
@@ -88,14 +66,8 @@ def apply_overrides(data: dict[str, Any], overrides: Sequence[Override]) -> tupl
 def apply_changes(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Set keys in a copy of raw scene data.
 
-    Parameters
-    ----------
-    changes : new values by full paths ("volumes.0.clim", "lights"); None removes the key, or the item of a list
-
-    Raises
-    ------
-    SceneError
-        A key is unknown, or no full path.
+    `changes`: new values by full paths ("volumes.0.clim", "lights"); None removes the key, or the item of a list.
+    Raises SceneError: a key is unknown, or no full path.
     """
     overrides = [Override(_full_path(name), value, name) for name, value in changes.items()]
     data, _ = apply_overrides(data, [each for each in overrides if each.value is not None])
@@ -115,7 +87,6 @@ def _full_path(name: str) -> KeyPath:
 
 
 def _remove(data: Any, key: KeyPath) -> None:
-    """Remove a key or an item from raw scene data, if it is there."""
     for part in key[:-1]:
         is_there = isinstance(part, int) and isinstance(data, list) and part < len(data)
         data = data.get(part) if isinstance(data, dict) else data[part] if is_there else None
@@ -127,13 +98,7 @@ def _remove(data: Any, key: KeyPath) -> None:
 
 
 def parse_key(name: str, where: str) -> KeyPath:
-    """Split a key such as volumes[0].clim or clim into its parts.
-
-    Raises
-    ------
-    SceneError
-        The key is unknown.
-    """
+    """Split a key such as volumes[0].clim or clim into its parts. Raises SceneError: the key is unknown."""
     parts = re.sub(r"\[(\d+)\]", r".\1", name.strip()).split(".")
     key: KeyPath = tuple(int(part) if part.isascii() and part.isdigit() else current_key(part) for part in parts)
     if not any(key[0] in section.model_fields for _, section in _sections({}, all_of_them=True)):
@@ -184,7 +149,6 @@ def _sections(data: dict[str, Any], *, all_of_them: bool = False) -> Iterator[tu
 
 
 def _resolve(data: dict[str, Any], override: Override) -> KeyPath:
-    """Return the full path of an override's key."""
     name, *items = override.key
     if name in Scene.model_fields:
         return override.key
@@ -219,17 +183,14 @@ def _assign(data: dict[str, Any], key: KeyPath, override: Override) -> None:
 def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
     """Return a copy of a scene with other values of some keys.
 
+    Raises SceneError: a key is unknown or ambiguous, or a value is invalid.
+
     Parameters
     ----------
     scene : the scene; it needs a volume if a key of volumes is set
     settings : values by last names of keys (of a volume, the first one's), by full paths ("volumes.1.clim") or by
         sections (camera, lights); a section is a dict or a value such as Camera(...); NumPy scalars and arrays are
         accepted
-
-    Raises
-    ------
-    SceneError
-        A key is unknown or ambiguous, or a value is invalid.
     """
     if not settings:
         return scene

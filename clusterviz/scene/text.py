@@ -23,15 +23,12 @@ MAX_COMMENT = 80
 def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
     """Return a scene as YAML with a comment for each key; `load_scene` reads it back as an equal scene.
 
-    Parameters
-    ----------
-    scene : keys that are null or empty are left out
-    notes : lines of the file's leading comment
+    `scene`: keys that are null or empty are left out; `notes`: lines of the file's leading comment.
     """
     lines = [f"# {without_secrets(' '.join(note.splitlines()))}" for note in notes]
     for name in Scene.model_fields:
         value = getattr(scene, name)
-        own = [item for item in value if not item.of_flow] if isinstance(value, tuple) else []
+        own = [item for item in value if not getattr(item, "of_flow", False)] if isinstance(value, tuple) else []
         items = [_key_lines(item, "    ") for item in own]
         if items:
             lines.append(f"{name}:")
@@ -47,9 +44,7 @@ def commented_scene(scene: Scene, notes: Sequence[str] = ()) -> str:
 def picture_metadata(scene: Scene, folder: Path) -> str:
     """Return the YAML text embedded in a picture: all sections but `cluster`, on which pictures do not depend.
 
-    Parameters
-    ----------
-    folder : of the picture, absolute; see `portable_path`
+    `folder`: of the picture, absolute; see `portable_path`.
     """
     data = public_data(scene, {"cluster"})
     return write_yaml(change_paths(data, lambda path: portable_path(path, folder)))

@@ -1,9 +1,8 @@
 """Transfer functions: colour and opacity of a scalar.
 
-References
-----------
-PyVista, `opacity_transfer_function`: each preset is a table of 256 bytes, rounded towards zero, at equal distances over
-the scalar range. The rounding makes the tail of a sigmoid exactly transparent, so that bricks can be skipped.
+Reference: PyVista, `opacity_transfer_function`: each preset is a table of 256 bytes, rounded towards zero, at equal
+distances over the scalar range. The rounding makes the tail of a sigmoid exactly transparent, so that bricks can be
+skipped.
 """
 
 from __future__ import annotations
@@ -28,14 +27,8 @@ PRESET_NAMES = (
 def preset_points(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the control points of a preset over [0, 1].
 
-    Parameters
-    ----------
-    name : one of `PRESETS`
-
-    Returns
-    -------
-    places : float64 (n,), ascending from 0 to 1
-    opacities : float64 (n,), in [0, 1]
+    `name`: one of `PRESETS`. Returns `places`, float64 (n,), ascending from 0 to 1; `opacities`, float64 (n,), in [0,
+    1].
     """
     places = np.linspace(0.0, 1.0, ENTRIES)
     opacities = _preset_table(name.removesuffix("_r")) / 255.0
@@ -50,15 +43,9 @@ def opacity_points(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the control points of a scene's opacity in data values.
 
-    Parameters
-    ----------
-    opacity : a number in [0, 1], a name in `PRESETS`, or ((value, opacity), …) sorted by value
-    clim : (low, high), data values, the range of presets
-
-    Returns
-    -------
-    values : float64 (m,), m >= 1, ascending
-    opacities : float64 (m,), in [0, 1]
+    `opacity`: a number in [0, 1], a name in `PRESETS`, or ((value, opacity), …) sorted by value; `clim`: (low, high),
+    data values, the range of presets. Returns `values`, float64 (m,), m >= 1, ascending; `opacities`, float64 (m,), in
+    [0, 1].
     """
     if isinstance(opacity, str):
         places, opacities = preset_points(opacity)
@@ -106,22 +93,14 @@ class TransferFunction:
     """Piecewise-linear colour and opacity of a scalar, constant beyond the first and last control point.
 
     A repeated value is a step; at exactly that scalar the later control point applies. NaN has colour 0 and opacity 0.
-
-    Attributes
-    ----------
-    colour_values : float64 (n,), ascending, n >= 1
-    colours : float64 (n, 3), straight RGB in [0, 1]
-    opacity_values : float64 (m,), ascending, m >= 1
-    opacities : float64 (m,), over `unit_distance`, in [0, 1]
-    unit_distance : world units, more than 0
-    domain : (low, high), low < high: `clim` of the volume, or a range around it if both ends are equal
     """
 
-    colour_values: Floats
-    colours: Floats
-    opacity_values: Floats
-    opacities: Floats
-    unit_distance: float
+    colour_values: Floats  # float64 (n,), ascending, n >= 1
+    colours: Floats  # float64 (n, 3), straight RGB in [0, 1]
+    opacity_values: Floats  # float64 (m,), ascending, m >= 1
+    opacities: Floats  # float64 (m,), over `unit_distance`, in [0, 1]
+    unit_distance: float  # world units, more than 0
+    # (low, high), low < high: `clim` of the volume, or a range around it if both ends are equal
     domain: tuple[float, float]
 
     def __post_init__(self) -> None:
@@ -152,13 +131,8 @@ class TransferFunction:
     def is_transparent(self, low: ArrayLike, high: ArrayLike) -> NDArray[np.bool_]:
         """Return whether opacity is exactly 0 for all scalars of closed intervals.
 
-        Parameters
-        ----------
-        low, high : (…), the ends of the intervals; an empty interval (low > high) is transparent
-
-        Returns
-        -------
-        transparent : bool (…); False where an end is NaN
+        `low`, `high`: (…), the ends of the intervals; an empty interval (low > high) is transparent. Returns bool (…);
+        False where an end is NaN.
         """
         low, high = np.broadcast_arrays(np.asarray(low, np.float64), np.asarray(high, np.float64))
         visible = np.concatenate([[0], np.cumsum(self.opacities != 0)])
@@ -173,11 +147,7 @@ class TransferFunction:
 def interpolate(s: ArrayLike, values: Floats, results: Floats) -> Floats:
     """Interpolate linearly in float64, without overflow of differences.
 
-    Parameters
-    ----------
-    s : (…)
-    values : float64 (n,), ascending
-    results : float64 (n, k)
+    `s`: (…); `values`: float64 (n,), ascending; `results`: float64 (n, k).
 
     Returns
     -------

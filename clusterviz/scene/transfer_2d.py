@@ -44,26 +44,17 @@ class MadeTable(Transfer2d):
     """Table that is made of other keys, not read from a file."""
 
     def table(self) -> TransferTable:
-        """Return the table."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
 class TransferTable:
-    """Table of a two-dimensional transfer function with its ranges.
+    """Table of a two-dimensional transfer function with its ranges."""
 
-    Attributes
-    ----------
-    opacities : float64 (m, v), over one opacity unit distance
-    colours : float64 (m, v, 3), straight RGB; None if the colour map applies
-    values : data values of the first and last column
-    magnitudes : gradient magnitudes of the first and last row, data values per world unit
-    """
-
-    opacities: Floats
-    colours: Floats | None
-    values: tuple[float, float]
-    magnitudes: tuple[float, float]
+    opacities: Floats  # float64 (m, v), over one opacity unit distance
+    colours: Floats | None  # float64 (m, v, 3), straight RGB; None if the colour map applies
+    values: tuple[float, float]  # data values of the first and last column
+    magnitudes: tuple[float, float]  # gradient magnitudes of the first and last row, data values per world unit
 
     @property
     def max_opacity_points(self) -> tuple[Floats, Floats]:
@@ -76,12 +67,7 @@ class TransferTable:
 def load_table(settings: Transfer2d, *, where: str = "transfer_2d") -> TransferTable:
     """Return the table of a completed volume.
 
-    Raises
-    ------
-    SceneError
-        The file cannot be read, or is not a table.
-    ValueError
-        The volume is not completed.
+    Raises SceneError: the file cannot be read, or is not a table. Raises ValueError: the volume is not completed.
     """
     if settings.values is None or settings.magnitudes is None:
         raise ValueError("a table needs a completed volume; call complete_scene first")
@@ -94,15 +80,8 @@ def load_table(settings: Transfer2d, *, where: str = "transfer_2d") -> TransferT
 def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats | None]:
     """Read opacities (m, v), and colours (m, v, 3) or None, float64.
 
-    Parameters
-    ----------
-    path : a .npy file
-    where : the file and key named in errors
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read, or is not a table.
+    `path`: a .npy file; `where`: the file and key named in errors. Raises SceneError: the file cannot be read, or is
+    not a table.
     """
     with guard(SceneError, f"{where}: {path}"):
         require_regular_file(path, SceneError, f"{where}: {path}")
@@ -124,7 +103,6 @@ def read_table(path: str, *, where: str = "transfer_2d") -> tuple[Floats, Floats
 
 @lru_cache(maxsize=2)
 def _loaded(path: str, changed: int, size: int) -> NDArray[Any]:
-    """Return the file's array; it is cached until the file changes."""
     table = np.array(np.lib.format.open_memmap(path, mode="r"))  # refuses a truncated file
     table.setflags(write=False)
     return table

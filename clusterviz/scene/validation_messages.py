@@ -57,12 +57,8 @@ def scene_error(
 ) -> SceneError:
     """Return a `SceneError` with one line for each error of a validation.
 
-    Parameters
-    ----------
-    error : pydantic's error
-    where : the scene file, or another name of the scene
-    options : key path -> text of the option that set it, which is named instead of the file
-    root : the validated section or message
+    `error`: pydantic's error; `where`: the scene file, or another name of the scene; `options`: key path -> text of the
+    option that set it, which is named instead of the file; `root`: the validated section or message.
     """
     found = {str(_error_of(details, where, options or {}, root)): None for details in error.errors()}
     lines = list(found)[:MAX_LISTED]

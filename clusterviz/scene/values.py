@@ -5,35 +5,28 @@ Keys are validated singly and per section. None means that `scene.complete` choo
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_serializer, model_validator
 
 from clusterviz.content.flow.section import FlowSection
-from clusterviz.content.geometry.section import (
-    GEOMETRY_SECTIONS,
-    GeometrySection,
-    LinesSection,
-    MeshSection,
-    PointsSection,
-)
+from clusterviz.content.geometry.section import GeometrySection, LinesSection, MeshSection, PointsSection
 from clusterviz.content.grid.section import MOST_GRIDS, GridSection
+from clusterviz.content.sections import CONTENT_SECTIONS
 from clusterviz.content.volume.section import Volume as Volume
 from clusterviz.scene.annotations import Annotations
 from clusterviz.scene.camera import Camera as Camera
-from clusterviz.scene.checks import (
-    check_attenuation,
-    check_light,
-    check_one_key,
-    to_builtin,
-)
+from clusterviz.scene.checks import check_attenuation, check_light, check_one_key, to_builtin
 from clusterviz.scene.cluster import Cluster as Cluster
 from clusterviz.scene.compatibility import check_together
 from clusterviz.scene.field_types import (
     FINITE,
     Background,
     Box,
+    ContentSection,
+    DrawnAs,
     Flag,
     Fraction,
     Normal,
@@ -203,8 +196,7 @@ class Quality(Section):
         default=0.0, description="A ray ends when the rest of it can add at most this share; 0: never."
     )
     adaptive: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(to_builtin)] = Field(
-        default=0.0,
-        description="Slabs are 2, 4 or 8 times as long if that changes no pixel by more than this; 0: off.",
+        default=0.0, description="Slabs are 2, 4 or 8 times as long if that changes no pixel by more than this; 0: off."
     )
     frame_coherence: Flag = Field(
         default=False,
@@ -289,7 +281,7 @@ class Scene(Section):
         return self
 
     @field_serializer("volumes", "lines", "points", mode="wrap")
-    def _leave_out_those_of_flows(self, entries: tuple[Section, ...], dump: Any) -> Any:
+    def _leave_out_those_of_flows(self, entries: tuple[ContentSection, ...], dump: Any) -> Any:
         return dump(tuple(each for each in entries if not each.of_flow))
 
     def _repr_png_(self) -> bytes | None:
@@ -301,7 +293,23 @@ class Scene(Section):
     @property
     def has_content(self) -> bool:
         """Whether there is anything to draw."""
-        return bool(self.volumes or self.geometry or self.grids or self.flows)
+        return bool(self.entries)
+
+    @property
+    def entries(self) -> dict[str, Any]:
+        """Sections of all content by their keys, such as meshes[0], in the order of `CONTENT_SECTIONS`."""
+        return {f"{name}[{n}]": one for name in CONTENT_SECTIONS for n, one in enumerate(getattr(self, name))}
+
+    def drawn_as(self, *how: DrawnAs) -> dict[str, Any]:
+        """Return the entries of which a ray collects samples, fragments or segments."""
+        return {key: section for key, section in self.entries.items() if section.drawn_as in how}
+
+    def with_entries(self, changed: Mapping[str, Section]) -> Scene:
+        """Return a scene with other sections of some entries."""
+        entries = self.entries | changed
+        names = {key.split("[")[0] for key in changed}
+        lists = {name: tuple(one for key, one in entries.items() if key.split("[")[0] == name) for name in names}
+        return self.model_copy(update=lists)
 
     @property
     def refracts(self) -> bool:
@@ -323,8 +331,3 @@ class Scene(Section):
     def geometry(self) -> tuple[GeometrySection, ...]:
         """Entries of meshes, lines and points, in this order."""
         return (*self.meshes, *self.lines, *self.points)
-
-    @property
-    def geometry_keys(self) -> tuple[str, ...]:
-        """Key of each entry of `geometry`, such as meshes[0]."""
-        return tuple(f"{name}[{number}]" for name in GEOMETRY_SECTIONS for number in range(len(getattr(self, name))))

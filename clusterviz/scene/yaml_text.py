@@ -82,10 +82,8 @@ for _kind in (SceneLoader, SceneDumper):
 def parse_yaml(text: str) -> Any:
     """Parse YAML text.
 
-    Raises
-    ------
-    yaml.YAMLError
-        The text is not YAML, a value does not match its tag, a key occurs twice, or the document is too large.
+    Raises yaml.YAMLError: the text is not YAML, a value does not match its tag, a key occurs twice, or the document is
+    too large.
     """
     try:
         return yaml.load(text, SceneLoader)
@@ -96,16 +94,8 @@ def parse_yaml(text: str) -> Any:
 def read_text(path: str | Path, kind: type[InputError], where: str = "") -> str:
     """Read a UTF-8 text file of at most `MAX_BYTES`.
 
-    Parameters
-    ----------
-    path : the file
-    kind : class of the error to raise
-    where : the name in errors; by default the path
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is too long, or is not UTF-8.
+    `path`: the file. `kind`: class of the error to raise. `where`: the name in errors; by default the path. Raises
+    InputError: the file cannot be read, is too long, or is not UTF-8.
     """
     where = where or str(path)
     require_regular_file(path, kind, where)

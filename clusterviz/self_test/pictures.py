@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.content.flow.section import Lic
-from clusterviz.content.geometry.bricks import part_of
+from clusterviz.content.reference_data import reference_data
+from clusterviz.content.table import entries_of
 from clusterviz.data.given import given_scene
 from clusterviz.data.vectors import VectorArray
 from clusterviz.flow.lic import LicSource, line_weights, noise_of
@@ -21,7 +22,6 @@ from clusterviz.image.pyramid.executor import apply_filter
 from clusterviz.image.pyramid.filters import ANALYSIS
 from clusterviz.jobs.device import devices_of, on_device
 from clusterviz.reference import render_reference
-from clusterviz.reference.cells import place_cells
 from clusterviz.reference.line_integral_convolution import Lines, line_integral_convolution
 from clusterviz.reference.pyramid import convolve
 from clusterviz.scene.features import Feature
@@ -36,10 +36,7 @@ FILTER = "quadratic 4 x 4"
 def drawn(feature: Feature, device: Device) -> Picture:
     """Return the picture of a feature as a device draws it, float32.
 
-    Raises
-    ------
-    ClustervizError
-        The device cannot draw it.
+    Raises ClustervizError: the device cannot draw it.
     """
     if feature.content in FIELDS:
         with on_device(devices_of(None if device is None else [device])[0]):
@@ -56,17 +53,11 @@ def expected(feature: Feature) -> Picture:
         return FIELDS[feature.content][1]()
     scene, sources = _scene(feature)
     scene, _, _ = open_content(Run(LoopbackChannel(), Options(device="cpu")), scene, sources)
-    volumes, rest = sources[: len(scene.volumes)], sources[len(scene.volumes) :]
-    grids = [each.grid for each in volumes]
-    voxels = [each.read((0, 0, 0), each.grid.shape_zyx) for each in volumes]
-    parts = [part_of(*pair) for pair in zip(scene.geometry, rest, strict=False)]
-    geometry: list[Any] = list(zip(scene.geometry, parts, strict=True))
-    cells = [place_cells(*pair) for pair in zip(scene.grids, rest[len(parts) :], strict=True)]
-    return render_reference(scene, grids, voxels, geometry=geometry, cells=cells)
+    found = reference_data(list(zip(entries_of(scene), sources, strict=True)))
+    return render_reference(scene, found.grids, found.voxels, **found.more)
 
 
 def _scene(feature: Feature) -> tuple[Scene, list[Any]]:
-    """Return the scene of a feature, and its data."""
     volumes, settings = CONTENTS[feature.content]()
     keys = {_numbered(key): value for key, value in feature.keys.items() if value is not ...}
     return given_scene(volumes or None, None, PICTURE | settings | keys | dict(feature.more), "doctor", warns=False)

@@ -10,11 +10,9 @@ It compiles the CPU variants of the shaders (`Variant.cpu`) for `render/cpu`.
 - checker.py       names and types: from syntax to the typed program
 - emitter.py       LLVM instructions on numbers that are equal for all lanes, and on vectors
 - analysis.py      costs, effects, and how statements are left
-- variables.py     masks of active lanes, and variables
-- memory.py        loads and stores in blocks and arrays
+- variables.py     masks of active lanes, variables, blocks and arrays in memory
 - expressions.py   code of expressions
-- calls.py         code of calls
-- codegen.py       code of statements
+- codegen.py       code of statements and calls
 - built_in.py      built-in functions
 - intrinsics.py    functions that CPUs do in their own way
 - look.py          looks of users: checked, and made safe

@@ -14,9 +14,7 @@ do. CLUSTERVIZ_ADVERSARY names one of `DRIVERS`; without it shaders are compiled
   result.
 - Integers divided by 0 give any number; `round` rounds halves up in one driver, to even ones in the other.
 
-References
-----------
-The OpenGL Shading Language 4.60, sections 4.7.1 (range and precision), 4.7.2 and 4.9.1 (`precise`), 5.4.1
+Reference: The OpenGL Shading Language 4.60, sections 4.7.1 (range and precision), 4.7.2 and 4.9.1 (`precise`), 5.4.1
 (conversion), 5.9 (division of integers by 0), 8.3 (`round`, `isnan`). Sine and cosine: Vulkan 1.3, appendix A,
 "Precision of GLSL.std.450 instructions".
 """
@@ -38,20 +36,12 @@ from clusterviz.spmd.variables import Parts
 
 @dataclass(frozen=True)
 class Driver:
-    """What a driver makes of its freedom.
+    """What a driver makes of its freedom."""
 
-    Attributes
-    ----------
-    nan_compares : value of every comparison with NaN
-    saturates : conversion to an integer takes the nearest one in its range, else it wraps around
-    halves_up : `round` rounds halves up, else to even numbers
-    backwards : sums of several terms, and products of several factors, begin with the last one
-    """
-
-    nan_compares: bool
-    saturates: bool
-    halves_up: bool
-    backwards: bool
+    nan_compares: bool  # value of every comparison with NaN
+    saturates: bool  # conversion to an integer takes the nearest one in its range, else it wraps around
+    halves_up: bool  # `round` rounds halves up, else to even numbers
+    backwards: bool  # sums of several terms, and products of several factors, begin with the last one
 
 
 DRIVERS = {
@@ -108,14 +98,9 @@ def _variables(node: Any) -> Iterator[Variable]:
 
 
 class AdversarialEmitter(Emitter):
-    """Emitter of an adversarial driver's code.
+    """Emitter of an adversarial driver's code."""
 
-    Attributes
-    ----------
-    is_precise : what is emitted gives a precise value
-    """
-
-    is_precise = False
+    is_precise = False  # what is emitted gives a precise value
 
     def __init__(self, name: str, lanes: int, caller: Emitter | None, driver: Driver) -> None:
         super().__init__(name, lanes, caller)

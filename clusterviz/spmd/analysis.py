@@ -63,10 +63,7 @@ def walk(*roots: Any, calls: bool = False) -> Iterator[Any]:
 def used_by(program: ir.Program) -> set[int]:
     """Return the ids of the variables that `main`, and what it calls, may use.
 
-    Raises
-    ------
-    InputError
-        There is no `main`, or a function is called that CPUs do not have.
+    Raises InputError: there is no `main`, or a function is called that CPUs do not have.
     """
     if "main" not in program.functions:
         raise program.places.error("no function main", 0)
@@ -87,9 +84,7 @@ def used_by(program: ir.Program) -> set[int]:
 class Facts:
     """Facts of statements and expressions, each found once.
 
-    Parameters
-    ----------
-    intrinsics : names of functions that do not get their code from their bodies
+    `intrinsics`: names of functions that do not get their code from their bodies.
     """
 
     def __init__(self, intrinsics: Container[str]) -> None:

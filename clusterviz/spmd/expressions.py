@@ -11,12 +11,11 @@ from clusterviz.spmd.analysis import ATOMIC, COSTLY, SEPARATE, Facts
 from clusterviz.spmd.built_in import BUILT_INS, dot, least, most
 from clusterviz.spmd.checker import OPERATORS
 from clusterviz.spmd.emitter import Part, constant
-from clusterviz.spmd.memory import Blocks
 from clusterviz.spmd.types import SAMPLERS, elements_of
-from clusterviz.spmd.variables import Cell, Parts
+from clusterviz.spmd.variables import Cell, Parts, Variables
 
 
-class Expressions(Blocks):
+class Expressions(Variables):
     """Values of expressions, and assignments."""
 
     def __init__(self, program: ir.Program, lanes: int, facts: Facts) -> None:
@@ -58,7 +57,6 @@ class Expressions(Blocks):
         raise TypeError(type(node))
 
     def _picked(self, node: ir.Expression, numbers: Sequence[int]) -> Parts:
-        """Return some of the scalars of a value, without loading the others."""
         if isinstance(node, ir.Pick):
             return self._picked(node.base, [node.numbers[n] for n in numbers])
         if isinstance(node, ir.Name):
@@ -72,7 +70,6 @@ class Expressions(Blocks):
         return [parts[n] for n in numbers]
 
     def _system(self, name: str, number: int) -> Part:
-        """Return a number of the invocation."""
         emit, offset = self.emit, {"gl_WorkGroupID": 0, "gl_NumWorkGroups": 3, "gl_LocalInvocationIndex": 6}[name]
         block = emit.new(f"load ptr, ptr {emit.new(f'getelementptr ptr, ptr %blocks, i64 {ir.SYSTEM_BLOCK}')}")
         place = emit.new(f"getelementptr i32, ptr {block}, i64 {offset + number}")
@@ -196,15 +193,9 @@ class Expressions(Blocks):
             emit.begin(end)
             return [self._load(cell) for cell in cells]
         for one, taken in ((a, condition), (b, emit.inverse(condition))):
-            mask, end = emit.both(self.mask, taken), emit.label()
-            if self._facts.price(one) >= SEPARATE:
-                begin = emit.label()
-                emit.branch(emit.any(mask), begin, end)
-                emit.begin(begin)
-            with self._within(mask):
+            with self._for_lanes(emit.both(self.mask, taken), self._facts.price(one) >= SEPARATE):
                 for cell, part in zip(cells, self.value(one), strict=True):
                     self._store(cell, part)
-            emit.begin(end)
         return [self._load(cell) for cell in cells]
 
     def _construct(self, node: ir.Construct) -> Parts:

@@ -19,7 +19,7 @@ from clusterviz.spmd.built_in import BUILT_INS
 from clusterviz.spmd.checker import OPERATORS
 from clusterviz.spmd.emitter import Part
 from clusterviz.spmd.source import ShaderSource
-from clusterviz.spmd.types import Type, layout
+from clusterviz.spmd.types import layout
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -33,37 +33,21 @@ STORED = DTYPES | {"b": np.uint32}
 
 @dataclass(frozen=True)
 class Texture:
-    """Texels of a sampler.
-
-    Attributes
-    ----------
-    texels : float32 (…, height, width, components)
-    linear : the texture unit interpolates
-    stored : moderngl's name of their type in memory
-    """
-
-    texels: NDArray[np.float32]
-    linear: bool
-    stored: str = "f4"
+    texels: NDArray[np.float32]  # float32 (…, height, width, components)
+    linear: bool  # the texture unit interpolates
+    stored: str = "f4"  # moderngl's name of their type in memory
 
 
 @dataclass(frozen=True)
 class Dispatch:
-    """Dispatch of a compute shader, with all that is bound.
+    """Dispatch of a compute shader, with all that is bound."""
 
-    Attributes
-    ----------
-    source : of the shader
-    groups : number of work groups along x, y, z
-    uniforms, buffers : uint8, contents of the blocks by binding; buffers change
-    textures : by binding
-    """
-
-    source: ShaderSource
-    groups: tuple[int, int, int]
+    source: ShaderSource  # of the shader
+    groups: tuple[int, int, int]  # number of work groups along x, y, z
+    # uint8, contents of the blocks by binding; buffers change
     uniforms: Mapping[int, NDArray[np.uint8]]
     buffers: Mapping[int, NDArray[np.uint8]]
-    textures: Mapping[int, Texture] = field(default_factory=dict)
+    textures: Mapping[int, Texture] = field(default_factory=dict)  # by binding
 
 
 @dataclass(eq=False)
@@ -79,30 +63,22 @@ class Repetition:
 
 @dataclass(eq=False)
 class Frame:
-    """Call of a function.
-
-    Attributes
-    ----------
-    entered, returned : lanes
-    statement : that is being executed
-    """
+    """Call of a function."""
 
     function: ir.Function
+    # lanes
     entered: Mask
     returned: Mask
     variables: dict[ir.Variable, Value] = field(default_factory=dict)
     result: Value | None = None
     loops: list[Repetition] = field(default_factory=list)
-    statement: ir.Statement | None = None
+    statement: ir.Statement | None = None  # that is being executed
 
 
 class Interpreter:
     """Execution of a dispatch.
 
-    Parameters
-    ----------
-    program : of the dispatch's source
-    groups : int (g, 3), the work groups to execute; None: all
+    `program`: of the dispatch's source. `groups`: int (g, 3), the work groups to execute; None: all.
 
     Attributes
     ----------
@@ -138,7 +114,6 @@ class Interpreter:
             return next(self._steps, None)
 
     def finish(self) -> None:
-        """Execute the rest."""
         with np.errstate(all="ignore"):
             for _ in self._steps:
                 pass
@@ -350,7 +325,8 @@ class Interpreter:
         arguments, parameters = [], node.function.parameters
         for argument, parameter in zip(node.arguments, parameters, strict=True):
             given = parameter.kind != "out"
-            arguments.append((yield from self._value(argument, mask)) if given else _zeros(parameter.type))
+            zeros: Value = [np.zeros(1, DTYPES[element]) for element, _ in layout(parameter.type)]
+            arguments.append((yield from self._value(argument, mask)) if given else zeros)
         frame = yield from self._call(node.function, arguments, mask)
         for argument, parameter in zip(node.arguments, parameters, strict=True):
             if parameter.kind != "in":
@@ -412,7 +388,6 @@ class Interpreter:
         return view, self._inside(node.at, (address + offset) // view.itemsize, len(view), mask)
 
     def _inside(self, at: int, index: Array, size: int, mask: Mask) -> Array:
-        """An index, or the last one that exists."""
         if index.min() >= 0 and index.max() < size:
             return index
         wrong = np.flatnonzero(mask & ((index < 0) | (index >= size)))
@@ -472,10 +447,6 @@ class Interpreter:
         }
 
 
-def _zeros(kind: Type) -> Value:
-    return [np.zeros(1, DTYPES[element]) for element, _ in layout(kind)]
-
-
 def _merged(mask: Mask, value: Value, old: Value) -> Value:
     return [a if a is b else np.where(mask, a, b) for a, b in zip(value, old, strict=True)]
 
@@ -512,8 +483,6 @@ def _fma(a: Array, b: Array, c: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class _Lanes:
-    """Array in place of a part of generated code."""
-
     values: Array
     varying = False
     constant = None

@@ -18,27 +18,17 @@ size, int32 (4,), and its texels, float32 (z, y, x, 4). Last, counters of profil
 
 @dataclass(eq=False, slots=True)
 class Variable:
-    """Variable, parameter, constant, or block of a shader.
-
-    Attributes
-    ----------
-    kind : "local", "in", "out", "inout", "const", "global", "shared", "uniform", "buffer" or "sampler"
-    binding : of a block or sampler
-    is_assigned : it changes after its declaration
-    is_read_only : a buffer that the shader does not write
-    is_precise : operations that give its value are neither contracted nor put in another order
-    constant : the value of a scalar constant
-    """
+    """Variable, parameter, constant, or block of a shader."""
 
     name: str
     type: Type
-    kind: str
+    kind: str  # "local", "in", "out", "inout", "const", "global", "shared", "uniform", "buffer" or "sampler"
     at: int
-    binding: int = 0
-    is_assigned: bool = False
-    is_read_only: bool = False
-    is_precise: bool = False
-    constant: Number | None = None
+    binding: int = 0  # of a block or sampler
+    is_assigned: bool = False  # it changes after its declaration
+    is_read_only: bool = False  # a buffer that the shader does not write
+    is_precise: bool = False  # operations that give its value are neither contracted nor put in another order
+    constant: Number | None = None  # the value of a scalar constant
 
 
 @dataclass(eq=False, slots=True)
@@ -51,15 +41,11 @@ class Expression:
 
 @dataclass(eq=False, slots=True)
 class Constant(Expression):
-    """Number."""
-
     value: Number
 
 
 @dataclass(eq=False, slots=True)
 class Name(Expression):
-    """Value of a variable."""
-
     variable: Variable
 
 
@@ -135,8 +121,6 @@ class BuiltIn(Expression):
 
 @dataclass(eq=False, slots=True)
 class Call(Expression):
-    """Call of a function."""
-
     function: Function
     arguments: tuple[Expression, ...]
 
@@ -167,22 +151,16 @@ class Declare(Statement):
 
 @dataclass(eq=False, slots=True)
 class Evaluate(Statement):
-    """Expression for its effects."""
-
     expression: Expression
 
 
 @dataclass(eq=False, slots=True)
 class Block(Statement):
-    """Several statements."""
-
     statements: list[Statement]
 
 
 @dataclass(eq=False, slots=True)
 class If(Statement):
-    """Branch."""
-
     condition: Expression
     then: Statement
     otherwise: Statement | None
@@ -200,8 +178,6 @@ class Loop(Statement):
 
 @dataclass(eq=False, slots=True)
 class Leave(Statement):
-    """`break`, `continue` or `return`."""
-
     kind: str
     value: Expression | None = None
 
@@ -220,23 +196,10 @@ class Function:
 
 @dataclass(eq=False, slots=True)
 class Program:
-    """Shader.
-
-    Attributes
-    ----------
-    globals : variables of each invocation with their values, in order
-    blocks : uniform blocks, storage buffers and samplers
-    functions : by name, those of one name with different parameters
-    places : files, lines and columns of the positions `at`
-    local_size : invocations of a work group along x, y, z
-    names : meaning of the names that all functions know
-    types : by name, with the structs
-    """
-
-    globals: list[Declare]
-    blocks: list[Variable]
-    functions: dict[str, list[Function]]
-    places: Places
-    local_size: tuple[int, int, int] = (1, 1, 1)
-    names: Names = field(default_factory=dict)
-    types: dict[str, Type] = field(default_factory=dict)
+    globals: list[Declare]  # variables of each invocation with their values, in order
+    blocks: list[Variable]  # uniform blocks, storage buffers and samplers
+    functions: dict[str, list[Function]]  # by name, those of one name with different parameters
+    places: Places  # files, lines and columns of the positions `at`
+    local_size: tuple[int, int, int] = (1, 1, 1)  # invocations of a work group along x, y, z
+    names: Names = field(default_factory=dict)  # meaning of the names that all functions know
+    types: dict[str, Type] = field(default_factory=dict)  # by name, with the structs

@@ -15,29 +15,16 @@ MOST_ITERATIONS = 256
 
 @dataclass(frozen=True)
 class Look:
-    """Checked look.
-
-    Attributes
-    ----------
-    text : GLSL that drivers and CPUs may compile
-    names : that the file defines
-    iterations : of loops, at most, for a sample
-    is_guarded : loops count their iterations
-    uses_gradient : it reads the gradient
-    """
-
-    text: str
-    names: tuple[str, ...]
-    iterations: int
-    is_guarded: bool
-    uses_gradient: bool
+    text: str  # GLSL that drivers and CPUs may compile
+    names: tuple[str, ...]  # that the file defines
+    iterations: int  # of loops, at most, for a sample
+    is_guarded: bool  # loops count their iterations
+    uses_gradient: bool  # it reads the gradient
 
     def glsl(self, suffix: str = "") -> str:
         """Return GLSL that defines the look as `users_look`, and nothing else under a name that others may use.
 
-        Parameters
-        ----------
-        suffix : of that name, and of all others; for each of several volumes its own
+        `suffix`: of that name, and of all others; for each of several volumes its own.
         """
         own = {name: f"user{suffix}_{name}" for name in self.names}
         reset = f" look_iterations{suffix} = 0;" if self.is_guarded else ""

@@ -67,7 +67,6 @@ def _look_of(program: Program, path: str) -> Function:
 
 
 def _check(program: Program, nodes: list[Any]) -> None:
-    """Refuse what shaders may do but looks may not."""
     error = program.places.error
     for block in program.blocks:
         raise error("a look reads no blocks or textures", block.at, block.name)
@@ -132,7 +131,6 @@ def _guarded(text: str, program: Program, nodes: list[Any], tokens: list[Token],
 
 
 def _zero(kind: Type, program: Program, at: int) -> str:
-    """Return a value of zeros in GLSL."""
     if any(of.is_array for _, of in kind.fields):
         raise program.places.error("a struct with an array", at, kind.name)
     if kind.fields:

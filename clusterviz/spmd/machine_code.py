@@ -31,10 +31,7 @@ ADVERSARY_VARIABLE = "CLUSTERVIZ_ADVERSARY"
 def chosen_driver() -> str:
     """Return the name of the adversarial driver that the environment asks for, see `adversary.py`; "" for none.
 
-    Raises
-    ------
-    InputError
-        There is no such driver.
+    Raises InputError: there is no such driver.
     """
     if asked := os.environ.get(ADVERSARY_VARIABLE, "").strip():
         from clusterviz.spmd.adversary import DRIVERS
@@ -52,16 +49,13 @@ def object_code(source: ShaderSource, name: str, lanes: int, intrinsics: bool = 
 def code_of(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True, make: Make | None = None) -> str:
     """Return the LLVM code of a shader's `main` under another name.
 
+    Raises InputError: the shader has a mistake.
+
     Parameters
     ----------
     lanes : of a vector: 4, 8 or 16; more than this CPU's registers hold are divided
     intrinsics : use the CPU's own ways (`intrinsics.py`), as far as this CPU has them
     make : makes the generator of a program, the lanes and the intrinsics; None: `Generator`
-
-    Raises
-    ------
-    InputError
-        The shader has a mistake.
     """
     # Most processes find the object file.
     from clusterviz.spmd.codegen import Generator
@@ -88,10 +82,8 @@ _COMPILING = Lock()
 def compiled(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True) -> Callable[[int], None]:
     """Return a shader's `main`, from its object file; see `function_of` and `kernels/objects.py`.
 
-    Parameters
-    ----------
-    name : of the function and, but for a hash, of the file
-    intrinsics : as of `code_of`; not for text of users, whose functions may have the same names
+    `name`: of the function and, but for a hash, of the file. `intrinsics`: as of `code_of`; not for text of users,
+    whose functions may have the same names.
     """
     with _COMPILING:
         return _compiled(source, name, lanes, intrinsics, chosen_driver())
@@ -124,12 +116,7 @@ def function_of(code: bytes, name: str) -> Callable[[int], None]:
 
 
 def texture_block(texels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a texture, for the table of addresses.
-
-    Parameters
-    ----------
-    texels : float32 (y, x, 4) or (z, y, x, 4)
-    """
+    """Return a texture, for the table of addresses. `texels`: float32 (y, x, 4) or (z, y, x, 4)."""
     size = np.zeros(4, np.int32)
     size[: texels.ndim - 1] = texels.shape[-2::-1]
     return np.concatenate([size.view(np.float32), texels.reshape(-1)])
@@ -140,14 +127,7 @@ def addresses(
 ) -> NDArray[np.uint64]:
     """Return the table of the blocks' addresses, by their bindings; the arrays must outlive its use.
 
-    Parameters
-    ----------
-    system : uint32 (7,), see `ir.SYSTEM_BLOCK`
-    textures : see `texture_block`
-
-    Returns
-    -------
-    table : uint64 (PROFILE_BLOCK + 1,)
+    `system`: uint32 (7,), see `ir.SYSTEM_BLOCK`; `textures`: see `texture_block`. Returns uint64 (PROFILE_BLOCK + 1,).
     """
     table = np.zeros(PROFILE_BLOCK + 1, np.uint64)
     for first, blocks in ((0, uniforms), (BUFFERS, buffers), (TEXTURES, textures or {})):

@@ -22,10 +22,7 @@ DIRECTIONS = ("in", "out", "inout", "const", "precise")
 def parse(source: ShaderSource) -> ir.Program:
     """Return the typed program of an assembled shader.
 
-    Raises
-    ------
-    InputError
-        The first mistake, with file, line and column; also for what GLSL has and the subset does not.
+    Raises InputError: the first mistake, with file, line and column; also for what GLSL has and the subset does not.
     """
     parser = _Parser(source)
     try:
@@ -37,15 +34,8 @@ def parse(source: ShaderSource) -> ir.Program:
 def parse_expression(text: str, name: str, program: ir.Program, variables: ir.Names) -> ir.Expression:
     """Return the typed expression of a text, which may use a program's types, and built-in functions.
 
-    Parameters
-    ----------
-    name : of the text in error messages
-    variables : the variables that the expression may use
-
-    Raises
-    ------
-    InputError
-        The first mistake, with its column; for a name that is not declared, those that are.
+    `name`: of the text in error messages; `variables`: the variables that the expression may use. Raises InputError:
+    the first mistake, with its column; for a name that is not declared, those that are.
     """
     return _Parser(ShaderSource(text, (name,))).expression(program, variables)
 

@@ -3,9 +3,8 @@
 The interpreter evaluates them when it comes by. For a compiler, OpenGL's or that of `spmd`, the shader gets a call that
 writes them to a buffer. The rest of the text stays as it is, so side effects are kept.
 
-References
-----------
-M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 7.1.4.
+Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section
+7.1.4.
 """
 
 from __future__ import annotations
@@ -37,29 +36,20 @@ NEAREST = 4
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Statement, before which a probe looks.
-
-    Attributes
-    ----------
-    names : the variables in scope
-    is_body : it is the body of a branch or loop without braces
-    anchor : statement in front of which a call can be written: the loop for what a `for` declares
-    """
+    """Statement, before which a probe looks."""
 
     statement: Statement
     function: Function
-    names: Names
-    is_body: bool
-    anchor: Statement
+    names: Names  # the variables in scope
+    is_body: bool  # it is the body of a branch or loop without braces
+    anchor: Statement  # statement in front of which a call can be written: the loop for what a `for` declares
 
 
 class Shader:
     """Shader that is debugged: its program, and the places of its statements.
 
-    Parameters
-    ----------
-    source : assembled
-    clim : the data's values at which the field's scalars are 0 and 1; None if there is not one volume
+    `source`: assembled. `clim`: the data's values at which the field's scalars are 0 and 1; None if there is not one
+    volume.
     """
 
     def __init__(self, source: ShaderSource, clim: tuple[float, float] | None = None) -> None:
@@ -81,14 +71,8 @@ class Shader:
     def places_at(self, text: str) -> list[Place]:
         """Return the first statement of a line, in every part of the shader that is of the file.
 
-        Parameters
-        ----------
-        text : FILE:LINE, where folders of the file are of no account
-
-        Raises
-        ------
-        InputError
-            The shader has no such file, or the line has no statement.
+        `text`: FILE:LINE, where folders of the file are of no account. Raises InputError: the shader has no such file,
+        or the line has no statement.
         """
         file, _, line = text.rpartition(":")
         if not file or not line.isdecimal():
@@ -115,17 +99,14 @@ class Shader:
     def probe(self, where: str, watches: tuple[str, ...], condition: str = "", visit: int = 1) -> Probe:
         """Return a probe.
 
+        Raises InputError: an option is wrong.
+
         Parameters
         ----------
         where : FILE:LINE
         watches : expressions of the variables in scope there, without calls of the shader's functions
         condition : counts visits where it holds, with the field's scalars in units of the data; "": all
         visit : that is looked at, from 1
-
-        Raises
-        ------
-        InputError
-            An option is wrong.
         """
         return self.probe_at(self.places_at(where), watches, condition, visit)
 
@@ -185,9 +166,7 @@ class Shader:
     def instrumented(self, probes: Sequence[Probe], binding: int) -> ShaderSource:
         """Return the shader with calls before the places of probes, which write to a storage buffer.
 
-        Parameters
-        ----------
-        binding : of the buffer, of `probe_bytes` for each invocation, in the order of `Interpreter`
+        `binding`: of the buffer, of `probe_bytes` for each invocation, in the order of `Interpreter`.
         """
         pieces = [
             piece
@@ -229,7 +208,6 @@ class Shader:
         return bisect_left(self._tokens, statement.at, key=lambda token: token.at)
 
     def _after(self, statement: Statement) -> int:
-        """Position behind a statement."""
         first = self._token_at(statement)
         if isinstance(statement, Block):
             return self._tokens[closing(self._tokens, first)].at + 1
@@ -238,7 +216,6 @@ class Shader:
         return self._after(statement.body) if isinstance(statement, Loop) else self._tokens[self._end(first)].at + 1
 
     def _end(self, number: int) -> int:
-        """The next semicolon outside of brackets."""
         while self._tokens[number].text != ";":
             number = closing(self._tokens, number) + 1
         return number
@@ -315,16 +292,10 @@ def _functions(probes: Sequence[Probe], binding: int, lanes: int) -> str:
 
 @dataclass(frozen=True)
 class Taken:
-    """What a probe has found.
+    """What a probe has found."""
 
-    Attributes
-    ----------
-    reached : bool (lanes,): the lane has come to the visit
-    values : for each scalar of the watches an array (lanes,), 0 where it has not
-    """
-
-    reached: Mask
-    values: Value
+    reached: Mask  # bool (lanes,): the lane has come to the visit
+    values: Value  # for each scalar of the watches an array (lanes,), 0 where it has not
 
 
 def taken_of_words(words: NDArray[np.uint8], probes: Sequence[Probe]) -> list[Taken]:

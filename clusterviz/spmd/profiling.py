@@ -32,15 +32,10 @@ Mode = Literal["counts", "functions", "lines"]
 
 @dataclass(frozen=True)
 class Site:
-    """Statement or function with counters of its own.
+    """Statement or function with counters of its own."""
 
-    Attributes
-    ----------
-    function : that it is in
-    file, line, column : "" and 0 for a function
-    """
-
-    function: str
+    function: str  # that it is in
+    # "" and 0 for a function
     file: str = ""
     line: int = 0
     column: int = 0
@@ -48,16 +43,11 @@ class Site:
 
 @dataclass(frozen=True)
 class Instrumented:
-    """Instrumented machine code of a shader.
+    """Instrumented machine code of a shader."""
 
-    Attributes
-    ----------
-    call : function of the address of a table of addresses, with that of the counters at `PROFILE_BLOCK`
-    sites : of the counters
-    """
-
+    # function of the address of a table of addresses, with that of the counters at `PROFILE_BLOCK`
     call: Callable[[int], None]
-    sites: tuple[Site, ...]
+    sites: tuple[Site, ...]  # of the counters
 
     def counters(self) -> NDArray[np.int64]:
         """Return zeros, int64 (sites, 4): `COUNTERS` of each site."""
@@ -65,12 +55,7 @@ class Instrumented:
 
 
 class ProfilingGenerator(Generator):
-    """Generator of instrumented code.
-
-    Parameters
-    ----------
-    mode : what is measured; counters of the others stay 0
-    """
+    """Generator of instrumented code. `mode`: what is measured; counters of the others stay 0."""
 
     separates = False
 

@@ -33,18 +33,9 @@ DEFINE = re.compile(r"\s*#\s*define\s+(\w+)(\([^)]*\))?(.*)")
 
 
 class Token(NamedTuple):
-    """Word, number or sign.
-
-    Attributes
-    ----------
-    kind : "name", "number", "sign" or "end"
-    text : its characters
-    at : position in the assembled text
-    """
-
-    kind: str
-    text: str
-    at: int
+    kind: str  # "name", "number", "sign" or "end"
+    text: str  # its characters
+    at: int  # position in the assembled text
 
 
 class Macro(NamedTuple):
@@ -89,10 +80,7 @@ class Places:
 def tokens_of(source: ShaderSource) -> tuple[list[Token], Places]:
     """Return the tokens of a shader, the last one of kind "end", and the places of their positions.
 
-    Raises
-    ------
-    InputError
-        A character or a preprocessor directive that the subset does not have.
+    Raises InputError: a character or a preprocessor directive that the subset does not have.
     """
     places, found, macros = Places(source), list[Token](), dict[str, Macro]()
     skip_call = False

@@ -10,16 +10,8 @@ from clusterviz.kernels.objects import has_features
 
 @dataclass(frozen=True)
 class Width:
-    """Vectors.
-
-    Attributes
-    ----------
-    lanes : floats in one
-    name : of the instruction set, for people
-    """
-
-    lanes: int
-    name: str
+    lanes: int  # floats in one
+    name: str  # of the instruction set, for people
 
 
 WIDTHS = (Width(16, "AVX-512"), Width(8, "AVX2"), Width(4, "vectors of 4"))

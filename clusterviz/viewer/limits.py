@@ -31,11 +31,9 @@ LISTS = CONTENT_SECTIONS
 class Limits:
     """Limits of the scenes of a session.
 
-    Parameters
-    ----------
-    opened : data of the scene with which the session began, which is within the limits
-    folders : with the files that clients may name, beside those of the scene that was opened; relative names are
-        relative to the first; None: any file, and any address
+    `opened`: data of the scene with which the session began, which is within the limits. `folders`: with the files that
+    clients may name, beside those of the scene that was opened; relative names are relative to the first; None: any
+    file, and any address.
     """
 
     def __init__(self, opened: dict[str, Any], folders: Sequence[Path] | None = None) -> None:
@@ -48,20 +46,14 @@ class Limits:
     def admit(self, data: dict[str, Any]) -> dict[str, Any]:
         """Return scene data of a client with absolute paths.
 
-        Raises
-        ------
-        InputError
-            A file is not one that clients may name.
+        Raises InputError: a file is not one that clients may name.
         """
         return change_paths(data, self._admitted)
 
     def check(self, scene: Scene) -> None:
         """Check a scene before it is completed.
 
-        Raises
-        ------
-        SceneError
-            Its picture is too large, or its entries are not those that are open.
+        Raises SceneError: its picture is too large, or its entries are not those that are open.
         """
         size = scene.image.size
         if max(size) > self._largest_side:
@@ -101,9 +93,14 @@ class Limits:
         return InputError("not a file that the live view may open", where="path", found=text, allowed=allowed)
 
 
+def dotted(key: str) -> str:
+    """Return a key as clients name it: volumes.1 for volumes[1]."""
+    return key.replace("[", ".").replace("]", "")
+
+
 def _entries_of(scene: Scene) -> dict[str, Any]:
-    """Return the number of entries of each list, and how each flow is shown, by their keys."""
-    shown = {f"flows.{number}.show": flow.show for number, flow in enumerate(scene.flows)}
+    """Return the number of entries of each list, and how those are shown that may be shown in several ways."""
+    shown = {f"{dotted(key)}.show": one.show for key, one in scene.entries.items() if hasattr(one, "show")}
     return {name: len(getattr(scene, name)) for name in LISTS} | shown
 
 

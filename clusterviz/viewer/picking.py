@@ -7,18 +7,17 @@ the whole picture do.
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import count
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.geometry.section import GEOMETRY_SECTIONS
 from clusterviz.data.source import Grid, Source
 from clusterviz.scene.camera import camera_axes, camera_vectors
 from clusterviz.scene.values import Scene
+from clusterviz.viewer.limits import LISTS, dotted
 
 SIDE = 5
 """Pixels along the sides of the small picture; the one in the middle counts."""
@@ -28,10 +27,7 @@ Floats = NDArray[np.float64]
 def scene_of_pick(scene: Scene, x: float, y: float) -> Scene:
     """Return a scene that shows a point of the picture in the middle of a small one, with depth and object.
 
-    Parameters
-    ----------
-    scene : completed
-    x, y : in [0, 1] from the top left corner
+    `scene`: completed. `x`, `y`: in [0, 1] from the top left corner.
     """
     camera, (width, height) = scene.camera, scene.image.size
     position, focal_point, up_given = (np.array(each) for each in camera_vectors(camera))
@@ -71,19 +67,20 @@ def position_at(scene: Scene, depth: float) -> Floats:
 def names_of_objects(scene: Scene, hidden: Sequence[str] = ()) -> list[tuple[str, int | None]]:
     """Return the key of each object of the layer `object`, and the number of its volume, None for geometry.
 
-    Parameters
-    ----------
-    scene : without hidden entries
-    hidden : keys of entries that are left out, such as volumes.1; they count in the keys of the other ones
+    `scene`: without hidden entries. `hidden`: keys of entries that are left out, such as volumes.1; they count in the
+    keys of the other ones.
     """
-    found: list[tuple[str, int | None]] = []
-    for name in ("volumes", *GEOMETRY_SECTIONS):
-        keys = (key for n in count() if (key := f"{name}.{n}") not in hidden)
-        for number, entry in enumerate(getattr(scene, name)):
-            objects = 1 + len(getattr(entry, "isosurfaces", ()))
-            key = re.sub(r"\[(\d+)\]", r".\1", entry.path) if entry.of_flow else next(keys)
-            found += [(key, number if name == "volumes" else None)] * objects
+    found, volumes = list[tuple[str, int | None]](), count()
+    shown = {name: _keys(name, hidden) for name in LISTS}
+    for key, entry in scene.entries.items():
+        name = dotted(entry.path) if entry.of_flow else next(shown[key.partition("[")[0]])
+        number = next(volumes) if entry.drawn_as == "samples" else None
+        found += [(name, number)] * entry.objects
     return found
+
+
+def _keys(name: str, hidden: Sequence[str]) -> Iterator[str]:
+    return (key for n in count() if (key := f"{name}.{n}") not in hidden)
 
 
 def index_of(grid: Grid, position: Floats) -> Floats:

@@ -35,14 +35,8 @@ ADDRESS = re.compile(r"http://([\w.:\[\]]+)/\?token=(\S+)")
 class RemoteSession:
     """Session of an MPI job that this process starts, until it is closed.
 
-    Parameters
-    ----------
-    sources : arrays and data sources instead of the files that the scene names; they are copied into files
-
-    Raises
-    ------
-    ClustervizError
-        The scene cannot be opened, or the job cannot be started.
+    `sources`: arrays and data sources instead of the files that the scene names; they are copied into files. Raises
+    ClustervizError: the scene cannot be opened, or the job cannot be started.
     """
 
     def __init__(self, scene: Scene, sources: Given, ranks: int) -> None:
@@ -84,7 +78,6 @@ class RemoteSession:
         self._folder.cleanup()
 
     def _read_address(self) -> tuple[str, str]:
-        """Return host and token that the job prints."""
         assert self._job.stdout is not None, "the output is piped"
         for line in self._job.stdout:
             if found := ADDRESS.search(line):
@@ -94,7 +87,6 @@ class RemoteSession:
         raise InputError(reason) if self._job.poll() == InputError.exit_status else ClustervizError(reason)
 
     def _reason(self) -> str:
-        """Return why the job has ended."""
         if self._is_closed:
             return "it was closed"
         with suppress(subprocess.TimeoutExpired):
@@ -107,10 +99,8 @@ class RemoteSession:
 class RemoteConnection:
     """Client of a session at the other end of a websocket.
 
-    Parameters
-    ----------
-    put_text, put_binary : called with messages for the client
-    reason : called for the text of the last message, when the job ends without one
+    `put_text`, `put_binary`: called with messages for the client. `reason`: called for the text of the last message,
+    when the job ends without one.
     """
 
     def __init__(
@@ -162,20 +152,19 @@ def _with_files(scene: Scene, sources: Given, folder: Path) -> Scene:
     """Write data in memory to files; return the scene that names them."""
     if sources is None:
         return scene
-    count = len(scene.volumes)
-    given: list[Any] = list(sources) if isinstance(sources, Sequence) else [sources] * count
-    if any(each is not None for each in given[count:]):
+    given: list[Any] = list(sources) if isinstance(sources, Sequence) else [sources]
+    pairs = [pair for pair in zip(scene.entries.items(), given, strict=False) if pair[1] is not None]
+    if any(section.drawn_as != "samples" for (_, section), _ in pairs):
         allowed = "files, or ranks=None"
         raise InputError(
             "only arrays are handed to ranks", where="view", found="a mesh or grid in memory", allowed=allowed
         )
-    volumes = list(scene.volumes)
-    for number, (source, volume) in enumerate(zip(given, scene.volumes, strict=False)):
-        if source is not None:
-            path = folder / f"{number}.npy"
-            np.save(path, source.read((0, 0, 0), source.grid.shape_zyx))
-            volumes[number] = volume.model_copy(update={**_placement(source, volume), "path": str(path)})
-    return scene.model_copy(update={"volumes": tuple(volumes)})
+    volumes = dict[str, Volume]()
+    for (key, volume), source in pairs:
+        path = folder / f"{key}.npy"
+        np.save(path, source.read((0, 0, 0), source.grid.shape_zyx))
+        volumes[key] = volume.model_copy(update={**_placement(source, volume), "path": str(path)})
+    return scene.with_entries(volumes)
 
 
 def _placement(source: Source, volume: Volume) -> dict[str, Any]:

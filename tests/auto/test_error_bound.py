@@ -7,13 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clusterviz.auto.calibration import FOLLOWED
+from clusterviz.auto.calibration import FOLLOWED, SmallPicture, calibrate
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
 from clusterviz.composite import rounding_bound
 from clusterviz.data import open_source
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Run, prepare, render_frame
+from clusterviz.frame.loop import planned
+from clusterviz.frame.work import Planning
 from clusterviz.image import compare
+from clusterviz.plan.accuracy import VERIFIED_FINEST, Aim
 from clusterviz.reference import render_reference
 from clusterviz.report.decisions import Accuracy
 from clusterviz.scene import Scene, scene_of_data
@@ -100,6 +103,26 @@ def test_a_bound_out_of_reach_is_refused_on_every_rank(ranks: int, opacity: Any,
         return str(caught.value)
 
     assert len(set(run_loopback(ranks, refused))) == 1
+
+
+@pytest.mark.parametrize(("seen_at", "level", "holds"), [(6, 7, False), (8, -1, True)])
+def test_a_blank_picture_says_nothing_of_what_its_steps_miss(seen_at: int, level: int, holds: bool) -> None:
+    """A first view that shows nothing is drawn down to the shortest step, where a pixel may show something."""
+    steps = list[float]()
+
+    def draw(scene: Scene) -> Planning[SmallPicture]:
+        yield from ()
+        steps.append(scene.quality.step)
+        image = np.zeros((*scene.image.size[::-1], 4), np.float32)
+        image[3, 5] = max(2.0**-seen_at / scene.quality.step // 1, 0.0) / 50
+        return SmallPicture(image, 1, 0.0, "exact", False, 1)
+
+    scene = scene_of("gaussian", RAMP, BOUND)
+    nothing: Any = None
+    found = planned(nothing, calibrate(scene, Aim(BOUND, 560, ("post",)), LoopbackChannel(), draw))
+    assert min(steps) == 2.0**-VERIFIED_FINEST
+    assert found.choice.trial.level == level
+    assert (found.choice.error <= BOUND) == holds
 
 
 def test_what_draws_without_frames_refuses_to_choose() -> None:

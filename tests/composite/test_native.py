@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from clusterviz.codec import kernels
-from clusterviz.composite.over import native
+from clusterviz.composite.over import job as native
 from clusterviz.errors import InputError
 from clusterviz.kernels import compiled, objects
 
-NAME = ("pair_kernels", "put")
+NAME = "put"
 BLEND = """
 import sys
 import numpy as np
@@ -91,24 +91,24 @@ def test_an_array_of_another_type_or_order_is_refused() -> None:
 
 @pytest.mark.long
 def test_a_damaged_file_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    native.kernel(*NAME).prepare()
+    native.kernel(NAME).prepare()
     (file,) = folder.iterdir()
     whole, code, names = file.read_bytes(), objects.read_code(file), []
     monkeypatch.setattr(compiled, "compile_kernel", lambda kernel: (names.append(kernel.name), code)[1])
     native.kernel.cache_clear()
-    native.kernel(*NAME).prepare()
+    native.kernel(NAME).prepare()
     assert names == []
     for damaged in (b"", whole[:100], whole[:200] + bytes([whole[200] ^ 1]) + whole[201:], whole + b"\0"):
         file.write_bytes(damaged)
         native.kernel.cache_clear()
-        native.kernel(*NAME).prepare()
+        native.kernel(NAME).prepare()
         assert names.pop() == "put"
         assert file.read_bytes() == whole
 
 
 def test_code_that_others_may_have_written_is_made_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another user's file, one that others may write, or one of another kernel or CPU under this name."""
-    native.kernel(*NAME).prepare()
+    native.kernel(NAME).prepare()
     (file,) = folder.iterdir()
     assert (folder.stat().st_mode & 0o777, file.stat().st_mode & 0o777) == (0o700, 0o600)
     assert (code := objects.read_code(file)) is not None
@@ -156,18 +156,18 @@ def test_code_beside_the_package_serves_users_who_cannot_write_there(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in a container image; what is missing there goes into their own folder."""
-    native.kernel(*NAME).prepare()
+    native.kernel(NAME).prepare()
     (file,) = folder.iterdir()
     code, names = objects.read_code(file), []
     monkeypatch.setattr(compiled, "compile_kernel", lambda kernel: (names.append(kernel.name), code)[1])
     monkeypatch.setattr(objects, "folders", lambda: (folder, tmp_path / "home"))
     monkeypatch.setattr("os.access", lambda path, mode: False)
     native.kernel.cache_clear()
-    native.kernel(*NAME).prepare()
+    native.kernel(NAME).prepare()
     assert (names, (tmp_path / "home").exists()) == ([], False)
     file.unlink()
     native.kernel.cache_clear()
-    native.kernel(*NAME).prepare()
+    native.kernel(NAME).prepare()
     assert (names, [each.name for each in (tmp_path / "home").iterdir()]) == (["put"], [file.name])
 
 
@@ -176,21 +176,21 @@ def test_where_nothing_can_be_kept_it_works_all_the_same(tmp_path: Path, monkeyp
     (tmp_path / "file").touch()
     native.kernel.cache_clear()
     monkeypatch.setattr(objects, "folders", lambda: (tmp_path / "file",))
-    native.kernel(*NAME).prepare()
+    native.kernel(NAME).prepare()
     native.kernel.cache_clear()
 
 
 def test_other_sources_or_processors_make_other_files(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    paths = {native.kernel(*NAME).path}
+    paths = {native.kernel(NAME).path}
     for source in native.SOURCES:
         (tmp_path / f"{source}.py").write_text("changed")
-    monkeypatch.setattr(native, "__file__", str(tmp_path / "native.py"))
+    monkeypatch.setattr(native, "__file__", str(tmp_path / "job.py"))
     native.kernel.cache_clear()
-    paths.add(native.kernel(*NAME).path)
+    paths.add(native.kernel(NAME).path)
     monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "another")
-    paths.add(native.kernel(*NAME).path)
+    paths.add(native.kernel(NAME).path)
     assert len(paths) == 3
 
 

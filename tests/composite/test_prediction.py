@@ -11,9 +11,8 @@ from clusterviz.composite.model.communication import COMMUNICATION_COSTS, ImageS
 from clusterviz.composite.model.network import Network, open_network
 from clusterviz.composite.model.prediction import place_ranks, predict
 from clusterviz.composite.schedules.algorithms import ALGORITHMS
-from clusterviz.composite.simulation.closed_forms import direct_send_sparse
+from clusterviz.composite.simulation.loads import count_sparse, direct_send_sparse
 from clusterviz.composite.simulation.simulate import cube_footprints
-from clusterviz.composite.simulation.sparse import count_sparse
 
 PIXELS = 512 * 512
 SWAPS = ("tree", "binary-swap", "binary-swap-telescope", "binary-swap-remainder", "2-3-swap", "radix-k")

@@ -27,7 +27,7 @@ from clusterviz.composite.schedules.radix_k import automatic_factors
 from clusterviz.composite.schedules.rectangles import Rectangles
 from clusterviz.composite.schedules.schedule import MultiImageAlgorithm, Schedule, Stage, Transfer, borders, check
 from clusterviz.composite.schedules.swap_2_3 import split
-from clusterviz.composite.simulation.closed_forms import direct_send_sparse
+from clusterviz.composite.simulation.loads import direct_send_sparse
 from clusterviz.composite.simulation.simulate import cube_footprints
 from clusterviz.errors import InputError
 from clusterviz.image.partial import Rect

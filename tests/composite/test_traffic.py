@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from clusterviz.codec import pack
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.composite import ALGORITHMS
-from clusterviz.composite.exchange import Endpoint, run_exchange
 from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch
 from clusterviz.composite.gather import collect
+from clusterviz.composite.messages import Endpoint, run_exchange
 from clusterviz.composite.schedules import direct_send, pipeline
 from clusterviz.composite.schedules.rectangles import Rectangles
 from clusterviz.composite.schedules.schedule import Load, Schedule, Stage, borders, check
-from clusterviz.composite.simulation.closed_forms import (
+from clusterviz.composite.simulation.loads import (
+    count_sparse,
     direct_send_dense,
     direct_send_sparse,
     parallel_pipeline_dense,
@@ -25,7 +26,6 @@ from clusterviz.composite.simulation.closed_forms import (
     pipeline_sparse,
 )
 from clusterviz.composite.simulation.simulate import cube_footprints
-from clusterviz.composite.simulation.sparse import count_sparse
 from clusterviz.composite.traffic import Part, plan_traffic
 from clusterviz.image.partial import Rect
 

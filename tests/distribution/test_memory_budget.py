@@ -23,7 +23,7 @@ from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Options, Run, prepare
 from clusterviz.partition import build_tree, interleave, owners_of
 from clusterviz.render.abuffer.primitives import make_table
-from clusterviz.render.content_bricks import store_content
+from clusterviz.render.content_bricks import store
 from clusterviz.render.cpu.memory import Memory
 from clusterviz.render.storage import slot_of
 from clusterviz.report.machine import Memory as MachineMemory
@@ -107,7 +107,7 @@ def test_of_volumes_that_a_brick_does_not_meet_the_processor_holds_nothing() -> 
     assert plan is not None
     content, slot = plan.content, slot_of(plan)
     memory, count = Memory(slot), len(bricks)
-    memory.put(bricks, lambda _, portions: store_content(portions, content, slot))
+    memory.put(bricks, lambda _, brick: store(brick, content, slot))
     counted = MemoryBudget(1, on_cpu=True, by_opengl=False).brick_bytes(plan)
     assert counted.sum() == memory.bytes
     assert len(np.unique(counted[counted > 0])) > 1
@@ -181,10 +181,10 @@ def test_primitives_count_as_they_are_held_and_as_they_are_drawn() -> None:
     assert work.plan
     ((index, brick),) = bricks.items()
     layers = work.plan.content.layers
-    table = make_table(layers, [brick.primitives])
-    found = sum(part.nbytes for part in brick.primitives if part)
+    table = make_table(layers, [brick.members])
+    found = sum(part.nbytes for part in brick.members if part)
     found += sum(array.nbytes for array in (*table.positions, *table.radii, table.corners))
-    found += 32 * table.vertices + sum(4 * (part.normals.size + part.colours.size) for part in brick.primitives if part)
+    found += 32 * table.vertices + sum(4 * (part.normals.size + part.colours.size) for part in brick.members if part)
     counted = int(MemoryBudget(1, on_cpu=True, by_opengl=False).brick_bytes(work.plan)[index])
     # Triangles have no radii.
     assert found <= counted <= found + 4 * 4 + 64

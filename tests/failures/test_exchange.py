@@ -13,7 +13,7 @@ import pytest
 from clusterviz.comm import LoopbackChannel, run_loopback
 from clusterviz.comm.channel import Buffer
 from clusterviz.composite import Compositor
-from clusterviz.composite.exchange import ExchangeError
+from clusterviz.composite.messages import ExchangeError
 
 JOB = Path(__file__).parent / "exchange_job.py"
 SECONDS = 40

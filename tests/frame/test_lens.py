@@ -19,7 +19,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.errors import SceneError
 from clusterviz.frame import render_frame
 from clusterviz.reference import over, render_lens
-from clusterviz.reference.lens import disc_points
+from clusterviz.reference.raycast import disc_points
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.lens import lens_points
 from clusterviz.scene.overrides import with_settings

@@ -12,47 +12,12 @@ from clusterviz.content.table import KINDS
 from clusterviz.scene.values import Scene
 
 PACKAGE = Path(__file__).parents[2] / "clusterviz"
-SECTIONS = {*CONTENT_SECTIONS, "geometry", "geometry_keys"}
+SECTIONS = {*CONTENT_SECTIONS, "geometry"}
 CLASSES = {section.__name__ for section in CONTENT_SECTIONS.values()} | {kind.facts.__name__ for kind in KINDS}
-CLASSES |= {"GeometrySection", "OpenedVolume", "OpenedContent", "OpenedFlow", "KnownGeometry", "KnownCells"}
+CLASSES |= {"GeometrySection", "OpenedVolume", "OpenedFlow", "KnownGeometry", "KnownCells"}
 CLASSES |= {"LicVolume", "VectorVolume", "FlowLines", "FlowPoints"}
 MAY_ASK = ("content", "reference", "scene/compatibility.py", "scene/values.py")
 """The kinds, the reference, which has a file for each, and the scene, whose sections exclude and require each other."""
-STILL_ASK = """
-annotations/fixed.py
-auto/calibration.py
-auto/error_bound.py
-cli/animate.py
-cli/scene.py
-cli/trace.py
-cli/verify.py
-data/given.py
-frame/brick_reader.py
-frame/loop.py
-frame/opening.py
-frame/surface_lic.py
-plan/accuracy.py
-plan/blend_mode.py
-plan/content.py
-plan/layers.py
-plan/plan.py
-plan/ray_sampling.py
-plan/refinement.py
-plan/shading.py
-plan/spectrum.py
-pages/complexity/measure.py
-pages/kbuffer/measure.py
-self_test/pictures.py
-pages/tradeoff/ground_truth.py
-pages/tradeoff/knobs.py
-scene/animation.py
-scene/files.py
-viewer/limits.py
-viewer/pace.py
-viewer/remote_session.py
-viewer/session.py
-"""
-"""Files that do so today; the list may only get shorter."""
 
 
 def questions(text: str) -> list[str]:
@@ -75,9 +40,7 @@ def test_no_stage_asks_for_a_kind() -> None:
         name = path.relative_to(PACKAGE).as_posix()
         if not name.startswith(MAY_ASK) and (found := questions(path.read_text())):
             asking[name] = found
-    known = set(STILL_ASK.split())
-    assert not {name: found for name, found in asking.items() if name not in known}, "loop over `entries_of` instead"
-    assert not known - asking.keys(), "take them off the list: they no longer ask"
+    assert not asking, "loop over `entries_of` instead"
 
 
 @pytest.mark.parametrize("text", ["len(scene.grids)", "work.scene.flows", "isinstance(one, (int, GridSection))"])

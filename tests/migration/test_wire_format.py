@@ -16,11 +16,11 @@ from clusterviz.content.geometry.section import MeshSection, PointsSection
 from clusterviz.content.grid.section import GridSection
 from clusterviz.data.geometry import Geometry, Mesh, Points
 from clusterviz.data.source import Grid
-from clusterviz.frame.opening import OpenedContent, open_content
+from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
-from clusterviz.render.content_bricks import store_content
-from clusterviz.render.stored_brick import Stored, store
+from clusterviz.render.content_bricks import store
+from clusterviz.render.stored_brick import Part, Stored
 from clusterviz.scene.values import Camera, Cluster, Scene
 
 BRICK = (1, 0, 2)
@@ -30,8 +30,8 @@ PART_BYTES = 144
 def made(dtype: str, filter: str = "exact") -> tuple[WireFormat, Stored]:
     voxels = noise(dtype=dtype)
     prepared = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), filter=filter), voxels, brick=7)
-    wire_format = replace(wire_format_of(prepared.plan, voxels.dtype), part_bytes=PART_BYTES)
-    return wire_format, store(prepared.bricks[BRICK], prepared.plan.volume.encoding, wire_format.slot)
+    wire_format = replace(wire_format_of(prepared.plan), part_bytes=PART_BYTES)
+    return wire_format, store(prepared.bricks[BRICK], prepared.plan.content, wire_format.slot)
 
 
 @pytest.mark.parametrize(
@@ -56,8 +56,9 @@ def test_bricks_come_out_as_they_went_in(dtype: str, filter: str, codec: str) ->
         assert piece.size <= wire_format.most_bytes(number)
         voxels = wire_format.unwrap(piece, BRICK, number, came)
     found = wire_format.brick(came, voxels)
-    z, y, x = stored.samples.shape
-    assert found.samples[:z, :y, :x].tobytes() == np.ascontiguousarray(stored.samples).tobytes()
+    ((came_in,), (went_out,)) = found.parts, stored.parts
+    z, y, x = went_out.samples.shape
+    assert came_in.samples[:z, :y, :x].tobytes() == np.ascontiguousarray(went_out.samples).tobytes()
     assert (found.low == stored.low).all()
     assert (found.high == stored.high).all()
     assert (found.low.dtype, found.voxels) == (stored.low.dtype, stored.voxels)
@@ -72,19 +73,18 @@ def test_primitives_and_tetrahedra_come_out_as_they_went_in() -> None:
     grids = (GridSection(path="g", array="f"),)
     scene = Scene(**sections, grids=grids, cluster=Cluster(brick=256), camera=Camera(position=(60, 50, 40)))
     scene, opened, _ = open_content(Run(LoopbackChannel(), Options()), scene, [mesh, points, mixed()])
-    assert isinstance(opened, OpenedContent)
+    assert opened
     plan = opened.plan(scene)
-    wire_format, several = wire_format_of(plan, opened.range_type), plan.content
+    wire_format, several = wire_format_of(plan), plan.content
     assert several
     count, lacking = 0, 0
     for index, brick in opened.read(plan, {tuple(each) for each in np.argwhere(plan.cost > 0).tolist()}):
-        one, stored = wire_format.of(index), store_content(brick, several, wire_format.slot)
+        one, stored = wire_format.of(index), store(brick, several, wire_format.slot)
         stream = one.stream(stored)
         assert one.stream_bytes == stream.size
-        every = (*brick.primitives, *brick.cells)
-        assert stream.size >= sum(each.nbytes for each in every if each)
+        assert stream.size >= sum(each.nbytes for each in brick.members if each)
         found_one = one.brick(stream, 0)
-        for came, went in zip((*found_one.primitives, *found_one.cells), every, strict=True):
+        for came, went in zip(found_one.members, brick.members, strict=True):
             assert type(came) is type(went)
             lacking += went is None
             for name, array in vars(went).items() if went else ():
@@ -99,7 +99,7 @@ def test_primitives_and_tetrahedra_come_out_as_they_went_in() -> None:
 @pytest.mark.parametrize("codec", ["raw", "lz4"])
 def test_no_damage_passes_for_a_brick(codec: str) -> None:
     wire_format, stored = made("uint8")
-    flat = Stored(np.zeros_like(stored.samples), stored.low, stored.high, stored.voxels)
+    flat = Stored([Part(np.zeros_like(stored.parts[0].samples))], stored.low, stored.high, stored.voxels)
     stream, came = wire_format.stream(flat), np.zeros(wire_format.stream_bytes, np.uint8)
     first = wire_format.wrap(BRICK, flat.voxels, stream, 0, lambda pixels, rows: pack(pixels, codec, rows))
     assert (first.size < 100) == (codec == "lz4")

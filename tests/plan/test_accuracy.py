@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,9 @@ from clusterviz.errors import SceneError
 from clusterviz.plan.accuracy import (
     COARSEST,
     FINEST,
+    FIRST,
     SAFETY,
+    WITNESS,
     Aim,
     Choice,
     choose,
@@ -167,7 +170,8 @@ def test_jumps_and_what_is_nearly_one_are_seen(
     count, clip = settings.pop("volumes", 1), settings.pop("clip", Clip())
     volume = Volume(path="field:gaussian", **settings)
     aim = make_aim(Scene(volumes=count * (volume,), clip=clip, quality=Quality(max_error=0.01)), 1.0)
-    assert aim.jumps == aim.needs_witness == jumps
+    assert aim.jumps == jumps
+    assert aim.witness >= WITNESS or not jumps
     assert aim.classifications == classifications
     assert math.isclose(aim.target + aim.residual, 0.01)
 
@@ -183,7 +187,7 @@ def test_the_colour_of_one_scalar_is_refused_where_it_jumps(blending: Any) -> No
     smooth = Volume(path="field:gaussian", opacity=SMOOTH, **keys)
     aim = make_aim(Scene(volumes=(smooth,), quality=Quality(max_error=0.01)), 1.0)
     # A ray across a corner of the volume has one sample at all steps longer than its way.
-    assert (aim.jumps, aim.needs_witness) == (False, True)
+    assert (aim.jumps, aim.witness) == (False, WITNESS)
 
 
 RED_TO_BLUE = ((0.0, 1.0, 0.0, 0.0), (0.5, 1.0, 0.0, 0.0), (0.5, 0.0, 0.0, 1.0))
@@ -209,6 +213,16 @@ def test_what_a_ray_may_miss_behind_a_jump_is_bounded(more: dict[str, Any], chan
     assert math.isclose(verified(same, aim, 4) - aim.residual, 1 - math.exp(-aim.jump / 16), abs_tol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("top", "bound", "witness"), [(0.05, 0.01, FIRST), (0.1, 0.01, 2), (0.3, 0.01, 3), (0.9, 0.01, WITNESS)]
+)
+def test_what_changes_slowly_hides_little_between_long_steps(top: float, bound: float, witness: int) -> None:
+    """Between two samples a field changes by half a step's share of its range, and shows what is there as long."""
+    opacity = ((0.0, 0.0), (1.0, top))
+    volume = Volume(path="a.nrrd", cmap="bone", clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=1.0)
+    assert make_aim(Scene(volumes=(volume,), quality=Quality(max_error=bound)), 1.0).witness == witness
+
+
 def test_a_bound_that_a_ray_can_break_behind_a_jump_is_refused_before_anything_is_drawn() -> None:
     opacity = ((0.0, 0.0), (0.5, 0.0), (0.5, 0.99), (1.0, 0.99))
     volume = Volume(path="a.nrrd", cmap="bone", clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=0.3)
@@ -216,6 +230,25 @@ def test_a_bound_that_a_ray_can_break_behind_a_jump_is_refused_before_anything_i
         SceneError, match=r"0.0035 is out of reach.*a jump of opacity or colour of a.nrrd.*at least 0.13"
     ):
         make_aim(Scene(volumes=(volume,), quality=Quality(max_error=0.0035)), 1.0)
+
+
+def test_the_colour_of_one_scalar_is_refused_where_planes_clip() -> None:
+    """A ray across a clipped corner may have no sample at all, and so no colour."""
+    keys = {"cmap": "bone", "clim": (0.0, 1.0), "opacity_unit_distance": 1.0, "opacity": SMOOTH}
+    volume = Volume(path="a.nrrd", blending="average", **keys)
+    scene = Scene(volumes=(volume,), clip=Clip(box=(0.0, 1.0, 0.0, 1.0, 0.0, 1.0)), quality=Quality(max_error=0.01))
+    with pytest.raises(SceneError, match=r"0.01 is out of reach; found average, of which a ray .*clipped .*no sample"):
+        make_aim(scene, 1.0)
+
+
+def test_the_sample_next_to_an_end_of_a_ray_converges_with_the_step() -> None:
+    """It may be the same one at two steps, and half a step away at the next."""
+    pictures = [TRUTH.copy() for _ in range(3)]
+    for one, off in zip(pictures, (0.1, 0.04, 0.04), strict=True):
+        one[7, 9, 1] += off
+    aim = Aim(0.05, PATTERN[..., 0].size, ("post",), of_one_scalar=True)
+    assert verified(pictures, aim, 5) - aim.residual == pytest.approx(2 * 0.06 / 4)
+    assert verified(pictures, replace(aim, of_one_scalar=False), 5) - aim.residual == pytest.approx(2 * 0.06 / 12)
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0])

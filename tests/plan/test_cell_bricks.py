@@ -15,9 +15,9 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.distribution.memory_budget import MemoryBudget
-from clusterviz.frame.opening import OpenedContent, open_content
+from clusterviz.frame.opening import Opened, open_content
 from clusterviz.frame.run import Options, Run
-from clusterviz.plan.content import SEGMENT_COST
+from clusterviz.plan.cells import SEGMENT_COST
 from clusterviz.plan.plan import Plan
 from clusterviz.reference.rays import camera_rays
 from clusterviz.render.abuffer.primitives import make_table
@@ -39,9 +39,9 @@ def scene_of(*sections: Any, volumes: int = 0, brick: int = 64, step: float = 1.
     return Scene(volumes=each, camera=camera, quality=quality, cluster=cluster, image=image, grids=sections)
 
 
-def planned(scene: Scene, given: list[Any], channel: Channel | None = None) -> tuple[Scene, OpenedContent, Plan]:
+def planned(scene: Scene, given: list[Any], channel: Channel | None = None) -> tuple[Scene, Opened, Plan]:
     scene, opened, _ = open_content(Run(channel or LoopbackChannel(), Options()), scene, given)
-    assert isinstance(opened, OpenedContent)
+    assert opened
     return scene, opened, opened.plan(scene)
 
 
@@ -74,7 +74,7 @@ def test_the_owner_of_a_sample_holds_its_tetrahedron(volumes: int, brick: int, s
             cut = opened_tetrahedra(section, grid)
             inside = (np.einsum("tij,pj->pti", cut, np.column_stack([at, np.ones(len(at))])) > 0).all(axis=2)
             for sample, tetrahedron in np.argwhere(inside):
-                held = bricks[tuple(owners[sample])].cells[number]
+                held = bricks[tuple(owners[sample])].members[number]
                 assert held is not None
                 assert tetrahedron in held.numbers
                 found += 1
@@ -106,19 +106,19 @@ def test_costs_are_expected_segments_of_what_is_not_transparent() -> None:
     assert hidden.any()
     assert (plan.cost > 0).any()
     for index, brick in opened.read(plan, {tuple(each) for each in np.argwhere(everything).tolist()}):
-        assert hidden[index] == (brick.cells[0].values[brick.cells[0].corners].max() <= 9)
+        assert hidden[index] == (brick.members[0].values[brick.members[0].corners].max() <= 9)
 
 
 @pytest.mark.parametrize("array", ["f", "kind"])
 def test_memory_of_a_brick_is_that_of_its_arrays(array: str) -> None:
     _, opened, plan = planned(scene_of(GridSection(path="a", array=array, opacity=0.5), brick=1024), [mixed()])
     ((index, brick),) = opened.read(plan, set(visible(plan)))
-    table = make_table(plan.content.layers, [()], [brick.cells])
+    table = make_table(plan.content.layers, [brick.members])
     assert table.cells
-    held = brick.cells[0].nbytes + table.cells.words.nbytes + 32 * table.vertices
+    held = brick.members[0].nbytes + table.cells.words.nbytes + 32 * table.vertices
     held += sum(array.nbytes for array in (*table.positions, *table.radii))
     budget = MemoryBudget(1, on_cpu=True, by_opengl=False)
-    empty = budget.brick_bytes(replace(plan, content=replace(plan.content, cells=())))
+    empty = budget.brick_bytes(replace(plan, content=replace(plan.content, layers=())))
     assert budget.brick_bytes(plan)[index] - empty[index] == held
 
 
@@ -142,7 +142,7 @@ def test_ranks_find_the_same(given: list[Any]) -> None:
         first = dict(opened.read(plan, set(visible(plan)[channel.rank :: channel.size])))
         facts = [tuple(map(repr, vars(info).items())) for info in opened.infos]
         packed = {
-            index: [part and [array.tobytes() for array in vars(part).values()] for part in brick.cells]
+            index: [part and [array.tobytes() for array in vars(part).values()] for part in brick.members]
             for index, brick in first.items()
         }
         return (facts, [layer.in_bricks.tolist() for layer in plan.content.cells], plan.cost.tolist()), packed

@@ -28,4 +28,9 @@ def test_volumes_far_apart_for_their_spacing_are_refused() -> None:
     near, far = Grid((9, 9, 9), (1e-3, 1e-3, 1e-3)), Grid((9, 9, 9), (1.0, 1.0, 1.0), (1e4, 1e4, 1e4))
     with pytest.raises(InputError, match=r"too far apart.*found 1e\+07 × .*cluster.brick"):
         domain_layout(make_domain([near, far]), 64)
+    fine, wide = Grid((64, 64, 64), (0.03,) * 3), Grid((201, 201, 201))
+    said = r"volumes\[0\] of 200 × 200 × 200 has 1, volumes\[1\] of 1.89 .*has 0.03; .*cluster.brick=256 instead of 64"
+    with pytest.raises(InputError, match=said):
+        domain_layout(make_domain([wide, fine]), 64, volumes=[wide, fine])
+    assert np.prod(domain_layout(make_domain([wide, fine]), 256, volumes=[wide, fine]).counts_zyx) < 1 << 16
     assert np.prod(domain_layout(make_domain([near, near]), 64).counts_zyx) == 1

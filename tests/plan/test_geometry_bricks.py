@@ -12,7 +12,7 @@ from clusterviz.content.geometry.section import LinesSection, MeshSection, Point
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.frame.opening import OpenedContent, open_content
+from clusterviz.frame.opening import Opened, open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.reference.fragments import place
 from clusterviz.reference.intersections import intersect
@@ -42,9 +42,9 @@ def points(count: int = 40) -> Points:
     return Points("p", RNG.random((count, 3)) * 18, {"radius": RNG.random(count), "size": RNG.random(count)})
 
 
-def opened(scene: Scene, given: list[Any]) -> tuple[Scene, OpenedContent]:
+def opened(scene: Scene, given: list[Any]) -> tuple[Scene, Opened]:
     completed, found, bricks = open_content(Run(LoopbackChannel(), Options()), scene, given)
-    assert isinstance(found, OpenedContent)
+    assert found
     assert not bricks
     return completed, found
 
@@ -93,14 +93,14 @@ def test_the_owner_of_a_fragment_holds_its_primitive(volumes: int, step: float) 
         # The last slab may end behind the domain; its middle is then that of what is inside.
         owner = np.clip(owner[:, ::-1], 0, np.array(layout.counts_zyx) - 1)
         for index, primitive in zip(owner.tolist(), hits.primitive.tolist(), strict=True):
-            held = bricks[tuple(index)].primitives[number]
+            held = bricks[tuple(index)].members[number]
             assert held is not None
             assert (placed.cells[primitive] if isinstance(section, MeshSection) else primitive) in held.numbers
             owned += 1
         layer = plan.content.geometry[number]
         assert layer.count == len(placed.primitives.low)
         assert layer.in_bricks[0].sum() == sum(
-            len(brick.primitives[number].numbers) for brick in bricks.values() if brick.primitives[number]
+            len(brick.members[number].numbers) for brick in bricks.values() if brick.members[number]
         )
     assert owned > 500
 
@@ -119,7 +119,7 @@ def test_ranks_share_the_work_and_find_the_same(monkeypatch: pytest.MonkeyPatch)
     def found(channel: Channel) -> tuple[Any, ...]:
         run = Run(channel, Options())
         scene, several, _ = open_content(run, scene_of(*sections), given)
-        assert isinstance(several, OpenedContent)
+        assert several
         plan = several.plan(scene)
         every = sorted(tuple(index) for index in np.argwhere(plan.cost > 0).tolist())
         first = dict(several.read(plan, set(every[channel.rank :: channel.size])))
@@ -129,9 +129,7 @@ def test_ranks_share_the_work_and_find_the_same(monkeypatch: pytest.MonkeyPatch)
         return facts, [layer.in_bricks.tolist() for layer in plan.content.geometry], first, last
 
     def packed(bricks: Any) -> dict[Any, Any]:
-        return {
-            i: [part and [a.tobytes() for a in vars(part).values()] for part in one.primitives] for i, one in bricks
-        }
+        return {i: [part and [a.tobytes() for a in vars(part).values()] for part in one.members] for i, one in bricks}
 
     (facts, counts, first, last), *_ = run_loopback(1, found)
     assert packed(last.items()).items() <= packed(first.items()).items()

@@ -12,13 +12,13 @@ import numpy as np
 
 from clusterviz.data.bricks import BrickLayout, Edges, read_bricks
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.source import Grid, Index
+from clusterviz.data.source import Grid
 from clusterviz.data.summary import summarise
 from clusterviz.image.merge import merge_partials
 from clusterviz.image.partial import PartialImage
 from clusterviz.partition import BrickBox, Piece, build_tree, leaf_pieces
 from clusterviz.plan.blend_mode import margin_of
-from clusterviz.plan.content import KnownVolume
+from clusterviz.plan.content import Bricks, KnownVolume, bricks_of_volume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.plan.shading import occlusion_reach
 from clusterviz.render.cpu.caster import VectorCaster
@@ -42,15 +42,15 @@ LIGHTS = (
 
 @dataclass(frozen=True)
 class Prepared:
-    """A planned scene and the samples of its bricks."""
+    """A planned scene and its bricks."""
 
     plan: Plan
-    bricks: dict[Index, Any]
+    bricks: Bricks
 
     @property
-    def shown(self) -> dict[Index, Any]:
+    def shown(self) -> Bricks:
         """The bricks that the plan shows."""
-        return {index: samples for index, samples in self.bricks.items() if self.plan.cost[index] > 0}
+        return {index: brick for index, brick in self.bricks.items() if self.plan.cost[index] > 0}
 
 
 def noise(shape: tuple[int, int, int] = SHAPE, dtype: Any = np.float32) -> np.ndarray:
@@ -188,9 +188,10 @@ def prepare(
     around = occlusion_reach(volume, source.grid)
     margin = margin_of(volume, quality.classification, quality.borders, around=around)
     layout = BrickLayout(source.grid.shape_zyx, brick, margin, edges)
-    bricks = dict(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
-    summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
-    return Prepared(make_plan(scene, [KnownVolume(source.grid, source.dtype, layout, summary)]), bricks)
+    samples = list(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
+    summary = summarise(source.dtype, layout, lambda: iter(samples), lambda value: [value])
+    plan = make_plan(scene, [KnownVolume(source, layout, summary)])
+    return Prepared(plan, bricks_of_volume(layout, samples))
 
 
 def draw(

@@ -18,13 +18,13 @@ import pytest
 
 from clusterviz.data.bricks import BrickLayout, read_bricks
 from clusterviz.data.memory import ArraySource
-from clusterviz.data.source import Grid, Index
+from clusterviz.data.source import Grid
 from clusterviz.data.summary import VolumeSummary, summarise
 from clusterviz.distribution.contract import distribution_of
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.gl.context import open_context
 from clusterviz.partition import BrickBox, Owners, Piece, owner_pieces
-from clusterviz.plan.content import KnownVolume
+from clusterviz.plan.content import Bricks, KnownVolume, bricks_of_volume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render.cpu.caster import VectorCaster
 from clusterviz.render.raycast import Raycaster
@@ -56,7 +56,7 @@ class Held:
     source: ArraySource
     layout: BrickLayout
     summary: VolumeSummary
-    bricks: dict[Index, Any]
+    bricks: Bricks
 
 
 def random_draws(count: int, seed: int) -> list[Draw]:
@@ -77,7 +77,7 @@ def counted(draws: Sequence[Draw], context: moderngl.Context | None) -> Iterator
     of = None
     for draw in draws:
         held, scene = hold(draw.volume, draw.brick), scene_of(draw)
-        plan = make_plan(scene, [KnownVolume(held.source.grid, held.source.dtype, held.layout, held.summary)])
+        plan = make_plan(scene, [KnownVolume(held.source, held.layout, held.summary)])
         if of != (draw.volume, draw.brick):
             for caster in casters:
                 caster.release()
@@ -126,8 +126,9 @@ def hold(volume: int, brick: int) -> Held:
     grid, dtype = grids()[volume], (np.uint8, np.int16, np.float32)[volume]
     source = ArraySource((100 * np.random.default_rng(volume).random(grid.shape_zyx)).astype(dtype), grid)
     layout = BrickLayout(grid.shape_zyx, brick)
-    bricks = dict(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
-    return Held(source, layout, summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda it: [it]), bricks)
+    samples = list(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
+    summary = summarise(source.dtype, layout, lambda: iter(samples), lambda it: [it])
+    return Held(source, layout, summary, bricks_of_volume(layout, samples))
 
 
 def _anywhere(grid: Grid, rng: np.random.Generator) -> Camera:

@@ -213,7 +213,7 @@ def test_field_in_a_brick_is_that_of_its_samples(device: Device, dtype: str, int
     points = np.random.default_rng(2).random((4000, 3)) * (11, 8, 7)
     points[:512] = np.indices((8, 8, 8)).reshape(3, -1).T  # on samples
     points = points.astype(np.float32)
-    packed = slot.pack(plan.volume.encoding.encode(prepared.bricks[0, 0, 0]))
+    packed = slot.pack(plan.volume.encoding.encode(prepared.bricks[0, 0, 0].samples[0]))
     body = "return vec4(scalar_at(0, ivec3(x.xyz), x.xyz - floor(x.xyz)));"
     found = evaluate(device, body, points, variant_of(plan, slot, 0), b7=packed, **shader_buffers(plan, slot))[:, 0]
     sample = trilinear if interpolation == "linear" else nearest

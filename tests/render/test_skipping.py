@@ -70,7 +70,7 @@ def show_all(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> Prepared:
 
     def visible(ranges: Any, _: Plan, slot: Slot | None = None) -> np.ndarray:
         if slot is None:
-            return np.ones(ranges[0].shape, bool)
+            return np.ones(ranges[0][:, 0].shape, bool)
         return np.full((len(ranges[0]), slot.visibility_words), 0xFFFFFFFF, np.uint32)
 
     monkeypatch.setattr(caster, "visible_groups", visible)
@@ -168,7 +168,7 @@ def test_split_bricks_hold_less_and_take_as_many_samples(context: moderngl.Conte
         opacity = ((0.0, 0.0), (0.02, 0.3))
         scene = scene_of(voxels, camera_at("outside", grid), clim=(0.0, 200.0), opacity=opacity, **keys)
         prepared.append(prepare(scene, voxels, grid, 16))
-    split, overlap = (sum(samples.nbytes for samples in each.bricks.values()) for each in prepared)
+    split, overlap = (sum(brick.nbytes for brick in each.bricks.values()) for each in prepared)
     assert split < 0.8 * overlap
     whole_slabs = draw(context, prepared[1])
     for where in (context, None):

@@ -14,7 +14,7 @@ from clusterviz.data.summary import summarise
 from clusterviz.gl.context import open_context
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.partition.pieces import Piece
-from clusterviz.plan.content import KnownVolume
+from clusterviz.plan.content import KnownVolume, bricks_of_volume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render import brick_tables
 from clusterviz.render.brick_atlas import BrickAtlas
@@ -32,11 +32,11 @@ def planned(opacity: str, residual: float = 1 / 255) -> tuple[Plan, dict[Any, An
     scene = scene_of_data("field:ramp:41", [*keys, *camera, f"quality.early_termination={residual}"])
     source = open_source("field:ramp:41", None)
     layout = BrickLayout(source.grid.shape_zyx, 8)
-    bricks = dict(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
-    summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
+    samples = list(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
+    summary = summarise(source.dtype, layout, lambda: iter(samples), lambda value: [value])
     info = VolumeInfo(source.grid.shape_zyx, source.grid.spacing, source.grid.corners, 0.0, 1.0, 0.01, 0.99)
-    known = KnownVolume(source.grid, source.dtype, layout, summary)
-    return make_plan(complete_scene(scene, info), [known]), bricks
+    known = KnownVolume(source, layout, summary)
+    return make_plan(complete_scene(scene, info), [known]), bricks_of_volume(layout, samples)
 
 
 def whole(plan: Plan) -> Piece:

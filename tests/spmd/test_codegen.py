@@ -14,7 +14,7 @@ from clusterviz.errors import InputError
 from clusterviz.kernels.objects import CPU_VARIABLE, OPTIMIZE_VARIABLE, has_features, machine, optimizes
 from clusterviz.render.storage import HEADER_WORDS
 from clusterviz.scene.values import Scene
-from clusterviz.spmd import calls
+from clusterviz.spmd import codegen
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.intrinsics import BELOW
@@ -263,8 +263,8 @@ def test_any_cpu_of_a_kind_draws(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_functions_that_are_called_do_what_inlined_ones_do(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     inlined = run(text, np.arange(64))
-    monkeypatch.setattr(calls, "LARGE_PROGRAM", 0)
-    monkeypatch.setattr(calls, "LARGE_FUNCTION", 0)
+    monkeypatch.setattr(codegen, "LARGE_PROGRAM", 0)
+    monkeypatch.setattr(codegen, "LARGE_FUNCTION", 0)
     program = parse(ShaderSource(PROGRAM.format(functions=text), ("test",)))
     assert "call fastcc" in Generator(program, 16, {}).text("f")
     assert run(text, np.arange(64)).tolist() == inlined.tolist()

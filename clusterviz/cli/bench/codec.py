@@ -19,9 +19,9 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from clusterviz.cli.arguments import parse_size
+from clusterviz.cli.arguments import Frames, parse_size
 from clusterviz.cli.bench.composite import read_rgba
-from clusterviz.cli.bench.report import Frames, JsonOption, one_core, write_json
+from clusterviz.cli.bench.report import JsonOption, one_core, write_json
 from clusterviz.codec import CODECS, Rows, open_message, pack, prepare_codecs, unpack
 from clusterviz.errors import DataError
 from clusterviz.input_files import require_regular_file
@@ -54,10 +54,7 @@ def command(
 def images_in(folder: Path, size: tuple[int, int]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the pictures of a folder: raw RGBA8 as they are, .npy as uint8, float16 and float32.
 
-    Raises
-    ------
-    DataError
-        There is no picture, or one has the wrong size.
+    Raises DataError: there is no picture, or one has the wrong size.
     """
     paths = sorted([*folder.glob("img_*.rgba"), *folder.glob("*.npy")])
     if not paths:

@@ -18,8 +18,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from clusterviz.cli.arguments import parse_size
-from clusterviz.cli.bench.report import Frames, JsonOption, write_json
+from clusterviz.cli.arguments import Frames, parse_size
+from clusterviz.cli.bench.report import JsonOption, write_json
 from clusterviz.comm import Channel, ThrottledChannel, abort_on_failure, agree, limit_threads, open_channel
 from clusterviz.composite import CompositeCounters, Compositor, compile_kernels
 from clusterviz.composite.model.network import default_network
@@ -31,18 +31,9 @@ from clusterviz.input_files import require_regular_file
 
 @dataclass(frozen=True)
 class Timings:
-    """Result of a benchmark.
-
-    Attributes
-    ----------
-    milliseconds : time of each frame on the slowest rank
-    counters : counters of the last frame; index = rank
-    picture : uint8 (h, w, 4), premultiplied, on rank 0; None on others
-    """
-
-    milliseconds: list[float]
-    counters: list[CompositeCounters]
-    picture: NDArray[Any] | None
+    milliseconds: list[float]  # time of each frame on the slowest rank
+    counters: list[CompositeCounters]  # counters of the last frame; index = rank
+    picture: NDArray[Any] | None  # uint8 (h, w, 4), premultiplied, on rank 0; None on others
 
 
 def command(
@@ -86,13 +77,7 @@ def command(
 
 
 def read_rgba(path: Path, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Read a raw picture, uint8 (h, w, 4).
-
-    Raises
-    ------
-    DataError
-        The file is missing or has the wrong size.
-    """
+    """Read a raw picture, uint8 (h, w, 4). Raises DataError: the file is missing or has the wrong size."""
     require_regular_file(path, DataError)
     try:
         pixels = np.fromfile(path, np.uint8)

@@ -21,7 +21,8 @@ import numpy as np
 import typer
 from numpy.typing import DTypeLike, NDArray
 
-from clusterviz.cli.bench.report import Frames, JsonOption, write_json
+from clusterviz.cli.arguments import Frames
+from clusterviz.cli.bench.report import JsonOption, write_json
 from clusterviz.comm import Channel, abort_on_failure, agree, limit_threads, open_channel
 from clusterviz.comm.placement import granted_cores
 from clusterviz.composite import Compositor
@@ -53,18 +54,11 @@ ANSWER_TAG = 1000
 
 @dataclass(frozen=True)
 class LinkTimes:
-    """Seconds of each repetition on one link.
+    """Seconds of each repetition on one link."""
 
-    Attributes
-    ----------
-    by_size : bytes -> seconds of one message
-    by_swap : bytes of each -> seconds of one message each way at once, as in compositing
-    by_count : number -> seconds of a burst of small messages in one direction
-    """
-
-    by_size: dict[int, list[float]]
-    by_swap: dict[int, list[float]]
-    by_count: dict[int, list[float]]
+    by_size: dict[int, list[float]]  # bytes -> seconds of one message
+    by_swap: dict[int, list[float]]  # bytes of each -> seconds of one message each way at once, as in compositing
+    by_count: dict[int, list[float]]  # number -> seconds of a burst of small messages in one direction
 
     def fit(self) -> Link:
         """Return the constants of this link."""
@@ -300,7 +294,6 @@ def measure(channel: Channel, frames: int) -> tuple[Network, dict[str, Any]]:
 
 
 def _pairs(nodes: Sequence[Sequence[int]]) -> dict[str, tuple[int, int]]:
-    """Return two ranks for each kind of link."""
     largest = max(nodes, key=len)
     two_image_variants = {INSIDE: (largest[0], largest[1])} if len(largest) > 1 else {}
     return two_image_variants | ({BETWEEN: (nodes[0][0], nodes[1][0])} if len(nodes) > 1 else {})
@@ -309,15 +302,11 @@ def _pairs(nodes: Sequence[Sequence[int]]) -> dict[str, tuple[int, int]]:
 def _cores(channel: Channel) -> int:
     """Return the number of cores that the ranks of a node may use together, the minimum over nodes."""
     granted = channel.allgather((channel.placement().node, granted_cores()))
-    return min(len(frozenset().union(*(cores for _, cores in group))) for group in _by_node(granted))
-
-
-def _by_node(granted: list[tuple[int, frozenset[int]]]) -> list[list[tuple[int, frozenset[int]]]]:
-    return [[item for item in granted if item[0] == node] for node in {node for node, _ in granted}]
+    nodes = {node for node, _ in granted}
+    return min(len(frozenset().union(*(cores for node, cores in granted if node == one))) for one in nodes)
 
 
 def _lines(network: Network, report: dict[str, Any]) -> list[str]:
-    """Return the constants as text."""
     lines = [f"{network.name}: {network.source}"]
     for name, link in report["links"].items():
         lines.append(

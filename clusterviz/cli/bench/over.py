@@ -18,8 +18,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from clusterviz.cli.arguments import parse_size
-from clusterviz.cli.bench.report import Frames, JsonOption, one_core, write_json
+from clusterviz.cli.arguments import Frames, parse_size
+from clusterviz.cli.bench.report import JsonOption, one_core, write_json
 from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import over, put_before, put_behind
 from clusterviz.composite.over.layers import Layer, blend_layers
@@ -97,7 +97,6 @@ def _measure(variants: dict[str, Variant], frames: int, copy: dict[str, float] |
 
 
 def _time(variant: Variant, frames: int) -> list[float]:
-    """Return seconds of each call, after one warm-up call."""
     seconds = []
     with one_core():
         for number in range(1 + frames):
@@ -114,13 +113,10 @@ def _table(report: dict[str, Any]) -> str:
     for pixel in (np.dtype(pixel).name for pixel in PIXELS):
         columns = [entry["variants"] for entry in report["results"] if entry["pixel"] == pixel]
         for name in dict.fromkeys(name for column in columns for name in column):
-            cells = [_cell(column.get(name)) for column in columns]
+            rows = [column.get(name) for column in columns]
+            cells = [f"{row['ratio']:.2f} ({row['min_ms']:.3g} ms)" if row else "" for row in rows]
             lines.append(f"| {pixel} | {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
-
-
-def _cell(row: dict[str, float] | None) -> str:
-    return f"{row['ratio']:.2f} ({row['min_ms']:.3g} ms)" if row else ""
 
 
 RUN_PIXELS = 64  # length of the runs of active and of blank pixels in the variants with runs
@@ -129,19 +125,12 @@ RANDOM_PIXELS = 1 << 18  # random pixels, which the pool repeats
 
 @dataclass(frozen=True)
 class Variant:
-    """Variant of the over operator.
+    """Variant of the over operator."""
 
-    Attributes
-    ----------
-    call : blends set number k
-    copies : number of images in a copy of the same bytes
-    slow : whether to time a few repetitions only
-    """
-
-    call: Callable[[int], object]
+    call: Callable[[int], object]  # blends set number k
     sets: int
-    copies: float = 1.0
-    slow: bool = False
+    copies: float = 1.0  # number of images in a copy of the same bytes
+    slow: bool = False  # whether to time a few repetitions only
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from statistics import median
 from typing import Any
 
-from clusterviz.cli.arguments import Define, DeviceOption, SceneArgument, Size, overrides_of, parse_device
-from clusterviz.cli.bench.report import Frames, JsonOption, write_json
+from clusterviz.cli.arguments import Define, DeviceOption, Frames, SceneArgument, Size, overrides_of, parse_device
+from clusterviz.cli.bench.report import JsonOption, write_json
 from clusterviz.comm import LoopbackChannel
 from clusterviz.data import open_scene
 from clusterviz.errors import SceneError
@@ -40,13 +40,8 @@ def command(
 def measure(scene: Scene, frames: int, device: Device = None) -> dict[str, Any]:
     """Draw a scene several times.
 
-    Parameters
-    ----------
-    frames : number of timed frames, after one warm-up frame
-
-    Returns
-    -------
-    report : median_s and min_s of drawing, readback_median_s, samples of one frame, and the options
+    `frames`: number of timed frames, after one warm-up frame. Returns median_s and min_s of drawing, readback_median_s,
+    samples of one frame, and the options.
     """
     share, bricks = prepare(Run(LoopbackChannel(), Options()), scene)
     if share.plan is None:

@@ -99,7 +99,6 @@ def parallel_pipeline(stats: ImageStatistics) -> CommunicationCost:
 
 
 def _mean_union(stats: ImageStatistics) -> float:
-    """Return the mean fraction that the unions of 1, 2, …, n images cover."""
     return 1 / (1 - math.log(stats.cover) / math.log(stats.images)) if stats.images > 1 else stats.cover
 
 

@@ -3,9 +3,7 @@
 All fits are Theil-Sen estimates: the slope is the median of the slopes between all pairs of points. Up to a quarter of
 the times may be outliers, as on a shared machine.
 
-References
-----------
-P. K. Sen, "Estimates of the regression coefficient based on Kendall's tau", J. Am. Stat. Assoc. 63, 1968.
+Reference: P. K. Sen, "Estimates of the regression coefficient based on Kendall's tau", J. Am. Stat. Assoc. 63, 1968.
 """
 
 from __future__ import annotations
@@ -67,10 +65,8 @@ def fit_link(by_size: Mapping[int, float], by_count: Mapping[int, float], by_swa
 def fit_program(network: Network, nodes: Nodes, tiny: Mapping[int, float], pixels: int) -> Network:
     """Return the network with this program's cost of each frame and of each message.
 
-    Parameters
-    ----------
-    tiny : seconds of direct send by messages, by the number of ranks (the first ones) with an image; includes 1
-    pixels : pixels of each of these images, which all have the same rectangle
+    `tiny`: seconds of direct send by messages, by the number of ranks (the first ones) with an image; includes 1.
+    `pixels`: pixels of each of these images, which all have the same rectangle.
     """
 
     def seconds(ranks: int, frame: float, message: float) -> float:

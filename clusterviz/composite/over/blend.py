@@ -16,8 +16,17 @@ from numpy.typing import NDArray
 from clusterviz.codec.contract import Pixels
 from clusterviz.comm.channel import Channel
 from clusterviz.composite.fragment import Patch
-from clusterviz.composite.over.job import BEFORE, BEHIND, DTYPES, check_floats, job_head, layer_entry, run
-from clusterviz.composite.over.native import COMMON_KERNELS, kernel
+from clusterviz.composite.over.job import (
+    BEFORE,
+    BEHIND,
+    COMMON_KERNELS,
+    DTYPES,
+    check_floats,
+    job_head,
+    kernel,
+    layer_entry,
+    run,
+)
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
 
@@ -45,10 +54,8 @@ def put_before(
     Raises InputError for arrays of different or wrong types, wrong shapes, not in C order, or a target that is
     read-only.
 
-    Parameters
-    ----------
-    target, source : uint8, float16 or float32 (patch.count, 4), both of one type, premultiplied, C order
-    operator : merge operator of `image/merge.py`; all but over need float32
+    `target`, `source`: uint8, float16 or float32 (patch.count, 4), both of one type, premultiplied, C order.
+    `operator`: merge operator of `image/merge.py`; all but over need float32.
     """
     _put((target, target_patch), (source, source_patch), BEFORE, operator)
 
@@ -66,7 +73,7 @@ def _put(into: tuple[Pixels, Patch], given: tuple[Pixels, Patch], mode: int, ope
         raise InputError("images differ in pixel type", found=", ".join(sorted(map(str, types))))
     check_floats(operator, into[0])
     numbers = [*job_head(*into, 1, mode, operator), *layer_entry(*given)]
-    run(kernel("pair_kernels", "put"), numbers, (into[1], given[1]))
+    run(kernel("put"), numbers, (into[1], given[1]))
 
 
 def compile_kernels(channel: Channel) -> None:
@@ -83,5 +90,5 @@ def compile_kernels(channel: Channel) -> None:
 
 
 def _load_kernels() -> None:
-    for names in COMMON_KERNELS:
-        kernel(*names).prepare()
+    for name in COMMON_KERNELS:
+        kernel(name).prepare()

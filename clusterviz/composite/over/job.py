@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.codec import kernels
 from clusterviz.composite.fragment import Patch
 from clusterviz.errors import InputError
 from clusterviz.image.merge import Operator
@@ -112,3 +115,16 @@ def run(kernel: CompiledKernel, numbers: Sequence[int], patches: Sequence[Patch]
 def _geometry(patch: Patch) -> tuple[int, ...]:
     rect = patch.rect
     return patch.begin, patch.end, rect.x_begin, rect.y_begin, rect.x_end, rect.y_end
+
+
+COMMON_KERNELS = ("blend_layers", "put")
+"""Names of all kernels."""
+SOURCES = ("job", "vector_code", "intrinsics", "geometry", "merging_pixels", "kernels")
+
+
+@cache
+def kernel(name: str) -> CompiledKernel:
+    """Return a function of `kernels.py`, of the address of a job; several threads can call it at once."""
+    paths = [Path(__file__).with_name(f"{source}.py") for source in SOURCES]
+    paths.append(Path(str(kernels.__file__)).with_name("intrinsics.py"))
+    return CompiledKernel("clusterviz.composite.over.kernels", name, "int64", paths, results=1)

@@ -17,15 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.composite.fragment import Patch
-from clusterviz.composite.over.job import check_floats, job_head, layer_entry, run
-from clusterviz.composite.over.native import kernel
+from clusterviz.composite.over.job import check_floats, job_head, kernel, layer_entry, run
 from clusterviz.image.merge import MERGES, Operator
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Pixels of one image."""
-
     patch: Patch  # pixels of the canvas
     # uint8, float16 or float32 (patch.count, 4), premultiplied, C order; with `runs`, the active ones only
     pixels: NDArray[Any]
@@ -51,7 +48,7 @@ def blend_layers(
     numbers = job_head(out, patch, len(layers), min(max(split, 0), len(layers)), operator)
     for layer in layers:
         numbers += layer_entry(layer.pixels, layer.patch, layer.runs)
-    run(kernel("layer_kernels", "blend_layers"), numbers, [patch, *(layer.patch for layer in layers)])
+    run(kernel("blend_layers"), numbers, [patch, *(layer.patch for layer in layers)])
 
 
 def plain_layers(
@@ -86,7 +83,6 @@ def _numbers(patch: Patch) -> NDArray[np.int64]:
 
 
 def _active(layer: Layer) -> NDArray[np.int64]:
-    """Return the canvas numbers of the pixels that a layer stores."""
     numbers = _numbers(layer.patch)
     if layer.runs is None:
         return numbers

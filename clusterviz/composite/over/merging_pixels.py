@@ -80,13 +80,11 @@ def _where_both(builder: Any, front: Any, behind: Any, both: Any) -> Any:
 
 
 def _component(builder: Any, pixels: Any, number: int) -> Any:
-    """Return one of the four floats of each pixel, in all lanes of the pixel."""
     lanes = [lane // 4 * 4 + number for lane in range(pixels.type.count)]
     return builder.shuffle_vector(pixels, pixels, _lanes(lanes))
 
 
 def _put_component(builder: Any, pixels: Any, number: int, given: Any) -> Any:
-    """Return the pixels with one of their floats replaced."""
     count = pixels.type.count
     return builder.shuffle_vector(
         pixels, given, _lanes([lane + count if lane % 4 == number else lane for lane in range(count)])

@@ -37,7 +37,6 @@ def schedule(ranks: int, pixels: int, footprints: Patches = ()) -> Schedule:
 
 
 def _blocks(ranks: int) -> list[Indices]:
-    """Return blocks of consecutive ranks, by the binary digits of their number, largest block in front."""
     blocks, begin = [], 0
     for digit in reversed(range(ranks.bit_length())):
         if ranks >> digit & 1:

@@ -77,7 +77,6 @@ class Rectangles:
         return patch, row * self.width + self.x_begin[patch], row * self.width + self.x_end[patch]
 
     def _before(self, number: Indices) -> Indices:
-        """Return the number of pixels of each rectangle before a pixel number."""
         row, column = np.divmod(number, max(self.width, 1))
         wide, high = self.x_end - self.x_begin, self.y_end - self.y_begin
         part = np.clip(column - self.x_begin, 0, wide)

@@ -111,7 +111,6 @@ class Load:
 
     @property
     def messages(self) -> int:
-        """Messages of all ranks."""
         return int(self.messages_sent.sum())
 
     @property
@@ -212,7 +211,6 @@ def _check_stage(number: int, table: Indices, borders: Indices, low: Indices, hi
 
 
 def _refuse(number: int, transfers: Indices, why: str) -> None:
-    """Raise for the first of the wrong transfers, if there is one."""
     for source, target, begin, end in transfers[:1].tolist():
         raise ValueError(f"stage {number}, {source} to {target}, pixels [{begin}, {end}): {why}")
 

@@ -43,10 +43,8 @@ class Cells:
 def schedule(ranks: int, pixels: int, footprints: Patches = (), *, owners_of: Sequence[int] | None = None) -> Schedule:
     """Return the schedule: blocks of cells, assigned by decreasing work.
 
-    Parameters
-    ----------
-    footprints : patch of each image; without them the canvas is one row that all of them cover
-    owners_of : rank of each image, if ranks have several; by default, rank k has image k
+    `footprints`: patch of each image; without them the canvas is one row that all of them cover. `owners_of`: rank of
+    each image, if ranks have several; by default, rank k has image k.
     """
     known = Rectangles.of_patches(footprints) if footprints else _lines(ranks, pixels)
     table, rows = assign_blocks(ranks, known, owners_of)
@@ -66,10 +64,8 @@ def assign_blocks(
 ) -> tuple[Indices, Indices]:
     """Assign the blocks of all cells to ranks.
 
-    Returns
-    -------
-    table : int64 (transfers, 4), source, target, and begin and end of the first row of a block
-    rows : int64 (transfers,), number of rows of the block, at least one
+    Returns `table`, int64 (transfers, 4), source, target, and begin and end of the first row of a block; `rows`, int64
+    (transfers,), number of rows of the block, at least one.
     """
     owner = np.arange(ranks, dtype=np.int64) if owners_of is None else np.asarray(owners_of, np.int64)
     cells, width = find_cells(footprints, owner), footprints.width
@@ -139,7 +135,6 @@ def find_cells(footprints: Rectangles, owner: Indices) -> Cells:
 
 
 def _ranges(begin: Indices, end: Indices) -> tuple[Indices, Indices]:
-    """Return all numbers of several ranges: the index of the range, and the number."""
     count = end - begin
     row = np.repeat(np.arange(len(count)), count)
     return row, np.arange(len(row)) - np.repeat(count.cumsum() - end, count)

@@ -64,7 +64,6 @@ def _assign_pieces(owners: Indices, parents: list[int], children: list[int]) -> 
 
 
 def _position(sizes: list[int]) -> Indices:
-    """Return 0, 1, 2, … within each node."""
     ends = np.cumsum(sizes)
     return np.arange(ends[-1], dtype=np.int64) - np.repeat(ends - sizes, sizes)
 
@@ -97,5 +96,4 @@ def _stage(
 
 
 def _piece_of(pixel: Indices, pieces: Indices, pixels: int) -> Indices:
-    """Return the index of the piece, of `pieces`, that a pixel lies in."""
     return ((pixel + 1) * pieces - 1) // pixels

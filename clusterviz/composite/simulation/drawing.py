@@ -103,7 +103,6 @@ def _write_png(schedule: Schedule, title: str, path: Path) -> None:
 
 
 def _labels(schedule: Schedule) -> list[tuple[int, int, str]]:
-    """Return rank numbers on both sides, round numbers above."""
     right = MARGIN + len(schedule.stages) * COLUMN
     ranks = [(x, _row(rank), str(rank)) for rank in range(schedule.ranks) for x in (MARGIN - 16, right + 4)]
     middles = (MARGIN + number * COLUMN + COLUMN // 2 - 6 for number in range(len(schedule.stages)))

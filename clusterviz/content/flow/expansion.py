@@ -50,6 +50,11 @@ class LicVolume(Volume):
     largest: float
     """Vectors in the shader have this unit."""
 
+    @property
+    def vector_unit(self) -> float:
+        """The largest component."""
+        return self.largest
+
 
 class FlowLines(LinesSection):
     """Lines that follow a flow."""
@@ -91,10 +96,7 @@ def _columns(points: tuple[Any, Any]) -> tuple[Any, Any]:
 def with_flows(scene: Scene, infos: Sequence[FlowInfo]) -> Scene:
     """Return a scene with completed flows, and with what they become behind its own volumes, lines and points.
 
-    Parameters
-    ----------
-    scene : what flows became earlier is replaced
-    infos : on each of `scene.flows`
+    What flows became earlier is replaced.
     """
     if not scene.flows:
         return scene
@@ -113,10 +115,9 @@ def with_flows(scene: Scene, infos: Sequence[FlowInfo]) -> Scene:
     return scene.model_copy(update={name: tuple(entries) for name, entries in found.items()})
 
 
-def without_flows(scene: Scene, hidden: Collection[int] | None = None) -> Scene:
-    """Return a scene without what its flows, or some of them, have become."""
-    hidden = range(len(scene.flows)) if hidden is None else hidden
-    shown = [number for number in range(len(scene.flows)) if number not in hidden]
+def without_flows(scene: Scene, hidden: Collection[str] | None = None) -> Scene:
+    """Return a scene without what its flows, or those with keys such as flows[0], have become."""
+    shown = [n for n in range(len(scene.flows)) if hidden is not None and f"flows[{n}]" not in hidden]
     key_of = {f"flows[{number}]": f"flows[{n}]" for n, number in enumerate(shown)}
     found = {}
     for name in ("volumes", "lines", "points"):

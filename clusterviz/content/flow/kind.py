@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from clusterviz.content.contract import Kind, LegendEntry
+from clusterviz.content.contract import Kind, LegendEntry, Painter
 from clusterviz.content.description import legend_of, name_of, transfer_summary
 from clusterviz.content.flow.expansion import with_flows
-from clusterviz.content.flow.opening import open_all
+from clusterviz.content.flow.opening import OpenedFlow, open_all
 from clusterviz.content.flow.section import FlowInfo, FlowSection
+from clusterviz.frame.run import Run
+from clusterviz.scene.values import Scene
+
+
+def _painter(run: Run, scene: Scene, opened: Sequence[OpenedFlow]) -> Painter | None:
+    if all(flow.show != "surface-lic" for flow in scene.flows):
+        return None
+    # Few scenes need it, and what it imports.
+    from clusterviz.content.flow.surface_lic import SurfacePainter
+
+    return SurfacePainter(run, opened)
 
 
 def legend(flow: FlowSection) -> LegendEntry:
@@ -32,6 +44,8 @@ FLOW = Kind(
     ),
     open=open_all,
     becomes=with_flows,
+    painter=_painter,
+    free=OpenedFlow.free,
     complete=lambda flow, _: flow,
     corners=lambda *_: np.empty((0, 3)),
     visible=lambda *_: np.empty((0, 3)),
@@ -39,4 +53,5 @@ FLOW = Kind(
     legend=legend,
     panel=lambda *_: {},
     warnings=lambda *_: {},
+    unchecked=lambda flow: "shows no flow on surfaces" if flow.show == "surface-lic" else "",
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -15,7 +15,9 @@ from clusterviz.scene.field_types import (
     Ambient,
     Clim,
     Cmap,
+    ContentSection,
     Diffuse,
+    DrawnAs,
     Flag,
     Fraction,
     GradientPoint,
@@ -179,8 +181,10 @@ class Trace(Section):
     )
 
 
-class FlowSection(Section):
+class FlowSection(ContentSection):
     """Flow: a vector field of a file, and how it is shown."""
+
+    drawn_as: ClassVar[DrawnAs] = "other content"
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
         examples=["channel.vti"], description="The data file, relative to the scene file; a formula is field:NAME."
@@ -264,6 +268,16 @@ class FlowSection(Section):
         description="Meshes, and volumes for their isosurfaces, that show: surface-lic paints; default: all.",
     )
 
+    @property
+    def objects(self) -> int:
+        """None but those of its lines or arrows."""
+        return 0
+
+    @property
+    def may_be_opaque(self) -> bool:
+        """Whether a ray may end at its lines or arrows, or at the surfaces that it is on."""
+        return self.show != "lic"
+
     @model_validator(mode="after")
     def _suits_show(self) -> FlowSection:
         _refuse_others(self, f"show: {self.show}", KEYS_OF_SHOW, self.show)
@@ -294,20 +308,13 @@ class FlowSection(Section):
 
 @dataclass(frozen=True)
 class FlowInfo(Facts):
-    """Facts on a flow of a scene.
-
-    Attributes
-    ----------
-    fastest : 99th percentile of the speeds of a sample; 0 if there is none
-    summary : what was done over ranks, in one line; empty if nothing was
-    """
+    """Facts on a flow: 99th percentile of the speeds of a sample, or 0, and what was done over ranks, if anything."""
 
     fastest: float
     summary: str = ""
 
 
 def _refuse_others(section: Section, chosen: str, keys: dict[str, Any], choice: str, before: str = "") -> None:
-    """Refuse keys that are set and have no meaning for what was chosen."""
     for key, choices in keys.items():
         if getattr(section, key) is not None and choice not in choices:
             found = getattr(section, key)

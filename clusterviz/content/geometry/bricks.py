@@ -1,21 +1,29 @@
 """Entries of meshes, lines and points: facts that complete a scene, layers of a plan, and the primitives of bricks.
 
 Each rank opens the file of an entry, and finds of an equal share of the primitives what can be drawn, and in which
-bricks (`brick_search.py`). So all ranks know the same facts and counts. After a rank has read its bricks it forgets the
-file, which it reads again if bricks are missing later.
+bricks. It sends the numbers of these to the ranks that keep the bricks, asks there for those of its own bricks, and
+takes the primitives from the file. So all ranks know the same facts and counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.comm import Channel, agree
-from clusterviz.content.brick_search import BrickSearch, brick_boxes
+from clusterviz.comm import Channel, agree, all_to_all
+from clusterviz.content.brick_search import (
+    TAG,
+    PlacedEntry,
+    asked_for,
+    brick_boxes,
+    flat_of,
+    key_of,
+    received_members,
+    sent_keys,
+)
 from clusterviz.content.facts import range_around
 from clusterviz.content.geometry.section import (
     GeometryInfo,
@@ -29,6 +37,7 @@ from clusterviz.content.geometry.section import (
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
 from clusterviz.data.glyphs import ARROW_TRIANGLES, arrows
 from clusterviz.data.primitives import (
+    BrickMembers,
     DistinctRows,
     DrawnPrimitives,
     drawn_primitives,
@@ -38,7 +47,7 @@ from clusterviz.data.primitives import (
 )
 from clusterviz.data.source import Index
 from clusterviz.errors import InputError
-from clusterviz.plan.domain import BrickGrid, world_from_file
+from clusterviz.plan.domain import BrickGrid, Placed, world_from_file
 from clusterviz.plan.geometry import GeometryLayer, Primitives
 from clusterviz.plan.segments import make_segments
 from clusterviz.plan.shading import make_geometry_shading
@@ -54,33 +63,18 @@ NOTHING: NDArray[np.float32] = np.empty((0, 3), np.float32)
 COMPONENTS = (1, 3, 4)
 
 
-@dataclass(frozen=True, eq=False)
-class Normals:
-    """Normals of some vertices.
-
-    Attributes
-    ----------
-    rows : int64 (k,), the vertices, ascending
-    along : float32 (k, 3), in the world, of any length
-    """
-
-    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    along: NDArray[np.float32] = field(default_factory=lambda: NOTHING)
+Normals = tuple[NDArray[np.int64], NDArray[np.float32]]
+"""Rows of some vertices, ascending (k,), and their normals in the world, of any length (k, 3)."""
+NO_NORMALS: Normals = np.empty(0, np.int64), NOTHING
 
 
-class KnownGeometry:
-    """Entry of meshes, lines or points; construction, `layer` and `read` are collective.
+class KnownGeometry(PlacedEntry[GeometryLayer, Primitives]):
+    """Entry of meshes, lines or points.
 
     Parameters
     ----------
-    section : as in the scene file
-    key : of the entry, such as meshes[0], for errors
+    section, key, channel : as of `PlacedEntry`
     load : reads the geometry
-    channel : to the other ranks
-
-    Attributes
-    ----------
-    info : facts on it
 
     Raises
     ------
@@ -89,12 +83,15 @@ class KnownGeometry:
     """
 
     def __init__(self, section: GeometrySection, key: str, load: Callable[[], Geometry], channel: Channel) -> None:
-        self._section, self._key, self._channel = section, key, channel
-        self._search = search = BrickSearch(lambda: self._drawn(load()), channel)
+        super().__init__(section, key, channel)
+        self._load = load
+        self._last: tuple[object, BrickMembers | None] = None, None
+        self._drawn: DrawnPrimitives | None
+        self._share: NDArray[np.int64] | None
         rank, ranks = channel.rank, channel.size
         with agree(channel, 0, "open"):
             geometry = load()
-            drawn = search.drawn = self._drawn(geometry)
+            drawn = self._drawn = self._drawn_of(geometry)
             arrays: dict[str, tuple[Literal["vertices", "primitives"], int]] = {}
             self._colour_types: dict[str, np.dtype[Any]] = {}
             for name, array in (*drawn.of_cells.items(), *drawn.of_vertices.items()):
@@ -106,7 +103,7 @@ class KnownGeometry:
                 values = array[len(array) * rank // ranks : len(array) * (rank + 1) // ranks]
             finite = values[np.isfinite(values)]
             scalars = (float(finite.min()), float(finite.max())) if finite.size else None
-            mine = search.share()
+            mine = self._share = drawn.share(rank, ranks)
             found = len(mine), drawn.box(world_from_file(section), mine), scalars, finite.size < values.size
         counts, boxes, ranges, invalid = zip(*channel.allgather(found), strict=True)
         low, high = np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
@@ -126,14 +123,7 @@ class KnownGeometry:
         )
 
     def layer(self, section: GeometrySection, lights: tuple[Light, ...], grid: BrickGrid) -> GeometryLayer:
-        """Return the layer of a plan.
-
-        Parameters
-        ----------
-        section : completed
-        lights : of the scene
-        grid : of the plan
-        """
+        """Return the layer of a plan, for a completed section."""
         channels = _channels(section, self.info.arrays, self._key)
         r, g, b = background_rgb(section.color) or (1.0, 1.0, 1.0)
         opacity = section.opacity if isinstance(section.opacity, float) and channels != 1 else 1.0
@@ -144,51 +134,80 @@ class KnownGeometry:
         scalars = "" if is_direction or section.scalars is None else section.scalars
         of = "" if not channels else "primitives" if is_direction else self.info.arrays[scalars][0]
         return GeometryLayer(
-            self._kind,
-            self._count,
-            grid.index_from_file(section),
-            of,
-            channels,
-            (*((1.0, 1.0, 1.0) if transfer else (r, g, b)), opacity),
-            make_segments(transfer, 1.0) if transfer else None,
-            make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
-            _culled_side(section),
-            hides and not (transfer and self.info.has_invalid) and (edges is None or edges[3] >= 1),
-            section,
-            self._position_type,
-            section.shade and (getattr(section, "shading", "") == "smooth" or is_arrows(section)),
-            self._colour_types.get(scalars, np.dtype(np.float32)),
-            transfer.domain if transfer else (0.0, 1.0),
-            edges,
-            self._search.counted(section, grid),
+            count=self._count,
+            index_from_file=grid.index_from_file(section),
+            section=section,
+            shading=make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
+            clim=transfer.domain if transfer else (0.0, 1.0),
+            position_type=self._position_type,
+            in_bricks=self._counted(section, grid),
+            kind=self._kind,
+            colour_of=of,
+            channels=channels,
+            rgba=(*((1.0, 1.0, 1.0) if transfer else (r, g, b)), opacity),
+            segments=make_segments(transfer, 1.0) if transfer else None,
+            culling=_culled_side(section),
+            opaque=hides and not (transfer and self.info.has_invalid) and (edges is None or edges[3] >= 1),
+            has_normals=section.shade and (getattr(section, "shading", "") == "smooth" or is_arrows(section)),
+            colour_type=self._colour_types.get(scalars, np.dtype(np.float32)),
+            edges=edges,
         )
 
-    def read(self, layer: GeometryLayer, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, Primitives]:
-        """Return the primitives of bricks by index, and forget the others; bricks without primitives are left out.
-
-        Parameters
-        ----------
-        layer, grid : of the plan
-        wanted : indices of bricks
-        """
-        section, found, normals = layer.section, dict[Index, Primitives](), Normals()
-        with agree(self._channel, 0, "load"):
-            some = sorted(index for index in wanted if layer.in_bricks[0][index])
-        if section is None or not self._channel.maximum(len(some)):
-            self._search.forget()
-            return found
-        flat = [int(np.ravel_multi_index(index, grid.layout.counts_zyx)) for index in some]
-        members = self._search.gathered(section, grid, flat)
+    def _received(
+        self, layer: GeometryLayer, grid: BrickGrid, some: Sequence[Index], most: int
+    ) -> dict[Index, Primitives]:
+        flat, normals = flat_of(some, grid), NO_NORMALS
+        members = self._gathered(layer.section, grid, flat)
         if layer.has_normals:
-            normals = self._normals(section, grid, members)
+            normals = self._normals(layer.section, grid, members)
         with agree(self._channel, 0, "load"):
-            rows = DistinctRows(len(self._search.opened().positions) if some else 0)
-            for index, brick in zip(some, flat, strict=True):
-                found[index] = _cropped(members[brick], layer, self._search.opened(), normals, rows)
-            self._search.forget()
+            rows = DistinctRows(len(self._opened().positions) if some else 0)
+            pairs = zip(some, flat, strict=True)
+            return {index: _cropped(members[brick], layer, self._opened(), normals, rows) for index, brick in pairs}
+
+    def _forget(self) -> None:
+        self._drawn = self._share = None
+
+    def _opened(self) -> DrawnPrimitives:
+        """Return the primitives, which are read if they were forgotten."""
+        if self._drawn is None:
+            self._drawn = self._drawn_of(self._load())
+        return self._drawn
+
+    def _kept_members(self, section: Placed, grid: BrickGrid) -> tuple[DrawnPrimitives, BrickMembers]:
+        members = self._members(section, grid)
+        return self._opened(), members
+
+    def _members(self, section: Placed, grid: BrickGrid) -> BrickMembers:
+        """Return the members of the bricks that this rank keeps; collective if the grid is not the last."""
+        key, channel = key_of(section, grid), self._channel
+        last, members = self._last
+        if members is None or last != key:
+            with agree(channel, 0, "plan"):
+                if self._share is None:
+                    self._share = self._opened().share(channel.rank, channel.size)
+                sent = sent_keys(self._opened(), self._share, section, grid, channel.size)
+            members = received_members(all_to_all(channel, sent, TAG), grid, channel)
+            self._last = key, members
+        return members
+
+    def _gathered(self, section: Placed, grid: BrickGrid, bricks: Sequence[int]) -> dict[int, Numbers]:
+        """Return the numbers of the primitives of some bricks from the ranks that keep them; collective."""
+        members, counts, channel = self._members(section, grid), self._counted(section, grid)[0].ravel(), self._channel
+        asked, requests = asked_for(bricks, channel)
+        with agree(channel, 0, "load"):
+            empty = np.empty(0, np.uint32)
+            sent = [
+                np.concatenate([empty, *(members.of(one // channel.size) for one in each.tolist())])
+                for each in requests
+            ]
+        received = all_to_all(channel, sent, TAG, [int(counts[each].sum()) for each in asked])
+        found: dict[int, Numbers] = {}
+        for each, numbers in zip(asked, received, strict=True):
+            found |= zip(each.tolist(), np.split(numbers, np.cumsum(counts[each])[:-1]), strict=False)
         return found
 
-    def _drawn(self, geometry: Geometry) -> DrawnPrimitives:
+    def _drawn_of(self, geometry: Geometry) -> DrawnPrimitives:
         section, part, radius = self._section, part_of(self._section, geometry), None
         if isinstance(section, PointsSection) and isinstance(part, Points):
             has_radius = section.radius in part.attributes or "radius" in section.model_fields_set
@@ -206,23 +225,23 @@ class KnownGeometry:
         rows = others = np.empty(0, np.int64)
         with agree(self._channel, 0, "load"):
             if members:
-                drawn = self._search.opened()
+                drawn = self._opened()
                 is_wanted = np.zeros(len(drawn.positions), bool)
                 for numbers in members.values():
                     is_wanted[drawn.corners[numbers]] = True
                 rows = np.flatnonzero(is_wanted)
-                has_all = len(members) == np.count_nonzero(self._search.counted(section, grid)[0])
+                has_all = len(members) == np.count_nonzero(self._counted(section, grid)[0])
                 if stored_normals(drawn) is None and not has_all:
                     others = np.unique(boxes.flat(boxes.clipped(transformed(drawn.positions[rows], boxes.matrix))))
-        around = self._search.gathered(section, grid, [brick for brick in others.tolist() if brick not in members])
+        around = self._gathered(section, grid, [brick for brick in others.tolist() if brick not in members])
         with agree(self._channel, 0, "load"):
             if not members:
-                return Normals()
+                return NO_NORMALS
             is_near = np.zeros(len(drawn.corners), bool)
             for numbers in (*members.values(), *around.values()):
                 is_near[numbers] = True
             found = vertex_normals(drawn, world_from_file(section), rows, np.flatnonzero(is_near))
-        return Normals(rows, found)
+        return rows, found
 
 
 def part_of(section: GeometrySection, geometry: Geometry) -> Part:
@@ -251,7 +270,6 @@ def _culled_side(section: GeometrySection) -> Literal["none", "front", "back"]:
 
 
 def _edges(section: GeometrySection, spacing: float) -> tuple[float, float, float, float, float] | None:
-    """Return `GeometryLayer.edges` of a completed section."""
     edges = section.edges if isinstance(section, MeshSection) else None
     if edges is None:
         return None
@@ -299,7 +317,6 @@ def _channels(section: GeometrySection, arrays: Any, key: str, name: str | None 
 def _cropped(
     numbers: Numbers, layer: GeometryLayer, drawn: DrawnPrimitives, normals: Normals, rows_of: DistinctRows
 ) -> Primitives:
-    """Return some primitives with what belongs to them."""
     rows, corners = rows_of.renumber(drawn.corners[numbers])
     positions, section = drawn.positions[rows], layer.section
     radii = np.empty(0, np.float32)
@@ -312,8 +329,8 @@ def _cropped(
         begin, end = (positions[corner].astype(np.float64) for corner in corners[:, 1:3].T)
         way = (end - begin) @ linear.T
         colours = np.abs(way / np.linalg.norm(way, axis=1, keepdims=True)).astype(np.float32)
-    elif layer.colour_of and section is not None and section.scalars is not None:
+    elif layer.colour_of:
         chosen = rows if layer.colour_of == "vertices" else numbers if drawn.cells is None else drawn.cells[numbers]
         colours = _array(drawn, section.scalars)[chosen].reshape(-1, layer.channels)
-    along = normals.along[np.searchsorted(normals.rows, rows)] if layer.has_normals else NOTHING
+    along = normals[1][np.searchsorted(normals[0], rows)] if layer.has_normals else NOTHING
     return Primitives(numbers, positions, corners, along, radii, colours)

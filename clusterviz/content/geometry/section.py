@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,9 @@ from clusterviz.scene.field_types import (
     Background,
     Clim,
     Cmap,
+    ContentSection,
     Diffuse,
+    DrawnAs,
     Flag,
     Fraction,
     Number,
@@ -54,7 +56,7 @@ Row = Annotated[tuple[Number, Number, Number, Number], BeforeValidator(to_builti
 Transform = Annotated[tuple[Row, Row, Row, Row], BeforeValidator(to_builtin), AfterValidator(_check_transform)]
 
 
-class GeometrySection(Section):
+class GeometrySection(ContentSection):
     """Colour, opacity, light and place that meshes, lines and points have in common."""
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
@@ -87,6 +89,8 @@ class GeometrySection(Section):
         examples=[[[1, 0, 0, 10], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]],
         description="World from the file's coordinates: 4 x 4, row by row, affine. Radii do not change.",
     )
+
+    drawn_as: ClassVar[DrawnAs] = "fragments"
 
     @property
     def shown_array(self) -> str | None:
@@ -294,6 +298,11 @@ class GeometryInfo(Facts):
         sides = np.ptp(self.box, axis=0) if len(self.box) and not self.axes else np.ones(3)
         flat = np.flatnonzero(sides <= FLAT_SHARE * sides.max())
         return int(flat[0]) if len(flat) == 1 else None
+
+    @property
+    def side(self) -> None:
+        """None: bricks need not be larger for its primitives."""
+        return None
 
     def grown_box(self, section: GeometrySection) -> NDArray[np.float64]:
         """Return the box with the radius of a completed section, float64 (2, 3) or (0, 3)."""

@@ -9,15 +9,24 @@ and a rank that reads bricks asks there. Then all is forgotten; files are read a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree, all_to_all
-from clusterviz.content.brick_search import key_of, of_all_bricks, received_members, sent_keys
+from clusterviz.content.brick_search import (
+    TAG,
+    PlacedEntry,
+    asked_for,
+    flat_of,
+    key_of,
+    received_members,
+    sent_keys,
+)
 from clusterviz.content.grid.section import GridInfo, GridSection, KBuffer
 from clusterviz.content.transfer import transfer_function
 from clusterviz.data.axes import Choice, Subset, first_parts, warn_of_choices
@@ -28,7 +37,7 @@ from clusterviz.data.primitives import NO_RADII, BrickMembers, DistinctRows, Dra
 from clusterviz.data.source import Index
 from clusterviz.data.tetrahedra import MOST, Tetrahedra, groups_with_values, make_tetrahedra
 from clusterviz.data.unstructured import UnstructuredGrid
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, SceneError
 from clusterviz.plan.cells import CellBrick, CellLayer, join_bricks
 from clusterviz.plan.domain import BrickGrid, world_from_file
 from clusterviz.plan.integration_table import make_integration_table
@@ -41,7 +50,6 @@ Floats = NDArray[np.float64]
 TINY = float(np.finfo(np.float64).tiny)
 LEAST_SHARE = 2.0**-12
 """Share of a tetrahedron's segments in a brick that it just touches."""
-TAG = 74
 FIELDS = [field.name for field in fields(CellBrick)]
 AT_ONCE = 16
 """Bricks that a rank receives at the same time, which are in memory twice."""
@@ -50,19 +58,14 @@ LONGEST = 4.0
 """Length of a segment in mean cells, up to which a table has its integral."""
 
 
-class KnownCells:
-    """Unstructured grid of a scene; construction, `layer` and `read` are collective.
+class KnownCells(PlacedEntry[CellLayer, CellBrick]):
+    """Unstructured grid of a scene.
 
     Parameters
     ----------
-    section : as in the scene file
+    section, key, channel : as of `PlacedEntry`
     find : returns the files of the grid; called on rank 0
     load : reads a file
-    channel : to the other ranks
-
-    Attributes
-    ----------
-    info : facts on it
 
     Raises
     ------
@@ -73,50 +76,43 @@ class KnownCells:
     def __init__(
         self,
         section: GridSection,
+        key: str,
         find: Callable[[], Sequence[GridFile]],
         load: Callable[[GridFile], UnstructuredGrid],
         channel: Channel,
     ) -> None:
-        self._section, self._find, self._load, self._channel = section, find, load, channel
+        super().__init__(section, key, channel)
+        self._find, self._load = find, load
         self._own: CellBrick | None = None
         self._kept: tuple[object, CellBrick, BrickMembers] | None = None
-        self._counts: dict[Any, NDArray[np.int64]] = {}
-        self._measures: dict[Any, Floats] = {}
         self._table: tuple[GridSection, NDArray[np.float32]] | None = None
         self._opened()
 
-    def layer(self, section: GridSection, lights: tuple[Light, ...], grid: BrickGrid) -> tuple[CellLayer, Floats]:
-        """Return the layer of a plan, and the expected segments of each brick.
-
-        Parameters
-        ----------
-        section : completed
-        lights : of the scene
-        grid : of the plan
-
-        Returns
-        -------
-        segments : float64 (bz, by, bx), of a ray through each cell of the domain's grid; 0 where all is transparent
-        """
+    def layer(self, section: GridSection, lights: tuple[Light, ...], grid: BrickGrid) -> CellLayer:
+        """Return the layer of a plan, for a completed section."""
+        if section.shade and self._on_cells:
+            text, found = "values of cells have no gradient to light", "true, and values of cells"
+            raise SceneError(text, where=f"{self._key}.shade", found=found, allowed="false, or values of points")
         transfer = transfer_function(section)
         in_bricks = self._counted(section, grid)
-        low, high, segments = self._measured(section, grid)
+        low, high, segments = self._in_all_bricks("measures", section, grid, partial(self._measured, section, grid))
         kbuffer = section.visibility if isinstance(section.visibility, KBuffer) else None
-        layer = CellLayer(
-            self.info.count,
-            grid.index_from_file(section),
-            self._on_cells,
-            make_preintegrated(transfer),
-            grid.domain.spacing / transfer.unit_distance,
-            make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
-            kbuffer,
-            self._integrals(section, transfer) if kbuffer and kbuffer.integration == "table" else None,
-            section,
-            transfer.domain,
-            *self._types,
-            in_bricks,
+        return CellLayer(
+            count=self.info.count,
+            index_from_file=grid.index_from_file(section),
+            section=section,
+            shading=make_geometry_shading(section, lights, grid.domain.grid) if section.shade else None,
+            clim=transfer.domain,
+            position_type=self._types[0],
+            in_bricks=in_bricks,
+            on_cells=self._on_cells,
+            segments=make_preintegrated(transfer),
+            units=grid.domain.spacing / transfer.unit_distance,
+            kbuffer=kbuffer,
+            integrals=self._integrals(section, transfer) if kbuffer and kbuffer.integration == "table" else None,
+            value_type=self._types[1],
+            crossings=np.where(transfer.is_transparent(low, high), 0.0, segments),
         )
-        return layer, np.where(transfer.is_transparent(low, high), 0.0, segments)
 
     def _integrals(self, section: GridSection, transfer: TransferFunction) -> NDArray[np.float32]:
         if self._table is None or self._table[0] != section:
@@ -124,24 +120,14 @@ class KnownCells:
             self._table = section, make_integration_table(transfer, longest)
         return self._table[1]
 
-    def read(self, layer: CellLayer, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, CellBrick]:
-        """Return the tetrahedra of bricks by index, and forget the others; bricks without any are left out.
-
-        Parameters
-        ----------
-        layer, grid : of the plan
-        wanted : indices of bricks
-        """
-        section, found, channel = layer.section, dict[Index, CellBrick](), self._channel
-        with agree(channel, 0, "load"):
-            some = sorted(index for index in wanted if layer.in_bricks[0][index])
-        rounds = -(-channel.maximum(len(some)) // AT_ONCE)
-        if section is not None and rounds:
-            self._members(section, grid)
-            for begin in range(0, rounds * AT_ONCE, AT_ONCE):
-                found |= self._received(layer, grid, some[begin : begin + AT_ONCE])
-        self._own = self._kept = None
+    def _received(self, layer: CellLayer, grid: BrickGrid, some: Sequence[Index], most: int) -> dict[Index, CellBrick]:
+        found: dict[Index, CellBrick] = {}
+        for begin in range(0, most, AT_ONCE):
+            found |= self._some_received(layer, grid, some[begin : begin + AT_ONCE])
         return found
+
+    def _forget(self) -> None:
+        self._own = self._kept = None
 
     def _opened(self) -> CellBrick:
         """Return the tetrahedra of this rank's share, which is read if it was forgotten; collective."""
@@ -214,20 +200,19 @@ class KnownCells:
                 keys = [each + begin for each, begin in zip(keys, begins, strict=False)]
                 kept = join_bricks(received, self._on_cells) if channel.size > 1 else own
             self._kept = key, kept, received_members(keys, grid, channel)
-            if not self._counts:
+            if not self._of_bricks:
                 with agree(channel, 0, "plan"):
                     crowded = find_neighbours(kept.corners, len(kept.rows)).crowded
                 self.info = replace(self.info, overlaps=channel.maximum(crowded) > 0)
         return self._kept[1:]
 
-    def _received(self, layer: CellLayer, grid: BrickGrid, some: Sequence[Index]) -> dict[Index, CellBrick]:
-        """Return some bricks from the ranks that keep them; collective."""
-        assert self._kept is not None
-        channel, (_, kept, members), found = self._channel, self._kept, dict[Index, CellBrick]()
-        with agree(channel, 0, "load"):
-            flat = np.array([np.ravel_multi_index(index, grid.layout.counts_zyx) for index in some], np.int64)
-            asked = [flat[flat % channel.size == rank] for rank in range(channel.size)]
-        requests = all_to_all(channel, asked, TAG)
+    def _kept_members(self, section: GridSection, grid: BrickGrid) -> tuple[DrawnPrimitives, BrickMembers]:
+        kept, members = self._members(section, grid)
+        return _drawn(kept, self._on_cells), members
+
+    def _some_received(self, layer: CellLayer, grid: BrickGrid, some: Sequence[Index]) -> dict[Index, CellBrick]:
+        channel, (kept, members), flat = self._channel, self._members(layer.section, grid), flat_of(some, grid)
+        found, (asked, requests) = dict[Index, CellBrick](), asked_for(flat, channel)
         with agree(channel, 0, "load"):
             empty, rows = layer.no_cells(), DistinctRows(len(kept.rows))
             sent = [
@@ -238,7 +223,7 @@ class KnownCells:
                 CellBrick(*(np.concatenate([getattr(one, name) for one in [empty, *each]]) for name in FIELDS))
                 for each in sent
             ]
-        indices = dict(zip(flat.tolist(), some, strict=True))
+        indices = dict(zip(flat, some, strict=True))
         for each, brick in zip(asked, _exchanged(joined, channel), strict=True):
             ends = np.cumsum(layer.in_bricks.reshape(2, -1)[:, each], axis=1)[:, :-1]
             of = {"numbers": 0, "rows": 1, "points": 1, "corners": 0, "values": 0 if self._on_cells else 1}
@@ -247,32 +232,8 @@ class KnownCells:
                 found[indices[one]] = CellBrick(*(array.copy() for array in arrays))
         return found
 
-    def _counted(self, section: GridSection, grid: BrickGrid) -> NDArray[np.int64]:
-        """Return tetrahedra and points of each brick, int64 (2, bz, by, bx); collective once for a grid."""
-        key = key_of(section, grid)
-        if key not in self._counts:
-            kept, members = self._members(section, grid)
-            with agree(self._channel, 0, "plan"):
-                mine = members.counted(_drawn(kept, self._on_cells))
-            self._counts[key] = of_all_bricks(mine, grid, self._channel)
-        return self._counts[key]
-
-    def _measured(self, section: GridSection, grid: BrickGrid) -> Floats:
-        """Return lowest and highest scalar and expected segments of each brick, float64 (3, bz, by, bx).
-
-        The first call for a grid is collective.
-        """
-        key = key_of(section, grid)
-        if key not in self._measures:
-            kept, members = self._members(section, grid)
-            with agree(self._channel, 0, "plan"):
-                mine = self._measured_members(section, grid, _drawn(kept, self._on_cells), members)
-            self._measures[key] = of_all_bricks(mine, grid, self._channel)
-        return self._measures[key]
-
-    def _measured_members(
-        self, section: GridSection, grid: BrickGrid, drawn: DrawnPrimitives, members: BrickMembers
-    ) -> Floats:
+    def _measured(self, section: GridSection, grid: BrickGrid, drawn: DrawnPrimitives, members: BrickMembers) -> Floats:
+        """Return lowest and highest scalar, and expected segments, of the bricks that are kept here, float64 (3, k)."""
         matrix, brick = grid.index_from_file(section), grid.layout.brick
         bricks, ranks = len(members.begins) - 1, self._channel.size
         found = np.repeat([[np.inf], [-np.inf], [0.0]], bricks, axis=1)
@@ -361,19 +322,11 @@ class _Part:
 
 
 def _tetrahedra(grid: UnstructuredGrid, array: str | None) -> tuple[Tetrahedra, list[Choice]]:
-    """Return the tetrahedra of a grid with an array, by default the first one, and whether it was chosen."""
     found, _, choices = first_parts(lambda part: make_tetrahedra(grid, part.array), Subset(array))
     return found, choices
 
 
 def _check_alike(parts: Sequence[_Part]) -> tuple[bool, tuple[np.dtype[Any], np.dtype[Any]]]:
-    """Return whether scalars belong to cells, and the types of points and scalars, which all parts have in common.
-
-    Raises
-    ------
-    DataError
-        One is unlike the first.
-    """
     kinds = [(part.array, part.on_cells, part.types) for part in parts] or [("", False, ("float32", "float32"))]
     words = [f"{array} of {('points', 'cells')[on]}, {types[1]}, points {types[0]}" for array, on, types in kinds]
     for part, kind, word in zip(parts, kinds, words, strict=False):
@@ -447,12 +400,7 @@ def _numbered(own: CellBrick, on_cells: bool, channel: Channel) -> NDArray[np.ui
 
 
 def _renumbered(keys: NDArray[np.uint64], count: int) -> tuple[NDArray[np.uint32], NDArray[np.uint64]]:
-    """Return the different numbers in the lower halves of keys, ascending, and keys with their places among these.
-
-    Parameters
-    ----------
-    count : of the numbers
-    """
+    """Return the different numbers, of `count`, in the lower halves of keys, and keys with their places among these."""
     numbers, is_used = keys.astype(np.uint32), np.zeros(count, bool)
     is_used[numbers] = True
     place = np.cumsum(is_used, dtype=np.uint32) - np.uint32(1)
@@ -460,25 +408,21 @@ def _renumbered(keys: NDArray[np.uint64], count: int) -> tuple[NDArray[np.uint32
 
 
 def _exchanged(sent: Sequence[CellBrick], channel: Channel) -> list[CellBrick]:
-    """Send tetrahedra to each rank, and return those of all ranks; collective."""
     columns = [_to_all([getattr(each, name) for each in sent], channel) for name in FIELDS]
     return [CellBrick(*each) for each in zip(*columns, strict=True)]
 
 
 def _to_all(sent: Sequence[NDArray[Any]], channel: Channel) -> list[NDArray[Any]]:
-    """Send an array (k, …) to each rank, and return those of all ranks; collective."""
     shape = sent[0].shape[1:]
     return [each.reshape(-1, *shape) for each in all_to_all(channel, [each.ravel() for each in sent], TAG)]
 
 
 def _drawn(found: CellBrick, on_cells: bool) -> DrawnPrimitives:
-    """Return tetrahedra as primitives, with their scalars as the array ""."""
     of_points, of_cells = ({}, {"": found.values}) if on_cells else ({"": found.values}, {})
     return DrawnPrimitives("tetrahedron", found.points, found.corners, NO_RADII, 0, of_points, of_cells)
 
 
 def _bounds(points: NDArray[Any], matrix: Floats) -> Floats:
-    """Return the corners of the box around points, mapped by a matrix, float64 (2, 3); ±inf around none."""
     placed = [transformed(points[begin : begin + CHUNK], matrix) for begin in range(0, len(points), CHUNK)]
     low = [each.min(axis=0) for each in placed]
     high = [each.max(axis=0) for each in placed]
@@ -496,7 +440,6 @@ def _volume_and_sides(points: NDArray[Any], corners: NDArray[np.uint32], matrix:
 
 
 def _cropped(members: NDArray[np.uint32], own: CellBrick, rows_of: DistinctRows, on_cells: bool) -> CellBrick:
-    """Return some of the tetrahedra with what belongs to them."""
     rows, corners = rows_of.renumber(own.corners[members])
     values = own.values[members if on_cells else rows]
     return CellBrick(own.numbers[members], own.rows[rows], own.points[rows], corners, values)

@@ -7,12 +7,18 @@ from functools import partial
 from pathlib import Path, PurePath
 
 from clusterviz.content.contract import Corners, Kind, LegendEntry
-from clusterviz.content.description import apart, bounds, legend_of_transfer, name_of, transfer_summary, unseen_scalars
+from clusterviz.content.description import (
+    legend_of_transfer,
+    name_of,
+    placed_warnings,
+    transfer_summary,
+    unseen_scalars,
+)
 from clusterviz.content.facts import box_corners, range_around
 from clusterviz.content.grid.bricks import KnownCells
 from clusterviz.content.grid.section import GridInfo, GridSection, KBuffer
 from clusterviz.content.transfer import default_opacity, transfer_function
-from clusterviz.data import read_piece
+from clusterviz.data import read_grid, read_piece
 from clusterviz.data.grid_files import GridFile, grid_files
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.errors import SceneError
@@ -28,14 +34,14 @@ def open_grids(
 ) -> list[KnownCells]:
     """Open unstructured grids; collective."""
 
-    def opened(section: GridSection, data: UnstructuredGrid | None) -> KnownCells:
+    def opened(key: str, section: GridSection, data: UnstructuredGrid | None) -> KnownCells:
         path = Path(section.path)
         if data is None:
-            return KnownCells(section, partial(grid_files, path, section.time), read_piece, run.channel)
-        return KnownCells(section, lambda: [GridFile(path)], lambda _: data, run.channel)
+            return KnownCells(section, key, partial(grid_files, path, section.time), read_piece, run.channel)
+        return KnownCells(section, key, lambda: [GridFile(path)], lambda _: data, run.channel)
 
     with run.local("open", "load"):
-        return [opened(section, data) for (_, section), data in zip(keyed, given, strict=True)]
+        return [opened(key, section, data) for (key, section), data in zip(keyed, given, strict=True)]
 
 
 def complete_grid(section: GridSection, info: GridInfo) -> GridSection:
@@ -50,11 +56,6 @@ def complete_grid(section: GridSection, info: GridInfo) -> GridSection:
     return section.model_copy(update=found)
 
 
-def corners(_: GridSection, info: GridInfo) -> Corners:
-    """Return the corners of the box around all tetrahedra."""
-    return box_corners(info.box)
-
-
 def legend(section: GridSection) -> LegendEntry:
     """Return how a completed grid is listed."""
     return legend_of_transfer(name_of(section), transfer_function(section))
@@ -62,30 +63,33 @@ def legend(section: GridSection) -> LegendEntry:
 
 def warnings(key: str, section: GridSection, info: GridInfo, others: Sequence[Corners]) -> dict[str, str]:
     """Return what cannot be drawn of a grid, whether it is apart from all else, and why its scalars are invisible."""
-    name, found = key if section.path == key else f"{key} ({PurePath(section.path).name})", dict[str, str]()
-    if info.left_out:
-        found[f"{key}: left out"] = f"{name}: {info.left_out} of {info.left_out + info.drawn} {LEFT_OUT}"
+    found, name = (
+        placed_warnings(key, section, info, box_corners(info.box), others, LEFT_OUT),
+        PurePath(section.path).name,
+    )
     if info.overlaps:
-        found[f"{key}: overlap"] = f"{name}: {OVERLAP}"
-    if not info.count:
-        found[key] = f"{name}: nothing is drawn"
-    else:
-        found |= apart(key, name, corners(section, info), others)
+        found[f"{key}: overlap"] = f"{key} ({name}): {OVERLAP}"
     if info.scalars and (reason := unseen_scalars(section, *info.scalars)):
-        found[key] = f"{key} ({PurePath(section.path).name}): {reason}"
+        found[key] = f"{key} ({name}): {reason}"
     return found
 
 
 def check(scene: Scene) -> None:
     """Refuse a k-buffer beside anything else."""
     for number, grid in enumerate(scene.grids):
-        beside = [f"volumes[{n}]" for n in range(len(scene.volumes))] + list(scene.geometry_keys)
-        beside += [f"grids[{n}]" for n in range(len(scene.grids)) if n != number]
+        beside = [key for key in scene.drawn_as("samples", "fragments", "segments") if key != f"grids[{number}]"]
         beside += ["image.layers"] if scene.image.layers else []
         beside += [f"grids[{number}].shade"] if grid.shade else []
         if isinstance(grid.visibility, KBuffer) and beside:
             text, where = "a k-buffer draws one unstructured grid, and nothing else", f"grids[{number}].visibility"
             raise SceneError(text, where=where, found=f"{{k: {grid.visibility.k}}} and {beside[0]}", allowed="exact")
+
+
+def _referenced(section: GridSection, grid: UnstructuredGrid) -> object:
+    # Few commands need the reference.
+    from clusterviz.reference.cells import place_cells
+
+    return place_cells(section, grid)
 
 
 GRID = Kind(
@@ -98,12 +102,13 @@ GRID = Kind(
     ),
     open=open_grids,
     complete=complete_grid,
-    corners=corners,
-    visible=corners,
     summary=lambda key, section: f"{key} {transfer_summary(section.clim, section.cmap, section.opacity)}",
     legend=legend,
-    panel=lambda _, info: {"bounds": bounds(info.box)},
     warnings=warnings,
     check=check,
     must_fit=True,
+    read=lambda section: read_grid(section.path, section.time),
+    referenced=_referenced,
+    unchecked=lambda section: "" if section.visibility == "exact" else "shows no grids by a k-buffer",
+    faint=("opacity_unit_distance=null",),
 )

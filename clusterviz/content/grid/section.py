@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,9 @@ from clusterviz.scene.field_types import (
     Ambient,
     Clim,
     Cmap,
+    ContentSection,
     Diffuse,
+    DrawnAs,
     Flag,
     Opacity,
     Positive,
@@ -76,8 +78,10 @@ Visibility = Annotated[
 ]
 
 
-class GridSection(Section):
+class GridSection(ContentSection):
     """Grid: an unstructured grid of a file, with the scalars of one of its arrays."""
+
+    drawn_as: ClassVar[DrawnAs] = "segments"
 
     path: Annotated[str, AfterValidator(check_path)] = Field(
         examples=["disk.vtu"], description="The data file, relative to the scene file."
@@ -120,6 +124,11 @@ class GridSection(Section):
         description="World from the file's coordinates: 4 x 4, row by row, affine.",
     )
 
+    @property
+    def objects(self) -> int:
+        """None, since they have no surface."""
+        return 0
+
 
 @dataclass(frozen=True, eq=False)
 class GridInfo(Facts):
@@ -152,3 +161,7 @@ class GridInfo(Facts):
     def left_out(self) -> int:
         """Number of cells that cannot be drawn."""
         return sum(self.counts.get(name, 0) for name in ("flat", "misplaced", "invalid"))
+
+    def grown_box(self, _: GridSection) -> NDArray[np.float64]:
+        """Return the box."""
+        return self.box

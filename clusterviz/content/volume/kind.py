@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.content.automatic import classify_values
 from clusterviz.content.contract import Kind, LegendEntry
 from clusterviz.content.description import OPACITY_VARIES, name_of, ramp, span, transfer_summary, unseen_scalars
 from clusterviz.content.facts import LARGEST
@@ -16,6 +17,7 @@ from clusterviz.content.transfer import default_opacity, transfer_function
 from clusterviz.content.volume.info import VolumeInfo, default_clim
 from clusterviz.content.volume.opening import open_volumes
 from clusterviz.content.volume.section import Volume
+from clusterviz.data import open_volume
 from clusterviz.errors import public_address
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.transfer_2d import Transfer2d, load_table
@@ -46,12 +48,7 @@ def complete_volume(volume: Volume, info: VolumeInfo) -> Volume:
 
 
 def visible_corners(volume: Volume, info: VolumeInfo) -> NDArray[np.float64]:
-    """Return the corners, float64 (n, 3), of all blocks that are not transparent.
-
-    Parameters
-    ----------
-    volume : a completed volume
-    """
+    """Return the corners, float64 (n, 3), of all blocks of a completed volume that are not transparent."""
     mode = BLEND_MODES[volume.blending]
     if info.blocks is None or mode.shows_transparent or min(info.shape_zyx) == 1:
         return info.corners
@@ -154,7 +151,6 @@ def _blank(volume: Volume, info: VolumeInfo) -> str:
 
 
 def _unseen(volume: Volume, info: VolumeInfo) -> str:
-    """Return why a volume is invisible from all cameras, or ""."""
     if not info.finite:
         return f"all {math.prod(info.shape_zyx)} samples are NaN or infinite: nothing is drawn"
     data = f"the data's range {span(info.minimum, info.maximum)}"
@@ -179,6 +175,14 @@ def _unseen_values(volume: Volume, low: float, high: float, has_surfaces: bool) 
     )
 
 
+def _unchecked(volume: Volume) -> str:
+    """Return that the reference compiles no shaders, and takes no slopes between levels."""
+    if volume.shader:
+        return f"does not read shaders such as {volume.shader}"
+    slopes = volume.shade or volume.gradient_opacity or volume.transfer_2d or volume.interpolation == "cubic"
+    return "has no gradients of coarser levels" if volume.detail != "full" and slopes else ""
+
+
 VOLUME = Kind(
     name="volumes",
     sections=("volumes",),
@@ -193,4 +197,14 @@ VOLUME = Kind(
     panel=panel,
     warnings=warnings,
     blank=_blank,
+    read=open_volume,
+    unchecked=_unchecked,
+    faint=(
+        "gradient_opacity=[]",
+        "transfer_2d=null",
+        "opacity_unit_distance=null",
+        "blending=composite",
+        "optics=null",
+    ),
+    preset=lambda volume, info: volume.preset or classify_values(info),
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,18 +20,19 @@ from numpy.typing import NDArray
 
 from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.content.volume.section import Volume
-from clusterviz.data import format_of, open_first_parts, open_time_step, override_grid
+from clusterviz.data import ALL_STEPS, ONE_STEP, open_first_parts, open_time_step, override_grid
 from clusterviz.data.axes import warn_of_choices
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
+from clusterviz.data.formats import format_of
 from clusterviz.data.levels import MixedSource, halved
-from clusterviz.data.source import Grid, Index, Source, levels_of
+from clusterviz.data.source import Index, Source, levels_of
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time
-from clusterviz.errors import DataError, InputError
+from clusterviz.errors import DataError, InputError, SceneError
 from clusterviz.frame.run import Run
 from clusterviz.partition import bricks_of, build_tree, refined_edges
 from clusterviz.plan.blend_mode import LARGEST_MARGIN, classification_of, margin_of
 from clusterviz.plan.content import KnownVolume, VolumeLayer, brick_cost
-from clusterviz.plan.plan import Plan, make_plan
+from clusterviz.plan.plan import make_plan
 from clusterviz.plan.refinement import VolumeLevels, field_error
 from clusterviz.plan.shading import occlusion_reach
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
@@ -41,30 +42,25 @@ MOST_BRICKS = 1 << 17
 """Bricks a rank, at most: each takes some time in Python, even a small one."""
 LARGEST_BRICK = 512
 """Side of the largest brick that is advised; each is held as a whole."""
-Bricks = dict[Index, Any]
+Samples = dict[Index, NDArray[Any]]
+"""Samples of bricks of a volume."""
 
 
-@dataclass(frozen=True)
-class OpenedVolume:
-    """Opened volume, with what plans need; all but the source is the same on every rank.
+@dataclass(frozen=True, eq=False)
+class OpenedVolume(KnownVolume):
+    """Opened volume.
 
     Attributes
     ----------
-    source : of its voxels
-    layout : of its bricks
-    summary : of its values
     info : facts on it
     time : step of the scene's volume
     read_bricks : that were read for the summary and can be drawn, until they are taken over
     bytes_per_second : of samples that a rank reads, where a picture may take some time only
     """
 
-    source: Source
-    layout: BrickLayout
-    summary: VolumeSummary
     info: VolumeInfo
     time: int | None = None
-    read_bricks: Mapping[Index, Any] = field(default_factory=dict)
+    read_bricks: Samples = field(default_factory=dict)
     bytes_per_second: float = 0.0
 
     @cached_property
@@ -73,64 +69,9 @@ class OpenedVolume:
         source = levels_of(self.source)
         return VolumeLevels(self.grid, source.dtype, field_error(source)) if source else None
 
-    @property
-    def infos(self) -> tuple[VolumeInfo, ...]:
-        """Facts on the volume alone, as of `OpenedContent`."""
-        return (self.info,)
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of the voxels."""
-        return self.source.grid
-
-    @property
-    def range_type(self) -> np.dtype[Any]:
-        """Type of the value ranges of groups of cells: that of the voxels."""
-        return self.source.dtype
-
-    def suits(self, scene: Scene) -> bool:
-        """Return whether the bricks have the margins that a scene needs."""
+    def has_margin_for(self, scene: Scene) -> bool:
+        """Return whether its own bricks have the margins that a scene needs, which shows it alone."""
         return self.layout.margin >= _layout(scene, scene.volumes[0], self.source).margin
-
-    def plan(self, scene: Scene) -> Plan:
-        """Plan a frame."""
-        return make_plan(scene, [KnownVolume(self.grid, self.source.dtype, self.layout, self.summary)])
-
-    def with_detail(self, plan: Plan, scene: Scene) -> Plan:
-        """Return a plan with the levels that its view needs: as it is."""
-        return plan
-
-    def grid_of(self, plan: Plan) -> Grid:
-        """Return the grid in whose index space a plan is."""
-        return self.grid
-
-    def read(self, plan: Plan, wanted: Set[Index]) -> Iterator[tuple[Index, Any]]:
-        """Read bricks of a plan from the source."""
-        return read_bricks(self.source, self.layout, wanted)
-
-    def suiting(self, plan: Plan, held: Bricks) -> Bricks:
-        """Return those of the bricks in memory that suit a plan: all of them."""
-        return held
-
-    def free(self) -> None:
-        """Release what the ranks share, as of `OpenedContent`: nothing."""
-
-    @property
-    def volumes(self) -> tuple[OpenedVolume, ...]:
-        """The volume alone, as of `OpenedContent`."""
-        return (self,)
-
-    def with_volumes(self, volumes: Sequence[OpenedVolume]) -> OpenedVolume:
-        """Return the volume at another time step."""
-        return volumes[0]
-
-    def changed(self, plan: Plan, before: Any, bricks: Set[Index]) -> set[Index]:
-        """Return those of some bricks that may differ from those of another time step."""
-        return {
-            index
-            for index in bricks
-            if not _is_same(self.source, before.volumes[0].source, self.layout.sample_box(index))
-        }
 
 
 def open_volumes(
@@ -159,6 +100,19 @@ def open_volumes(
         return found
 
 
+def times_of(scene: Scene) -> list[int | str | None]:
+    """Return the time step of each volume of a scene."""
+    return [volume.time for volume in scene.volumes]
+
+
+def several_steps(scene: Scene) -> SceneError | None:
+    """Return the error of a picture of all time steps at once; None of other scenes."""
+    if "all" not in times_of(scene):
+        return None
+    where = f"volumes[{times_of(scene).index('all')}].time"
+    return SceneError(ONE_STEP, where=where, found="all", allowed=ALL_STEPS)
+
+
 def open_time_steps(run: Run, scene: Scene, opened: Sequence[OpenedVolume]) -> list[OpenedVolume]:
     """Open those volumes of a scene whose time steps differ from the opened ones; collective.
 
@@ -184,10 +138,10 @@ def open_time_steps(run: Run, scene: Scene, opened: Sequence[OpenedVolume]) -> l
 
 
 def is_brick_same(now: Source, earlier: Source, part: VolumeLayer, index: Index) -> bool:
-    """Return whether a volume's samples in a brick of the domain are known to be the same at another time step."""
+    """Return whether a volume's samples in a brick are known to be the same at another time step."""
     several = [source for source in (levels_of(now), levels_of(earlier)) if source]
     if part.levels is None or part.brick_levels is None or len(several) < 2:
-        return _is_same(now, earlier, part.cut.sample_box(index))
+        return _is_same(now, earlier, part.boxes.sample_box(index))
     level = int(part.brick_levels[index])
     box = part.cut.at(level).sample_box(index)
     # Samples of a brick may be those of all coarser levels around it.
@@ -201,16 +155,17 @@ def is_brick_same(now: Source, earlier: Source, part: VolumeLayer, index: Index)
     return True
 
 
-def read_layer(source: Source, layer: VolumeLayer, wanted: Sequence[Index]) -> Bricks:
-    """Read the samples of one of several volumes in bricks of the domain."""
-    levels = levels_of(source)
+def read_layer(source: Source, layer: VolumeLayer, wanted: Iterable[Index]) -> Iterator[tuple[Index, NDArray[Any]]]:
+    """Read the samples of a volume in those of some bricks that it meets, in one pass, by ascending indices."""
+    levels, met = levels_of(source), [index for index in wanted if layer.bricks_met[index]]
     if layer.levels is None or layer.brick_levels is None or levels is None:
-        return dict(read_bricks(source, layer.cut, wanted))
-    found: Bricks = {}
-    for level in sorted({int(layer.brick_levels[index]) for index in wanted}):
-        here = [index for index in wanted if layer.brick_levels[index] == level]
+        yield from read_bricks(source, layer.boxes, met)
+        return
+    found: Samples = {}
+    for level in sorted({int(layer.brick_levels[index]) for index in met}):
+        here = [index for index in met if layer.brick_levels[index] == level]
         found |= read_bricks(MixedSource(levels, layer.levels, level), layer.cut.at(level), here)
-    return found
+    yield from sorted(found.items(), key=lambda each: each[0])
 
 
 def _check_same_on_ranks(run: Run, sources: Sequence[Source]) -> None:
@@ -240,7 +195,6 @@ def _is_same(source: Source, other: Source, box: Box) -> bool:
 
 
 def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
-    """Return the bricks of a volume, with the margins that its blend mode needs."""
     known = not scene.automatic and volume.preset is None
     quality, has_layers = scene.quality, scene.needs_layers
     around = occlusion_reach(volume, source.grid)
@@ -251,14 +205,8 @@ def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
 
 def _summarised(
     run: Run, sources: Sequence[Source], layouts: Sequence[BrickLayout], limit_bytes: int | None
-) -> tuple[list[VolumeSummary], list[Bricks]]:
-    """Summarise the volumes; of those whose source keeps no summary, an equal share is read.
-
-    Returns
-    -------
-    summaries : of the volumes
-    bricks : those read, of each volume, if they fit into memory
-    """
+) -> tuple[list[VolumeSummary], list[Samples]]:
+    """Summarise the volumes; of sources without summaries an equal share is read, and returned if it fits."""
     with run.collective("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
         most_bytes = min(most_bytes, limit_bytes or most_bytes)
@@ -278,26 +226,24 @@ def _summarised(
 
 
 def with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> OpenedVolume:
-    """Divide the volume into small bricks near the expected planes between ranks, and larger ones elsewhere.
+    """Divide a volume alone into small bricks near the expected planes between ranks, and larger ones elsewhere.
 
-    Parameters
-    ----------
-    scene : completed
+    It stays as it is if bricks have one size. Bricks that were read are forgotten.
 
     References
     ----------
     M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.6.
     """
     largest, brick = scene.cluster.largest_brick, scene.cluster.brick
-    assert largest is not None, "only bricks of several sizes are divided again"
-    tree = build_tree(opened.plan(scene).cost, ranks)
-    edges, summary = refined_edges(tree, largest // brick), opened.summary
-
-    return replace(opened, layout=replace(opened.layout, edges_zyx=edges), summary=_with_joined_bricks(summary, edges))
+    if largest is None or largest == brick:
+        return opened
+    tree = build_tree(make_plan(scene, [opened]).cost, ranks)
+    edges = refined_edges(tree, largest // brick)
+    layout, summary = replace(opened.layout, edges_zyx=edges), _with_joined_bricks(opened.summary, edges)
+    return replace(opened, layout=layout, summary=summary, read_bricks={})
 
 
 def _with_joined_bricks(summary: VolumeSummary, edges: Edges) -> VolumeSummary:
-    """Return the summary of a volume with the extremes of larger bricks."""
 
     def joined(pick: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
         for axis, inner in enumerate(edges):
@@ -333,7 +279,6 @@ def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
 def _sources(
     volumes: Sequence[Volume], given: Sequence[Source | None], warns: bool
 ) -> tuple[list[Source], list[dict[str, Any]]]:
-    """Open the source of each volume; return them, and the keys of the parts of their files that were chosen."""
     sources, parts = list[Source](), list[dict[str, Any]]()
     for number, (each, volume) in enumerate(zip(given, volumes, strict=True)):
         at_first = volume.model_copy(update={"time": _first_step(volume)})
@@ -346,7 +291,6 @@ def _sources(
 
 
 def _first_step(volume: Volume) -> int | None:
-    """Return the time step of a volume with which a row of frames begins."""
     return 0 if volume.time == "all" else volume.time
 
 
@@ -367,14 +311,13 @@ def _equal_share(layout: BrickLayout, run: Run) -> list[Index]:
     return [(z, y, x) for z, y, x in mine.tolist()]
 
 
-def _summary(run: Run, source: Source, layout: BrickLayout, share: list[Index], held: Bricks | None) -> VolumeSummary:
+def _summary(run: Run, source: Source, layout: BrickLayout, share: list[Index], held: Samples | None) -> VolumeSummary:
     """Summarise a volume; a share that exceeds the memory is read again for each pass."""
     bricks = (lambda: read_bricks(source, layout, share)) if held is None else (lambda: iter(held.items()))
     return summarise(source.dtype, layout, bricks, run.channel.allgather)
 
 
 def _info(source: Source, summary: VolumeSummary, path: str, parts: Mapping[str, Any]) -> VolumeInfo:
-    """Return the facts on a volume of a path; `parts` are the keys of the parts of its file that were chosen."""
     array = source.name.removesuffix(getattr(getattr(source, "slab", None), "label", ""))
     array = array.removeprefix(f"{path}:").lstrip("/") if array.startswith(f"{path}:") else ""
     grid, known, known_format = source.grid, summary.categories, format_of(Path(path))

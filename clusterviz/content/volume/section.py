@@ -31,8 +31,10 @@ from clusterviz.scene.field_types import (
     Channel,
     Clim,
     Cmap,
+    ContentSection,
     Diffuse,
     Direction,
+    DrawnAs,
     Flag,
     Fraction,
     GradientOpacity,
@@ -111,9 +113,10 @@ class Scattered(Section):
     )
 
 
-class Volume(Section):
+class Volume(ContentSection):
     """Volume: data file, grid, transfer function, blend mode and shading."""
 
+    drawn_as: ClassVar[DrawnAs] = "samples"
     is_hidden: ClassVar[bool] = False
     """Whether it is read, and not drawn."""
 
@@ -279,6 +282,16 @@ class Volume(Section):
             has_own_opacity = bool(self.gradient_opacity or self.transfer_2d or self.shader)
             check_ambient_occlusion(self.blending, self.shade, has_own_opacity)
         return self
+
+    @property
+    def objects(self) -> int:
+        """Itself, and after it its isosurfaces as they are listed."""
+        return 1 + len(self.isosurfaces)
+
+    @property
+    def vector_unit(self) -> float | None:
+        """Unit of vectors in the three volumes before it that take the place of its gradient; None: it has one."""
+        return None
 
     @property
     def refracts(self) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, abort_on_failure
-from clusterviz.content.geometry.section import GeometrySection, as_sections
+from clusterviz.content.geometry.section import GeometrySection
 from clusterviz.frame import FrameLoop, Options
 from clusterviz.frame.opening import Given
 from clusterviz.frame.work import DrawnFrame, Rendered
@@ -35,16 +35,10 @@ Counts = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class FrameComplexity:
-    """Depth complexity of a frame.
+    """Depth complexity of a frame."""
 
-    Attributes
-    ----------
-    histogram : int64 (max + 1,), pixels with 0, 1, … fragments
-    seconds : stage -> seconds of the frame on the slowest rank, and `total`
-    """
-
-    histogram: Counts
-    seconds: dict[str, float]
+    histogram: Counts  # int64 (max + 1,), pixels with 0, 1, … fragments
+    seconds: dict[str, float]  # stage -> seconds of the frame on the slowest rank, and `total`
 
     @property
     def pixels(self) -> int:
@@ -117,22 +111,14 @@ class FrameComplexity:
 
 @dataclass(frozen=True)
 class Report:
-    """Contents of the page.
+    """Contents of the page."""
 
-    Attributes
-    ----------
-    scene : completed
-    picture : float (h, w, 4), premultiplied
-    degrees : angle of the orbit; None without one
-    counts : int32 (h, w), fragments of the pixels of the first frame
-    """
-
-    scene: Scene
-    picture: NDArray[np.float32]
+    scene: Scene  # completed
+    picture: NDArray[np.float32]  # float (h, w, 4), premultiplied
     ranks: int
     renderer: str
-    degrees: float | None
-    counts: NDArray[np.int32]
+    degrees: float | None  # angle of the orbit; None without one
+    counts: NDArray[np.int32]  # int32 (h, w), fragments of the pixels of the first frame
     frames: tuple[FrameComplexity, ...]
 
 
@@ -192,8 +178,6 @@ def _draw(
 
 
 def _transparent(scene: Scene) -> Scene:
-    """Return a scene in which no surface hides others."""
-
     def lowered(section: GeometrySection) -> GeometrySection:
         opacity: Any = section.opacity
         if isinstance(opacity, float):
@@ -202,7 +186,7 @@ def _transparent(scene: Scene) -> Scene:
             opacity = tuple((value, min(own, TRANSPARENT)) for value, own in opacity)
         return section.model_copy(update={"opacity": opacity})
 
-    return scene.model_copy(update=as_sections(map(lowered, scene.geometry)))
+    return scene.with_entries({key: lowered(section) for key, section in scene.drawn_as("fragments").items()})
 
 
 def _counts(channel: Channel, drawn: DrawnFrame | None, size: tuple[int, int]) -> NDArray[np.int32] | None:

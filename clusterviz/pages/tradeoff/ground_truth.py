@@ -17,15 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.loopback import LoopbackChannel
-from clusterviz.content.flow.opening import geometry_with_flows, open_flows
-from clusterviz.content.geometry.bricks import part_of
-from clusterviz.data import open_volume, read_geometry, read_grid
+from clusterviz.content.reference_data import become, data_of, reference_data, samples_of, why_unchecked
 from clusterviz.errors import ClustervizError
 from clusterviz.frame import Options, Run, prepare
 from clusterviz.image import compare
 from clusterviz.pages.tradeoff.knobs import exact_settings
 from clusterviz.reference import render_lens
-from clusterviz.reference.cells import place_cells
 from clusterviz.scene.lens import lens_points
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Scene
@@ -58,19 +55,14 @@ class Halving:
 class GroundTruth:
     """Picture with which all others are compared.
 
-    Attributes
-    ----------
-    picture : float64 (h, w, 4), premultiplied
-    source : "reference" (float64 NumPy) or "renderer"
-    step : step in voxels
-    checked : (max, rms, step, width) of the difference between renderer and reference at a small size; None for the
-        reference itself, or if it cannot draw the scene
+    `checked`: (max, rms, step, width) of the difference between renderer and reference at a small size; None for the
+    reference itself, or if it cannot draw the scene.
     """
 
-    picture: Floats
-    source: str
+    picture: Floats  # float64 (h, w, 4), premultiplied
+    source: str  # "reference" (float64 NumPy) or "renderer"
     why: str
-    step: float
+    step: float  # step in voxels
     max: float
     rms: float
     halvings: tuple[Halving, ...]
@@ -81,16 +73,8 @@ def converge(draw: Callable[[float], NDArray[Any]], budget_seconds: float) -> tu
     """Halve the step until the picture changes by at most `GOAL`, or the next halving would exceed the budget.
 
     If halving the step at least halves the error, as for every transfer function without a pole, the remaining error is
-    at most the last change.
-
-    Parameters
-    ----------
-    draw : draws the picture; its time is assumed to double with each halving
-    budget_seconds : time limit of all pictures; at least two are drawn
-
-    Returns
-    -------
-    halvings : at least one halving
+    at most the last change. `draw`: draws the picture; its time is assumed to double with each halving.
+    `budget_seconds`: time limit of all pictures; at least two are drawn. Returns at least one halving.
     """
     started, step = perf_counter(), COARSEST
     picture, halvings = draw(step), list[Halving]()
@@ -108,11 +92,8 @@ def converge(draw: Callable[[float], NDArray[Any]], budget_seconds: float) -> tu
 def find_ground_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> GroundTruth:
     """Return the ground truth of a scene.
 
-    Parameters
-    ----------
-    scene : a completed scene; settings with an error of their own are replaced by exact ones, so that renderer and
-        reference differ by the step only
-    budget_seconds : approximate time limit
+    `scene`: a completed scene; settings with an error of their own are replaced by exact ones, so that renderer and
+    reference differ by the step only. `budget_seconds`: approximate time limit.
     """
     scene = with_settings(scene, exact_settings())
     reference, why = _reference_renderer(scene, CHECK_SHARE * max(1.0, budget_seconds))
@@ -153,37 +134,25 @@ def _checked(truth: GroundTruth, renderer: Draw, reference: Draw, small: Scene, 
 def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[Draw | None, str]:
     """Return the float64 reference as a function of scene and step, or None and the reason.
 
-    Parameters
-    ----------
-    most_seconds : that it may take for a picture of a few pixels, which large meshes take whole
+    `most_seconds`: that it may take for a picture of a few pixels, which large meshes take whole.
     """
-    if any(flow.show == "surface-lic" for flow in scene.flows):
-        return None, "the reference shows no flow on surfaces"
-    if any(volume.refracts for volume in scene.volumes):
+    if why := why_unchecked(scene):
+        return None, f"the reference {why}"
+    if scene.refracts:
         return None, "the reference follows rays that bend one by one, which would take hours"
-    sources = [open_volume(volume) for volume in scene.volumes if not volume.of_flow]
+    made = become(scene)
+    sources = samples_of(scene, made)
     if sum(math.prod(one.grid.shape_zyx) * one.dtype.itemsize for one in sources) > MAX_REFERENCE_BYTES:
         return None, f"the reference holds no more than {MAX_REFERENCE_BYTES >> 30} GiB of voxels in memory"
-    flows = open_flows(scene, [None] * len(scene.flows), LoopbackChannel())
-    sources += [volume for flow in flows for volume in flow.sources()]
-    grids = [one.grid for one in sources]
-    voxels = [one.read((0, 0, 0), grid.shape_zyx) for one, grid in zip(sources, grids, strict=True)]
-    if scene.flows:
+    if made:
         # Settings are complete, but not those of what flows become, which no file holds.
         scene = prepare(Run(LoopbackChannel(), Options()), scene)[0].scene
-    own = [read_geometry(section.path) for section in scene.geometry if not section.of_flow]
-    geometries = geometry_with_flows(scene, own, flows, LoopbackChannel())
-    parts = [part_of(*each) for each in zip(scene.geometry, geometries, strict=True)]
-    if any(section.visibility != "exact" for section in scene.grids):
-        return None, "visibility of the reference's grids is exact"
-    grids_read = [read_grid(section.path, section.time) for section in scene.grids]
+    found = reference_data(data_of(scene, made))
 
     def reference(of: Scene, step: float) -> Floats:
         of = scene.model_copy(update={"image": of.image})
-        geometry: list[Any] = list(zip(of.geometry, parts, strict=True))
-        cells = [place_cells(*pair) for pair in zip(of.grids, grids_read, strict=True)]
         points = lens_points((of.quality.lens.eye_points or 1) if of.camera.aperture else 1)
-        return render_lens(of, grids, voxels, points=points, step=step, geometry=geometry, cells=cells)
+        return render_lens(of, found.grids, found.voxels, points=points, step=step, **found.more)
 
     try:
         seconds = _seconds(lambda: reference(_resized(scene, 2), 8.0))

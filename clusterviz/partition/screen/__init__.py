@@ -1,45 +1,20 @@
 """Partition of the screen among groups of ranks (sort-first, and its hybrids with sort-last). Pure functions.
 
-- tiles.py        partitions of the screen, groups of ranks, tiles
-- interleaved.py  static tiles, round robin
-- pattern.py      static pattern on the volume's front faces
-- scheduled.py    work queue of tiles
-- temporal.py     cuts by the cost of the last frame
-- estimated.py    cuts by the cost of a coarse pre-pass
-- cuts.py         tree of cuts, even in cost
-- cost_map.py     cost of parts of the screen
-
 Rectangles count pixels, row 0 at the top. One group is sort-last; as many groups as ranks are sort-first.
 """
 
 from __future__ import annotations
 
-from clusterviz.partition.screen.cost_map import CostMap, cost_map_of_blocks, cost_map_of_rects
+from clusterviz.partition.screen.cost_map import CostMap, cost_map_of_blocks, cost_map_of_rects, tile_queue
 from clusterviz.partition.screen.cuts import ScreenTree, build_cuts
 from clusterviz.partition.screen.estimated import COARSE, coarse_partition, coarse_plan
-from clusterviz.partition.screen.interleaved import interleaved_tiles
 from clusterviz.partition.screen.pattern import pattern_tiles
-from clusterviz.partition.screen.scheduled import tile_queue
 from clusterviz.partition.screen.temporal import adapt, carried
-from clusterviz.partition.screen.tiles import RankGroups, ScreenPartition, brick_rects, rank_groups, visible_bricks
-
-__all__ = [
-    "COARSE",
-    "CostMap",
-    "RankGroups",
-    "ScreenPartition",
-    "ScreenTree",
-    "adapt",
-    "brick_rects",
-    "build_cuts",
-    "carried",
-    "coarse_partition",
-    "coarse_plan",
-    "cost_map_of_blocks",
-    "cost_map_of_rects",
-    "interleaved_tiles",
-    "pattern_tiles",
-    "rank_groups",
-    "tile_queue",
-    "visible_bricks",
-]
+from clusterviz.partition.screen.tiles import (
+    RankGroups,
+    ScreenPartition,
+    brick_rects,
+    interleaved_tiles,
+    rank_groups,
+    visible_bricks,
+)

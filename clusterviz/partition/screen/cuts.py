@@ -57,10 +57,8 @@ def build_cuts(cost: CostMap, weights: tuple[int, ...]) -> ScreenTree:
     Each cut is where the dearer side has least for each of its ranks, across the longer side of what costs something
     unless the other is better by more than `LONG_SIDE`; in the middle of where it does not matter.
 
-    References
-    ----------
-    B. Moloney, D. Weiskopf, T. Möller, M. Strengert: Scalable sort-first parallel direct volume rendering with dynamic
-    load balancing, EGPGV 2007.
+    Reference: B. Moloney, D. Weiskopf, T. Möller, M. Strengert: Scalable sort-first parallel direct volume rendering
+    with dynamic load balancing, EGPGV 2007.
     """
     return ScreenTree(cost.size, weights, _grow(cost, Rect(0, 0, *cost.size), weights, 0))
 
@@ -68,11 +66,8 @@ def build_cuts(cost: CostMap, weights: tuple[int, ...]) -> ScreenTree:
 def best_cut(profile: Costs, begin: int, share: float) -> tuple[float, int]:
     """Where an interval of pixels is best cut: the cost for each unit of weight on the dearer side, and the pixel.
 
-    Parameters
-    ----------
-    profile : float64 (n + 1,), the cost before each pixel, from 0
-    begin : the interval's first pixel
-    share : of the weight, on the low side, between 0 and 1
+    `profile`: float64 (n + 1,), the cost before each pixel, from 0; `begin`: the interval's first pixel; `share`: of
+    the weight, on the low side, between 0 and 1.
     """
     end, total = begin + len(profile) - 1, float(profile[-1])
     places = np.arange(begin + 1, end)
@@ -103,7 +98,8 @@ def profile_of(cost: CostMap, rect: Rect, axis: int) -> Costs:
 def _grow(cost: CostMap, rect: Rect, weights: tuple[int, ...], first: int) -> ScreenNode:
     if len(weights) == 1:
         return first
-    middle = _halfway(weights)
+    # Groups that make up half the weight, at least one on each side.
+    middle = int(np.argmin(np.abs(np.cumsum(weights)[:-1] - sum(weights) / 2))) + 1
     share = sum(weights[:middle]) / sum(weights)
     profiles = [profile_of(cost, rect, axis) for axis in (0, 1)]
     corner = (rect.y_begin, rect.x_begin)
@@ -116,14 +112,7 @@ def _grow(cost: CostMap, rect: Rect, weights: tuple[int, ...], first: int) -> Sc
     return Cut(axis, at, _grow(cost, low, weights[:middle], first), _grow(cost, high, weights[middle:], first + middle))
 
 
-def _halfway(weights: tuple[int, ...]) -> int:
-    """How many groups make up half the weight, at least one on each side."""
-    before = np.cumsum(weights)[:-1]
-    return int(np.argmin(np.abs(before - sum(weights) / 2))) + 1
-
-
 def _extent(profile: Costs) -> int:
-    """Over how many pixels the cost grows."""
     inside = np.flatnonzero(np.diff(profile) > 0)
     return int(inside[-1] - inside[0]) if len(inside) else 0
 

@@ -5,11 +5,8 @@ differ little, for which the last frame gives the same at no cost. The pre-pass 
 slabs `LONGER` times as long, so it takes about one sample for `COARSE`² · `LONGER`. The groups share the pre-pass and
 exchange their counts.
 
-References
-----------
-B. Moloney, D. Weiskopf, T. Möller, M. Strengert: Scalable sort-first parallel direct volume rendering with dynamic load
-balancing, EGPGV 2007; M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart
-2010, section 5.2.3, cost estimation.
+Reference: B. Moloney, D. Weiskopf, T. Möller, M. Strengert: Scalable sort-first parallel direct volume rendering with
+dynamic load balancing, EGPGV 2007; M. Strengert 2010, section 5.2.3, cost estimation.
 """
 
 from __future__ import annotations

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.partition.screen.interleaved import interleaved_tiles
-from clusterviz.partition.screen.tiles import ScreenPartition, partition_of_tiles, tile_counts
+from clusterviz.partition.screen.tiles import ScreenPartition, interleaved_tiles, partition_of_tiles, tile_counts
 from clusterviz.plan.view import View
 
 Points = NDArray[np.float64]
@@ -29,16 +28,11 @@ def pattern_tiles(
 
     Tiles of which no asked ray meets the volume are interleaved.
 
-    Parameters
-    ----------
-    extent : last sample of the volume in x, y, z
-    repetitions : repetitions of the pattern along each side of a face, 1 or more
+    Reference: M. Strengert 2010, section 5.2.3, static, and figure 5.3; P. Chang, R. Jain: A multi-processor system for
+    hidden-surface-removal, Computer Graphics 15(4), 1981.
 
-    References
-    ----------
-    M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.2.3,
-    static, and figure 5.3; P. Chang, R. Jain: A multi-processor system for hidden-surface-removal, Computer Graphics
-    15(4), 1981.
+    `extent`: last sample of the volume in x, y, z; `repetitions`: repetitions of the pattern along each side of a face,
+    1 or more.
     """
     rows, columns = tile_counts(view.size, side)
     owner = np.full((rows, columns), -1)

@@ -69,7 +69,7 @@ class FragmentFinder:
 
     def table(self, plan: Plan, part: Part) -> PrimitiveTable:
         """Return the primitives and tetrahedra of a box of bricks, of a plan with layers of them."""
-        found = self._primitives.table(plan.content.layers, part.bricks, part.atlas.primitives, part.atlas.cells)
+        found = self._primitives.table(plan.content.layers, part.bricks, part.atlas.members)
         assert found, "there are layers"
         return found
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.comm.placement import kernel_threads
-from clusterviz.plan.cells import CellBrick, CellLayer
-from clusterviz.plan.geometry import GeometryLayer, Primitives
+from clusterviz.plan.cells import CellLayer
+from clusterviz.plan.geometry import GeometryLayer, Layer, Members, Primitives
 from clusterviz.render.cells.table import CellTable, make_cell_table, make_local_grid
 
 T = TypeVar("T")
@@ -64,40 +64,34 @@ class TableCache:
     """Tables of boxes of bricks, while these and the layers stay."""
 
     def __init__(self) -> None:
-        self._layers: Sequence[GeometryLayer | CellLayer] = ()
+        self._layers: Sequence[Layer] = ()
         self._tables: dict[bytes, PrimitiveTable] = {}
 
     def table(
         self,
-        layers: Sequence[GeometryLayer | CellLayer],
+        layers: Sequence[Layer],
         bricks: NDArray[np.int64],
-        primitives: Callable[[NDArray[np.int64]], Iterable[Sequence[Primitives | None]]],
-        cells: Callable[[NDArray[np.int64]], Iterable[Sequence[CellBrick | None]]] = lambda _: (),
+        members: Callable[[NDArray[np.int64]], Iterable[Sequence[Members | None]]],
     ) -> PrimitiveTable | None:
-        """Return the table of bricks (m, 3), given functions that find their primitives and tetrahedra; or None."""
+        """Return the table of bricks (m, 3), given the function that finds what they hold of each layer; or None."""
         if len(layers) != len(self._layers) or any(a is not b for a, b in zip(self._layers, layers, strict=True)):
             self._layers, self._tables = layers, {}
         if layers and (key := bricks.tobytes()) not in self._tables:
-            self._tables[key] = make_table(layers, primitives(bricks), cells(bricks))
+            self._tables[key] = make_table(layers, members(bricks))
         return self._tables[key] if layers else None
 
 
-def make_table(
-    layers: Sequence[GeometryLayer | CellLayer],
-    bricks: Iterable[Sequence[Primitives | None]],
-    cells: Iterable[Sequence[CellBrick | None]] = (),
-) -> PrimitiveTable:
+def make_table(layers: Sequence[Layer], bricks: Iterable[Sequence[Members | None]]) -> PrimitiveTable:
     """Return the primitives and tetrahedra of some bricks.
 
     Parameters
     ----------
     layers : of geometry, then of unstructured grids
-    bricks : primitives of each layer in each brick
-    cells : tetrahedra of each grid in each brick
+    bricks : what each brick holds of each layer
     """
     geometry = [layer for layer in layers if isinstance(layer, GeometryLayer)]
     grids = [layer for layer in layers if isinstance(layer, CellLayer)]
-    each = _by_layer(len(geometry), bricks)
+    each: list[list[Any]] = _by_layer(len(layers), bricks)
     records = np.zeros(len(layers), LAYER)
     positions, radii, corners = list[NDArray[Any]](), list[NDArray[np.float32]](), list[NDArray[np.int32]]()
     attributes: list[NDArray[Any]] = [np.zeros(1)]
@@ -133,7 +127,7 @@ def make_table(
     found = None
     if grids:
         threads = kernel_threads()
-        local = [make_local_grid(*each, threads) for each in zip(grids, _by_layer(len(grids), cells), strict=True)]
+        local = [make_local_grid(*one, threads) for one in zip(grids, each[len(geometry) :], strict=True)]
         found, boundaries = make_cell_table(local, first_vertex)
         for own_layer, record, grid, boundary in zip(grids, records[len(geometry) :], local, boundaries, strict=True):
             positions.append(grid.points)

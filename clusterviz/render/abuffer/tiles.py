@@ -96,10 +96,7 @@ class TileLists:
 
 def prepare_tiles(plan: Plan) -> None:
     """Compile the kernels that a plan needs, or load them."""
-    types = [layer.position_type for layer in plan.content.geometry] + [
-        layer.point_type for layer in plan.content.cells
-    ]
-    kinds = {each.name for each in types}
+    kinds = {layer.position_type.name for layer in plan.content.layers}
     for kernel in (*(_MOVE[kind] for kind in kinds), _LIST, _PLACE):
         kernel.prepare()
 

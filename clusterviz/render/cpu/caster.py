@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from clusterviz.comm.placement import kernel_threads
 from clusterviz.image.partial import PartialImage, Rect, blank
 from clusterviz.partition import BrickBox, Piece, bounding_box
-from clusterviz.plan.content import VolumeLayer
+from clusterviz.plan.content import ContentBrick, VolumeLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.discarding import HIDDEN_BINDING, HiddenPixels, prepare_discarding
 from clusterviz.render.abuffer.fills import LEAST_SIDE, LISTS, ManyFragmentsError, Pools, with_fill
@@ -55,7 +55,7 @@ from clusterviz.render.sizes import is_far_apart
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import doubling_bits, packed_bits, visible_groups
 from clusterviz.render.variant import Lanes, Variant, cpu_variant_of, of_size
-from clusterviz.report.kbuffer_counts import KBufferCounts
+from clusterviz.report.counts import KBufferCounts
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.spmd.machine_code import addresses, compiled
 from clusterviz.spmd.threads import run_threads, thread_pool
@@ -137,12 +137,12 @@ class VectorCaster:
             prepare_discarding()
         prepare_passes(plan, self._width.lanes)
 
-    def load(self, plan: Plan, bricks: MutableMapping[Index, Any]) -> None:
+    def load(self, plan: Plan, bricks: MutableMapping[Index, ContentBrick]) -> None:
         """Keep bricks beside those that are there, taken out as they are laid out.
 
         Parameters
         ----------
-        bricks : samples (z, y, x), or the `ContentBrick` of several volumes, by index
+        bricks : by index
         """
         self._skips, self._tables = {}, TableCache()
         if bricks:
@@ -220,7 +220,7 @@ class VectorCaster:
             buffers,
             textures(plan),
             variant,
-            self._tables.table(plan.content.layers, bricks, self.pool.primitives, self.pool.cells),
+            self._tables.table(plan.content.layers, bricks, self.pool.members),
         )
 
     def _draw_whole(self, plan: Plan, task: Task) -> RenderResult:

@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
-from clusterviz.plan.cells import CellBrick
-from clusterviz.plan.geometry import Primitives
-from clusterviz.render.content_bricks import Part, header_of, pack_parts, parts_of, read_header, write_header
+from clusterviz.plan.geometry import Members
+from clusterviz.render.content_bricks import header_of, read_header, write_header
 from clusterviz.render.storage import STORED_TYPE, Slot
-from clusterviz.render.stored_brick import Ranges, Stored
+from clusterviz.render.stored_brick import Part, Ranges, Stored
 from clusterviz.spmd.intrinsics import IDLE_WORD
 
 LEAST_CHUNK = 1 << 24  # bytes of an array; nobody has them before they are written
@@ -138,8 +137,7 @@ class Kept:
     Attributes
     ----------
     slot : memory of its voxels
-    low, high, voxels, bend : as in `Stored`
-    primitives, cells : as in `Stored`
+    low, high, voxels, bend, members : as in `Stored`
     """
 
     slot: Taken
@@ -147,8 +145,7 @@ class Kept:
     high: NDArray[Any]
     voxels: int
     bend: NDArray[np.float32] | None = None
-    primitives: tuple[Primitives | None, ...] = ()
-    cells: tuple[CellBrick | None, ...] = ()
+    members: tuple[Members | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,25 +207,19 @@ class Memory:
             self._slots.make_room(sum(words_of(self._slot.at(index)) for index in bricks))
         for index in list(bricks):
             brick, own = stored(index, bricks.pop(index)), self._slot.at(index)
+            slot = self._slots.take(_words_of_parts(brick.parts, own) if own.mixed else words_of(own))
             if own.mixed:
-                parts = parts_of(brick.samples, own)
-                slot = self._slots.take(_words_of_parts(parts, own))
-                _lay_out_parts(parts, own, slot.words)
+                _lay_out_parts(brick.parts, own, slot.words)
             else:
-                slot = self._slots.take(words_of(own))
-                lay_out(brick.samples, own, slot.words)
-            ranges, members = (brick.low, brick.high), (brick.primitives, brick.cells)
-            self._kept[index] = Kept(slot, *ranges, brick.voxels, brick.bend, *members)
+                lay_out(brick.parts[0].samples, own, slot.words)  # type: ignore[union-attr]
+            self._kept[index] = Kept(slot, brick.low, brick.high, brick.voxels, brick.bend, brick.members)
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Yield bricks as every ray caster can store them; copies, since slots are used again."""
         for index in bricks:
             kept, own = self._kept[index], self._slot.at(index)
-            if own.mixed:
-                samples = pack_parts(_parts_in(kept.slot.words, own), own)
-            else:
-                samples = _samples(kept.slot.words, own).copy()
-            yield index, Stored(samples, kept.low, kept.high, kept.voxels, kept.bend, kept.primitives, kept.cells)
+            parts = _parts_in(kept.slot.words, own) if own.mixed else [Part(_samples(kept.slot.words, own).copy())]
+            yield index, Stored(parts, kept.low, kept.high, kept.voxels, kept.bend, kept.members)
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Drop bricks."""
@@ -277,20 +268,16 @@ class Memory:
         begins = header_of(kept.slot.words, self._slot)[:, 0].tolist() if self._slot.parts else []
         return [base, *(base + 4 * begin if begin >= 0 else 0 for begin in begins)]
 
-    def primitives(self, bricks: NDArray[np.int64]) -> list[tuple[Primitives | None, ...]]:
-        """Return the primitives of bricks (m, 3)."""
-        return [self._kept[z, y, x].primitives for z, y, x in bricks.tolist()]
-
-    def cells(self, bricks: NDArray[np.int64]) -> list[tuple[CellBrick | None, ...]]:
-        """Return the tetrahedra of bricks (m, 3)."""
-        return [self._kept[z, y, x].cells for z, y, x in bricks.tolist()]
+    def members(self, bricks: NDArray[np.int64]) -> list[tuple[Members | None, ...]]:
+        """Return what bricks (m, 3) hold of each layer."""
+        return [self._kept[z, y, x].members for z, y, x in bricks.tolist()]
 
     def ranges(self, bricks: NDArray[np.int64]) -> Ranges:
         """Return the lowest and highest samples of the groups of the units of bricks.
 
         Returns
         -------
-        low, high : (m, *slot.unit.groups_zyx)
+        low, high : (m, 1, *slot.unit.groups_zyx)
         """
         kept = [self._kept[z, y, x] for z, y, x in bricks.tolist()]
         return self._by_units([one.low for one in kept]), self._by_units([one.high for one in kept])
@@ -368,7 +355,7 @@ def _parts_in(words: NDArray[np.uint32], slot: Slot) -> list[Part | None]:
     found: list[Part | None] = []
     for row, part_slot in zip(header_of(words, slot), slot.parts, strict=True):
         part = read_header(row, np.empty((0, 0, 0)), part_slot)
-        samples = _samples(words[row[0] :], part.slot(part_slot)) if row[0] >= 0 else None
+        samples = _samples(words[row[0] :], part.slot(part_slot)).copy() if row[0] >= 0 else None
         found.append(None if samples is None else replace(part, samples=samples))
     return found
 

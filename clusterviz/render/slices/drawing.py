@@ -17,7 +17,7 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter, process_time
 from typing import Any
@@ -31,6 +31,7 @@ from clusterviz.gl.drawing import compile_program
 from clusterviz.gl.shader import assemble
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox
+from clusterviz.plan.content import Bricks
 from clusterviz.plan.encoding import in_units_of_clim
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.segments import RECORD
@@ -103,7 +104,7 @@ class SliceDrawing:
     ----------
     context : a current context
     plan : of a scene with one volume and `quality.renderer: slices`; its layout has no margin
-    bricks : samples (z, y, x) of all visible bricks
+    bricks : all visible ones
     generator : one of `GENERATORS`
     counted : slices are counted instead of composited
     """
@@ -112,7 +113,7 @@ class SliceDrawing:
         self,
         context: moderngl.Context,
         plan: Plan,
-        bricks: Mapping[Index, NDArray[np.generic]],
+        bricks: Bricks,
         generator: str,
         counted: bool = False,
     ) -> None:
@@ -120,7 +121,7 @@ class SliceDrawing:
         self._levels = plane_levels(plan.view, plan.slice_planes)
         self._template = self._template_vertices() if generator == TEMPLATE else np.zeros(1, np.float32)
         self._program = self._compiled()
-        self._textures = {index: self._texture(samples) for index, samples in bricks.items()}
+        self._textures = {index: self._texture(brick.samples[0]) for index, brick in bricks.items()}
         self._order = sorted(bricks, key=self._depth)
         self._triangles = context.vertex_array(self._program, [], index_buffer=context.buffer(FAN.tobytes()))
         self._buffers = [context.buffer(self._template.tobytes()), context.buffer(reserve=4)]
@@ -235,7 +236,7 @@ class SliceDrawing:
         fragments = assemble("slice_fragments.glsl", {"CONSTANTS": "\n".join(constants) + "\n", "FRAME": FRAME_BLOCK})
         return compile_program(self._context, vertices, fragments)
 
-    def _texture(self, samples: NDArray[np.generic]) -> moderngl.Texture3D:
+    def _texture(self, samples: Any) -> moderngl.Texture3D:
         units = in_units_of_clim(samples.astype(np.float64), *self._plan.volume.transfer.domain).astype(np.float32)
         return self._context.texture3d(samples.shape[::-1], 1, units.tobytes(), dtype="f4")
 

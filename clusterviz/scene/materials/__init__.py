@@ -4,11 +4,9 @@ A table has the coefficients of light transport: absorption μa, and scattering 
 part. In the two-flux equations, for diffuse light, K = 2 μa and S = 3/4 μs′; the 2 is the mean length of diffuse rays
 through a thin layer. Each table names its sources in its first lines.
 
-References
-----------
-L. F. Gate: Comparison of the photon diffusion model and Kubelka-Munk equation with the exact solution of the radiative
-transport equation, Applied Optics 13(2), 1974. S. N. Thennadil: Relationship between the Kubelka-Munk scattering and
-radiative transfer coefficients, Journal of the Optical Society of America A 25(7), 2008.
+Reference: L. F. Gate: Comparison of the photon diffusion model and Kubelka-Munk equation with the exact solution of the
+radiative transport equation, Applied Optics 13(2), 1974. S. N. Thennadil: Relationship between the Kubelka-Munk
+scattering and radiative transfer coefficients, Journal of the Optical Society of America A 25(7), 2008.
 """
 
 from __future__ import annotations
@@ -45,19 +43,11 @@ DARKEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Optical properties over wavelengths.
-
-    Attributes
-    ----------
-    wavelengths : float64 (n,), nm, ascending
-    absorption, scattering : float64 (n,), K and S of the two-flux equations, per millimetre
-    refractive_index : float64 (n,)
-    """
-
-    wavelengths: Floats
+    wavelengths: Floats  # float64 (n,), nm, ascending
+    # float64 (n,), K and S of the two-flux equations, per millimetre
     absorption: Floats
     scattering: Floats
-    refractive_index: Floats
+    refractive_index: Floats  # float64 (n,)
 
     def at(self, wavelengths: ArrayLike) -> Material:
         """Return the material at other wavelengths, by linear interpolation."""
@@ -75,16 +65,12 @@ def material(name: str) -> Material:
     return Material(wavelengths, 2 * absorption, 0.75 * scattering, index)
 
 
-def material_of_colour(rgb: Sequence[float], wavelengths: Floats, scattering: float = 1.0) -> Material:
+def material_of_colour(rgb: Sequence[float], wavelengths: Floats) -> Material:
     """Return a material that has a colour in thick layers: K / S = (1 − R)² / (2 R) for the colour's reflectance R.
 
-    Parameters
-    ----------
-    rgb : sRGB values in [0, 1]
-    wavelengths : nm; the colour is met in pictures of these wavelengths
-    scattering : S at all wavelengths, per millimetre
+    `rgb`: sRGB values in [0, 1]. `wavelengths`: nm; the colour is met in pictures of these wavelengths. S is 1 per
+    millimetre at all of them.
     """
     reflectance = np.maximum(reflectance_of(rgb, wavelengths), DARKEST)
-    absorption = scattering * (1 - reflectance) ** 2 / (2 * reflectance)
     same = np.ones_like(reflectance)
-    return Material(wavelengths, absorption, scattering * same, same)
+    return Material(wavelengths, (1 - reflectance) ** 2 / (2 * reflectance), same, same)
