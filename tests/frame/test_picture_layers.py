@@ -153,7 +153,7 @@ def with_geometry(volumes: int) -> tuple[Scene, list[Any], list[np.ndarray], lis
 
 @pytest.mark.cover("1-0", "2-cpu", "0-cpu")
 @pytest.mark.gl
-@pytest.mark.parametrize(("volumes", "device"), [(1, 0), (0, "cpu"), (1, "cpu"), (2, "cpu")])
+@pytest.mark.parametrize(("volumes", "device"), [(0, 0), (1, 0), (0, "cpu"), (1, "cpu"), (2, "cpu")])
 def test_layers_show_geometry(volumes: int, device: Any) -> None:
     scene, given, voxels, grids, parts = with_geometry(volumes)
     scene = with_settings(scene, {"brick": 6})

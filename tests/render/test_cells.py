@@ -213,7 +213,7 @@ def test_the_rasteriser_finds_the_entries_of_tile_lists(context: moderngl.Contex
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("name", ["holes", MIXTURE])
+@pytest.mark.parametrize("name", ["holes", pytest.param(MIXTURE, marks=pytest.mark.long)])
 def test_dispatches_may_end_within_a_walk(
     name: str, context: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:

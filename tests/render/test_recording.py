@@ -208,7 +208,6 @@ def watches_at(shader: Shader, place: str) -> tuple[str, ...]:
     "occluded",
     "cubic hardware",
     "two volumes",
-    "lit, clipped",
     "volume of a flow",
 )
 @pytest.mark.gl

@@ -19,7 +19,7 @@ from clusterviz.render.cpu.caster import VectorCaster
 GRID = Grid(SHAPE)
 
 
-@pytest.mark.cover("float64-adaptive")
+@pytest.mark.cover("float64-adaptive", "float32-interpolation-shade-ambient-diffuse-specular-specular_power")
 @pytest.mark.parametrize(
     ("dtype", "keys"),
     [
