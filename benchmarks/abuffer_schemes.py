@@ -22,6 +22,7 @@ from typing import Any, get_args
 import numpy as np
 from measuring import Row, context_of, opened, options, prepared, sample, show, timed, whole_pieces, write
 
+from clusterviz.comm.placement import kernel_threads
 from clusterviz.content.geometry.section import LinesSection, MeshSection, PointsSection
 from clusterviz.data import read_geometry
 from clusterviz.data.geometry import Geometry, Lines, Mesh, Points
@@ -29,8 +30,11 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.fills import bytes_of, room_for
-from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.abuffer.program import FindVariant
+from clusterviz.render.caster import Caster
+from clusterviz.render.cpu.arrays import Code, CpuArrays
+from clusterviz.render.cpu.device import Cpu
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.scene.values import Camera, Fill, ImageSettings, Resolve, Scene, Volume
 
 FILLS, RESOLVES = get_args(Fill)[1:], get_args(Resolve)[1:]
@@ -126,27 +130,26 @@ def planned(name: str, size: int) -> tuple[Plan, dict[Any, Any]]:
     return prepared(Scene(image=image, **settings, **{key: tuple(own) for key, own in keys.items()}), given)
 
 
-class TimedCaster(VectorCaster):
-    """Ray caster on CPUs that measures the CPU time of passes and of drawing."""
+class TimedArrays(CpuArrays):
+    """Arrays of a CPU that measure its time in passes that find fragments, and in drawing."""
 
     passes = drawing = 0.0
 
-    def _take_tiles(self, *given: Any) -> None:
+    def call(self, program: Code, *given: Any) -> None:
         begin = process_time()
-        super()._take_tiles(*given)
-        self.passes += process_time() - begin
-
-    def _run(self, *given: Any) -> None:
-        begin, before = process_time(), self.passes
-        super()._run(*given)
-        self.passes = before
-        self.drawing += process_time() - begin
+        super().call(program, *given)
+        if isinstance(program.variant, FindVariant):
+            self.passes += process_time() - begin
+        else:
+            self.drawing += process_time() - begin
 
 
 def measured(name: str, asked: Any) -> Iterator[Row]:
     """Time all combinations, in turn; their pictures are equal."""
     plan, bricks = planned(name, asked.size)
-    caster: Any = Raycaster(context_of(), plan) if asked.gl else TimedCaster(plan)
+    device, times = Cpu(), TimedArrays(kernel_threads())
+    device.arrays = times
+    caster = opengl_caster(context_of(), plan) if asked.gl else Caster(device, plan)
     caster.load(plan, bricks)
     least: dict[tuple[str, str], tuple[float, float]] = dict.fromkeys(SCHEMES, (np.inf, np.inf))
     picture, counts = None, np.zeros(0, np.int64)
@@ -155,9 +158,9 @@ def measured(name: str, asked: Any) -> Iterator[Row]:
         if not caster.can_draw(chosen):
             caster.compile(chosen)
         caster.draw(chosen, whole_pieces(chosen))  # compiles what is left
-        caster.passes = caster.drawing = 0.0
+        times.passes = times.drawing = 0.0
         run = timed(lambda chosen=chosen: caster.draw(chosen, whole_pieces(chosen))[0])
-        seconds = (run.cpu, 0.0) if asked.gl else (caster.passes, caster.drawing)
+        seconds = (run.cpu, 0.0) if asked.gl else (times.passes, times.drawing)
         least[fill, resolve] = tuple(map(min, least[fill, resolve], seconds))  # type: ignore[assignment]
         picture = run.value.partial.rgba if picture is None else picture
         assert np.array_equal(run.value.partial.rgba, picture), (name, fill, resolve)

@@ -40,7 +40,7 @@ def drawn(path: str, size: int, frames: int, brick: int, borders: str, step: flo
     plan, bricks = prepared(Scene.model_validate(keys | {"cluster": {"brick": brick}}), [opened(path)[0]])
     caster = loaded(plan, bricks, 0)
     runs = [timed(lambda: caster.draw(plan, whole_pieces(plan))) for _ in range(frames + 1)]
-    costs = {"voxel_bytes": caster.voxel_bytes, "samples": runs[0].value[0].samples, "seconds": middle(runs[1:])}
+    costs = {"voxel_bytes": caster.pool.bytes, "samples": runs[0].value[0].samples, "seconds": middle(runs[1:])}
     caster.release()
     return picture_of((size, size), runs[0].value), costs
 

@@ -20,7 +20,7 @@ from clusterviz.image import compare
 from clusterviz.plan.content import brick_cost, bricks_of_volume
 from clusterviz.plan.plan import Plan
 from clusterviz.render import brick_atlas
-from clusterviz.render.cpu import caster as vectors
+from clusterviz.render.cpu import device as cpu_device
 from clusterviz.render.storage import Slot
 from clusterviz.scene import Scene
 
@@ -47,7 +47,7 @@ def measure(name: str, volume: dict[str, Any], size: int, device: Any) -> Row:
     with (
         patch.object(brick_atlas, "visibility_bits", all_visible),
         patch.object(
-            vectors, "visible_groups", lambda ranges, plan: np.ones((len(ranges[0]), *ranges[0].shape[2:]), bool)
+            cpu_device, "visible_groups", lambda ranges, plan: np.ones((len(ranges[0]), *ranges[0].shape[2:]), bool)
         ),
     ):
         whole = drawn(every)

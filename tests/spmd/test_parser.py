@@ -14,7 +14,7 @@ from clusterviz.gl.driver_needs import AMPLE, needs_of
 from clusterviz.render.variant import Lanes, Variant
 from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.parser import parse
-from clusterviz.spmd.source import ShaderSource
+from clusterviz.spmd.source import Binding, ShaderSource
 
 DISTINCT = {variant.source.names: (name, variant) for name, variant in (VARIANTS | CPU_VARIANTS).items()}
 
@@ -22,7 +22,12 @@ DISTINCT = {variant.source.names: (name, variant) for name, variant in (VARIANTS
 @pytest.mark.cover
 @pytest.mark.parametrize(("name", "variant"), DISTINCT.values(), ids=[name for name, _ in DISTINCT.values()])
 def test_every_combination_of_files_is_understood(name: str, variant: Variant) -> None:
-    program = parse(variant.source)
+    source = variant.source
+    program = parse(source)
+    kinds = {"sampler": "texture"}
+    assert set(source.blocks.values()) == {
+        Binding(kinds.get(one.kind, one.kind), one.binding) for one in program.blocks
+    }  # type: ignore[arg-type]
     assert program.functions["main"][0].body is not None
     assert program.local_size == (8, 8, 1)
     assert next(block for block in program.blocks if block.name == "frameBlock").binding == 0
