@@ -69,7 +69,6 @@ def measure(path: str, function: str, step: float, filter: Any, size: int) -> Ro
 
 
 def main() -> None:
-    """Print the table."""
     data = positional("data", help="a data file; default: the sample mni152")
     filters = {"choices": ["exact", "hardware"], "default": "exact"}
     asked = options(__doc__, data=data, size=512, steps=[2.0, 1.0, 0.25], filter=filters)

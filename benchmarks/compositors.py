@@ -1,4 +1,4 @@
-"""The two compositors that the other programs compare, each as one job of several ranks on one folder of images.
+"""The two compositors that `composite_icet.py` compares, each as one job of several ranks on one folder of images.
 
 A folder of images holds img_0.rgba, img_1.rgba, … (raw RGBA8, premultiplied, one a rank, front to back) and exact.npy:
 float64 (h, w, 4), their composite. The peer is a folder with two programs:
@@ -9,21 +9,20 @@ float64 (h, w, 4), their composite. The peer is a folder with two programs:
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from itertools import product
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from statistics import median
 
 import numpy as np
-from measuring import CLUSTERVIZ, commas, output_of, write
+from measuring import CLUSTERVIZ, Row, output_of
 from numpy.typing import NDArray
 
 from clusterviz.cli.jobs import find_mpirun
+from clusterviz.reference.over import over
 
 ICET_ALGORITHMS = ("bswap", "radixk", "tree", "direct", "auto")
 MPIS = ("openmpi", "wheel")
@@ -91,35 +90,44 @@ def made_images(peers: Path, parent: Path, kind: str, ranks: int, side: int) -> 
     return open_images(folder)
 
 
-def run_icet(peers: Path, images: Images, algorithm: str, frames: int, out: Path | None = None) -> dict[str, Any]:
+def write_noise(folder: Path, ranks: int, size: tuple[int, int]) -> Images:
+    """Images of random bytes, premultiplied, all pixels visible: no codec makes them smaller."""
+    rng = np.random.default_rng(3)
+    layers = []
+    for rank in range(ranks):
+        alpha = rng.integers(1, 256, (size[1], size[0], 1))
+        pixels = np.concatenate([rng.integers(0, alpha + 1, (size[1], size[0], 3)), alpha], axis=2).astype(np.uint8)
+        pixels.tofile(folder / f"img_{rank}.rgba")
+        layers.append(pixels / 255)
+    np.save(folder / "exact.npy", over(layers))
+    return open_images(folder)
+
+
+def run_icet(peers: Path, images: Images, algorithm: str, frames: int, out: Path) -> Row:
     """IceT's report: median_ms and min_ms of the slowest rank; bytes_sent by all ranks, the final gather with them."""
-    words = [peers / "icet.sh", images.ranks, *images.size, images.folder, algorithm, frames, *([out] if out else [])]
-    report: dict[str, Any] = json.loads(output_of(words, TIMEOUT_SECONDS))
+    words = [peers / "icet.sh", images.ranks, *images.size, images.folder, algorithm, frames, out]
+    report: Row = json.loads(output_of(words, TIMEOUT_SECONDS))
     return report
 
 
-def run_clusterviz(
-    images: Images, choice: Choice, mpi: str, frames: int, out: Path | None = None, extra: Sequence[str] = ()
-) -> dict[str, Any]:
+def run_clusterviz(images: Images, choice: Choice, mpi: str, frames: int, out: Path, extra: Sequence[str] = ()) -> Row:
     """The report of `clusterviz bench composite` under an MPI of `MPIS`: its JSON."""
     launcher = OPEN_MPI if mpi == "openmpi" else [find_mpirun()]
-    size = f"{images.size[0]}x{images.size[1]}"
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "report.json"
-        words = [*launcher, "-n", images.ranks, *CLUSTERVIZ, "bench", "composite"]
-        words += ["--images", images.folder, "--size", size, "--algorithm", choice.algorithm, "--codec", choice.codec]
-        words += ["--transport", choice.transport, "--frames", frames, "--json", file]
-        words += ["--copy"] * choice.copy + list(extra)
+        words = [*launcher, "-n", images.ranks, *CLUSTERVIZ, "bench", "composite", "--images", images.folder]
+        words += ["--size", "x".join(map(str, images.size)), "--algorithm", choice.algorithm, "--codec", choice.codec]
+        words += ["--transport", choice.transport, "--frames", frames, "--json", file, "--out", out]
         environment = OPEN_MPI_ENVIRONMENT if mpi == "openmpi" else {}
-        output_of([*words, *(["--out", out] if out else [])], TIMEOUT_SECONDS, **environment)
-        report: dict[str, Any] = json.loads(file.read_text())
+        output_of([*words, *["--copy"] * choice.copy, *extra], TIMEOUT_SECONDS, **environment)
+        report: Row = json.loads(file.read_text())
     return report
 
 
-def wire_bytes(report: dict[str, Any]) -> int:
-    """Bytes that all ranks of ours sent, the final gather with them where the report counts it."""
-    total: int = sum(report["bytes_sent"]) + sum(report.get("bytes_collected", ()))
-    return total
+def wire_bytes(report: Row) -> int:
+    """Bytes that all ranks sent, the final gather with them where the report counts it apart."""
+    sent = report["bytes_sent"]
+    return int(np.sum(sent)) + sum(report.get("bytes_collected", ()))
 
 
 def error_levels(out: Path, images: Images) -> float:
@@ -128,39 +136,36 @@ def error_levels(out: Path, images: Images) -> float:
     return float(np.abs(np.fromfile(out, np.uint8).reshape(exact.shape) - 255 * exact).max())
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table; a cell may hold several, parted by " | "."""
-    lines = [" | ".join(head), " | ".join("---" for cell in head for _ in cell.split(" | "))]
-    return "\n".join(f"| {line} |" for line in [*lines, *(" | ".join(row) for row in rows)])
+@dataclass
+class Runs:
+    """All runs of one program on one folder of images, and the largest error of the last picture, of 255."""
+
+    reports: list[Row] = field(default_factory=list)
+    levels: float = 0.0
+
+    @property
+    def min_ms(self) -> float:
+        """Least of all frames."""
+        return min(float(one["min_ms"]) for one in self.reports)
+
+    @property
+    def median_ms(self) -> float:
+        """Median over the passes of each pass's median."""
+        return median(float(one["median_ms"]) for one in self.reports)
+
+    @property
+    def bytes_sent(self) -> int:
+        """By all ranks in a frame of the last pass: what `auto` sends may change while it learns."""
+        return wire_bytes(self.reports[-1])
 
 
-def options_of_images(sides: list[int]) -> dict[str, Any]:
-    """The options that tell which images are composited."""
-    made = Path(tempfile.gettempdir()) / "composite-images"
-    return {
-        "peers": {"type": Path, "required": True, "help": "the folder of icet.sh and make_images.py"},
-        "images": {"type": Path, "nargs": "+", "default": [], "help": "folders of images, instead of made ones"},
-        "made": made,
-        "kinds": {"type": commas(str), "default": ["sparse", "dense"]},
-        "ranks": {"type": commas(int), "default": [2, 4, 8]},
-        "sides": {"type": commas(int), "default": sides},
-    }
-
-
-def cases_of(asked: argparse.Namespace) -> list[Images]:
-    """The folders of images that are asked for."""
-    if asked.images:
-        return [open_images(folder) for folder in asked.images]
-    wanted = product(asked.kinds, asked.sides, asked.ranks)
-    return [made_images(asked.peers, asked.made, kind, ranks, side) for kind, side, ranks in wanted]
-
-
-def report(asked: argparse.Namespace, head: Sequence[str], found: Iterable[Sequence[Any]]) -> list[Any]:
-    """Print the rows of each case as soon as it is measured, write them on request, and return all."""
-    print(table(head, []), flush=True)
-    rows: list[Any] = []
-    for some in found:
-        rows += some
-        print("\n".join(f"| {' | '.join(row.cells)} |" for row in some), flush=True)
-    write(asked, rows=[asdict(row) for row in rows])
-    return rows
+def by_turns(images: Images, programs: dict[str, Callable[[Path], Row]], passes: int) -> dict[str, Runs]:
+    """Run all programs in turn, some times; each gets the file for its picture and returns its report."""
+    found = {name: Runs() for name in programs}
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "picture.rgba"
+        for _ in range(passes):
+            for name, program in programs.items():
+                found[name].reports.append(program(out))
+                found[name].levels = error_levels(out, images)
+    return found

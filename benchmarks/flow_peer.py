@@ -17,27 +17,24 @@ from typing import Any
 import numpy as np
 
 Found = dict[str, Any]
+try:
+    import vtk  # type: ignore[import-not-found]
+    from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy  # type: ignore[import-not-found]
+except ImportError:
+    sys.exit("flow_peer.py: this Python has no VTK")
 
 
 def vtk_array(values: Any, name: str, components: int = 3) -> Any:
-    """Return an array of VTK."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk  # type: ignore[import-not-found]
-
     found = numpy_to_vtk(np.ascontiguousarray(values).reshape(-1, components), deep=True)
     found.SetName(name)
     return found
 
 
-def vtk(given: Found, out: str) -> Found:
+def lines(given: Found, out: str) -> Found:
     """Lines by vtkStreamTracer, forward only, from vectors (n, n, n, 3) over [-1, 1]³."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkPoints, vtkSMPTools  # type: ignore[import-not-found]
-    from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData  # type: ignore[import-not-found]
-    from vtkmodules.vtkFiltersFlowPaths import vtkStreamTracer  # type: ignore[import-not-found]
-
-    vtkSMPTools.Initialize(1)
+    vtk.vtkSMPTools.Initialize(1)
     vectors, seeds, step = given["vectors"], given["seeds"], float(given["step"])
-    image, places, start, tracer = vtkImageData(), vtkPoints(), vtkPolyData(), vtkStreamTracer()
+    image, places, start, tracer = vtk.vtkImageData(), vtk.vtkPoints(), vtk.vtkPolyData(), vtk.vtkStreamTracer()
     image.SetDimensions(*vectors.shape[2::-1])
     image.SetOrigin(-1, -1, -1)
     image.SetSpacing(*[float(given["spacing"])] * 3)
@@ -61,12 +58,11 @@ def vtk(given: Found, out: str) -> Found:
         tracer.SetMaximumError(float(given["tolerance"]))
     began = time.process_time()
     tracer.Update()
-    seconds, lines = time.process_time() - began, tracer.GetOutput()
-    points = vtk_to_numpy(lines.GetPoints().GetData())
-    offsets = vtk_to_numpy(lines.GetLines().GetOffsetsArray())
-    along = vtk_to_numpy(lines.GetLines().GetConnectivityArray())
+    seconds, found = time.process_time() - began, tracer.GetOutput()
+    points, cells = vtk_to_numpy(found.GetPoints().GetData()), found.GetLines()
+    last = vtk_to_numpy(cells.GetConnectivityArray())[vtk_to_numpy(cells.GetOffsetsArray())[1:] - 1]
     ends = np.full((len(seeds), 3), np.nan)
-    ends[vtk_to_numpy(lines.GetCellData().GetArray("SeedIds"))] = points[along[offsets[1:] - 1]]
+    ends[vtk_to_numpy(found.GetCellData().GetArray("SeedIds"))] = points[last]
     np.savez(out, ends=ends)
     return {"cpu_seconds": seconds, "points": len(points)}
 
@@ -88,58 +84,46 @@ def numpy(given: Found, out: str) -> Found:
         found[~inside] = np.nan
         return found
 
-    began = time.process_time()
-    lines, points = [given["seeds"]], given["seeds"]
+    began, points, count = time.process_time(), given["seeds"], len(given["seeds"])
     for _ in range(round(float(given["length"]) / step)):
         a = direction(points)
         b = direction(points + step / 2 * a)
         c = direction(points + step / 2 * b)
         d = direction(points + step * c)
         points = points + step / 6 * (a + 2 * b + 2 * c + d)
-        lines.append(points)
-    whole = np.stack(lines)
+        count += int(np.isfinite(points[:, 0]).sum())
     seconds = time.process_time() - began
     np.savez(out, ends=points)
-    return {"cpu_seconds": seconds, "points": int(np.isfinite(whole[..., 0]).sum())}
+    return {"cpu_seconds": seconds, "points": count}
 
 
 def lic(given: Found, out: str) -> Found:
     """Convolve a plane some times; the first round, which compiles, does not count."""
-    import vtkmodules.vtkRenderingOpenGL2  # type: ignore[import-not-found]  # noqa: F401
-    from vtkmodules.vtkCommonDataModel import vtkImageData
-    from vtkmodules.vtkRenderingCore import vtkRenderWindow  # type: ignore[import-not-found]
-    from vtkmodules.vtkRenderingLICOpenGL2 import vtkImageDataLIC2D  # type: ignore[import-not-found]
-
-    window, convolution = vtkRenderWindow(), vtkImageDataLIC2D()
+    window, convolution = vtk.vtkRenderWindow(), vtk.vtkImageDataLIC2D()
     window.SetOffScreenRendering(1)
     window.Render()
     if not convolution.SetContext(window):
         sys.exit("VTK has no OpenGL for this")
-    for port, (name, components) in enumerate((("vectors", 3), ("noise", 1))):
-        image, data = vtkImageData(), None
-        image.SetDimensions(given[name].shape[1], given[name].shape[0], 1)
-        data = image.GetPointData()
-        (data.SetVectors if components == 3 else data.SetScalars)(vtk_array(given[name], name, components))
+    images = [vtk.vtkImageData(), vtk.vtkImageData()]
+    for port, image in enumerate(images):
+        image.SetDimensions(given["noise"].shape[1], given["noise"].shape[0], 1)
         convolution.SetInputData(port, image)
+    images[0].GetPointData().SetVectors(vtk_array(given["vectors"], "vectors"))
+    images[1].GetPointData().SetScalars(vtk_array(given["noise"], "noise", 1))
     convolution.SetSteps(int(given["steps"]))
     convolution.SetStepSize(float(given["step"]))
     found = []
     for _ in range(int(given["rounds"]) + 1):
         convolution.Modified()
-        wall, cpu = time.perf_counter(), time.process_time()
+        began = time.process_time()
         convolution.Update()
-        found.append((time.process_time() - cpu, time.perf_counter() - wall))
-    cpu, wall = min(found[1:])
-    return {"cpu_seconds": cpu, "seconds": wall}
+        found.append(time.process_time() - began)
+    return {"cpu_seconds": min(found[1:])}
 
 
 def surface(given: Found, out: str) -> Found:
     """Frames of a sphere with the pattern, and without it: medians without the first one."""
-    import vtk as all_of_vtk  # type: ignore[import-not-found]
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    size, around = int(given["size"]), int(given["around"])
-    sphere = all_of_vtk.vtkSphereSource()
+    size, around, sphere = int(given["size"]), int(given["around"]), vtk.vtkSphereSource()
     sphere.SetRadius(0.8)
     sphere.SetThetaResolution(around)
     sphere.SetPhiResolution(around)
@@ -149,14 +133,14 @@ def surface(given: Found, out: str) -> Found:
     a, b, c = 3**0.5, 2**0.5, 1.0
     flow = a * np.sin(z) + c * np.cos(y), b * np.sin(x) + a * np.cos(z), c * np.sin(y) + b * np.cos(x)
     mesh.GetPointData().SetVectors(vtk_array(np.stack(flow, axis=1), "U"))
-    painted, plain = all_of_vtk.vtkSurfaceLICMapper(), all_of_vtk.vtkPolyDataMapper()
+    painted, plain = vtk.vtkSurfaceLICMapper(), vtk.vtkPolyDataMapper()
     painted.SetInputArrayToProcess(0, 0, 0, 0, "U")
     painted.GetLICInterface().SetNumberOfSteps(int(given["steps"]))
     painted.GetLICInterface().SetStepSize(float(given["step"]))
     medians = []
     for mapper in (painted, plain):
         mapper.SetInputData(mesh)
-        actor, renderer, window = all_of_vtk.vtkActor(), all_of_vtk.vtkRenderer(), all_of_vtk.vtkRenderWindow()
+        actor, renderer, window = vtk.vtkActor(), vtk.vtkRenderer(), vtk.vtkRenderWindow()
         actor.SetMapper(mapper)
         renderer.AddActor(actor)
         window.SetOffScreenRendering(1)
@@ -170,19 +154,14 @@ def surface(given: Found, out: str) -> Found:
             began = time.process_time()
             camera.SetPosition(*eye)
             window.Render()
-            window.GetPixelData(0, 0, size - 1, size - 1, 1, all_of_vtk.vtkUnsignedCharArray(), 0)
+            window.GetPixelData(0, 0, size - 1, size - 1, 1, vtk.vtkUnsignedCharArray(), 0)
             seconds.append(time.process_time() - began)
         medians.append(statistics.median(seconds[1:]))
     return {"cpu_seconds": medians}
 
 
-def main() -> None:
-    """Solve a problem."""
+if __name__ == "__main__":
     program, problem, output = sys.argv[1:]
     with np.load(problem) as file:
-        given = dict(file)
-    print(json.dumps({"vtk": vtk, "numpy": numpy, "lic": lic, "surface": surface}[program](given, output)))
-
-
-if __name__ == "__main__":
-    main()
+        found = dict(file)
+    print(json.dumps({"vtk": lines, "numpy": numpy, "lic": lic, "surface": surface}[program](found, output)))

@@ -4,10 +4,9 @@ The volume has the size of the Visible Human, 2048 × 1024 × 1878 samples of 8 
 by Catmull-Rom splines, with noise of a fixed seed where it is not empty. It is written plane by plane as `large.raw`
 with the header `large.mhd`, once; `clusterviz store` makes `errorE.ome.zarr` of it for each error E.
 
-Printed are the time of each conversion, the peak memory of the largest rank, the sizes of the stores, and of some of
-their bricks the decoding speed and what zstd and blosc2 make of the same bytes; then the time from the start of a
-process until its picture is written, and its peak memory, here and of pvbatch on the raw file with the same transfer
-function and camera. It needs the extra `store`; the parts of blosc2, pvbatch and xvfb-run are omitted without them.
+Printed are the time of each conversion, the peak memory of the largest rank and the sizes of the stores; then the time
+from the start of a process until its picture is written, and its peak memory, here and of pvbatch on the raw file with
+the same transfer function and camera. It needs the extra `store`; without pvbatch and xvfb-run their part is omitted.
 """
 
 from __future__ import annotations
@@ -20,17 +19,13 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from functools import partial
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from measuring import CLUSTERVIZ, beside, commas, options, write
+from measuring import CLUSTERVIZ, Row, beside, commas, options, show, write
 
 SIZE = (2048, 1024, 1878)
-BRICKS = 200
-"""Bricks that are compressed by other programs, spread evenly over the volume."""
 CLIM, OPACITY = [20.0, 130.0], [[20.0, 0.0], [60.0, 0.0], [130.0, 0.8]]
 
 
@@ -84,45 +79,6 @@ def make(folder: Path, size: tuple[int, ...]) -> None:
     (folder / "large.mhd").write_text("".join(text))
 
 
-def compare_bricks(folder: Path, wanted: int) -> dict[str, Any]:
-    """Return the shares of the bytes of some bricks that remain, and the speed of decoding, in MB/s of CPU time."""
-    import zstandard
-
-    from clusterviz.data.store.shards import BrickCodec, open_array
-
-    found: dict[str, Any] = {}
-    for store in sorted(folder.glob("error*.ome.zarr")):
-        warm, array = open_array(store / "0"), open_array(store / "0")
-        assert warm is not None
-        assert array is not None
-        bricks = [brick for shard in array.shards for brick in array.bricks_of(shard)]
-        bricks = bricks[:: max(1, len(bricks) // wanted)]
-        warm.brick(bricks[0])
-        began = time.thread_time()
-        samples = [array.brick(brick) for brick in bricks]
-        seconds = time.thread_time() - began
-        size = sum(each.nbytes for each in samples)
-        found[f"decode {store.name}, MB/s"] = size / seconds / 1e6
-        if array.codec.error:
-            continue
-        programs: dict[str, Callable[[Any], bytes]] = {
-            f"clusterviz, effort {n}": BrickCodec("wavelet", 0.0, n).encode for n in (1, 19)
-        }
-        programs |= {f"zstd {n}": zstandard.ZstdCompressor(n).compress for n in (1, 19, 22)}
-        with suppress(ImportError):
-            import blosc2  # type: ignore[import-not-found, import-untyped, unused-ignore]
-
-            options = {"codec": blosc2.Codec.ZSTD, "clevel": 9, "typesize": 1}
-            programs |= {
-                f"blosc2 zstd 9 {each.name.lower()}": partial(blosc2.compress2, filters=[each], **options)
-                for each in (blosc2.Filter.NOFILTER, blosc2.Filter.BITSHUFFLE)
-            }
-        for name, program in programs.items():
-            found[name] = sum(len(program(each)) for each in samples) / size
-        found["bricks"] = len(bricks)
-    return found
-
-
 def measured(command: list[str], **environment: str) -> tuple[float, float, float]:
     """Run a program; return seconds, CPU seconds, and the peak memory of the largest of its processes in MiB."""
     began = time.perf_counter()
@@ -135,7 +91,6 @@ def measured(command: list[str], **environment: str) -> tuple[float, float, floa
 
 
 def ranks_of(count: int) -> tuple[list[str], dict[str, str]]:
-    """Return the start of a command for some ranks, and its environment."""
     if count == 1:
         return [], {}
     from clusterviz.cli.jobs import OVERSUBSCRIBE, find_mpirun
@@ -160,7 +115,6 @@ def scene_of(folder: Path, path: str, width: int) -> dict[str, Any]:
 
 
 def first_pictures(folder: Path, stores: list[Path], ranks: int, width: int, keys: Sequence[str]) -> dict[str, Any]:
-    """Return seconds to the first picture and MiB of the largest process, of each store, the raw file, and pvbatch."""
     found: dict[str, Any] = {}
     start, environment = ranks_of(ranks)
     for path in (*stores, folder / "large.mhd"):
@@ -187,33 +141,33 @@ def measure(asked: argparse.Namespace) -> None:
     folder = asked.folder
     folder.mkdir(exist_ok=True)
     here = [sys.executable, __file__, str(folder), "--size", ",".join(map(str, asked.size))]
-    size, found = math.prod(asked.size), dict[str, Any]()
+    size = math.prod(asked.size)
     print(f"made in {measured([*here, '--part', 'make'])[0]:.0f} s, if it was missing; load {os.getloadavg()[0]:.1f}")
     start, environment = ranks_of(asked.ranks)
     stores = [folder / f"error{error:g}.ome.zarr" for error in asked.errors]
-    for error, store in zip(asked.errors, stores, strict=True):
-        shutil.rmtree(store, ignore_errors=True)
-        command = [*CLUSTERVIZ, "--quiet", "store", str(folder / "large.mhd"), str(store)]
-        seconds, cpu, memory = measured([*start, *command, "--error", str(error)], **environment)
-        levels = [
-            sum(file.stat().st_size for file in (store / name / "c").rglob("*") if file.is_file())
-            for name in sorted(each.name for each in store.iterdir() if each.name.isdigit())
-        ]
-        found[store.name] = {"seconds": seconds, "cpu": cpu, "memory_mib": memory, "levels": levels}
-        print(
-            f"{store.name}: {seconds:.0f} s on {asked.ranks} ranks, {size / cpu / 1e6:.0f} MB/s a core, "
-            f"{memory:.0f} MiB at most a rank; the finest level {100 * levels[0] / size:.2f} % of its samples, "
-            f"all {100 * sum(levels) / size:.2f} %",
-            flush=True,
-        )
-    measured([*here, "--part", "bricks", "--bricks", str(asked.bricks)])
-    found["bricks"] = json.loads((folder / "bricks.json").read_text())
-    for name, value in found["bricks"].items():
-        print(f"{name}: {value:.0f}" if value > 1 else f"{name}: {100 * value:.2f} % of the bytes of these bricks")
-    found["first picture"] = first_pictures(folder, stores, asked.ranks, asked.width, asked.keys)
-    for name, (seconds, cpu, memory) in found["first picture"].items():
-        print(f"first picture of {name}: {seconds:.1f} s ({cpu:.1f} s of CPU time), {memory:.0f} MiB at most a process")
-    if "pvbatch" in found["first picture"]:
+
+    def conversions() -> Iterator[Row]:
+        for error, store in zip(asked.errors, stores, strict=True):
+            shutil.rmtree(store, ignore_errors=True)
+            command = [*CLUSTERVIZ, "--quiet", "store", str(folder / "large.mhd"), str(store)]
+            seconds, cpu, memory = measured([*start, *command, "--error", str(error)], **environment)
+            levels = [
+                sum(file.stat().st_size for file in (store / name / "c").rglob("*") if file.is_file()) / size
+                for name in sorted(each.name for each in store.iterdir() if each.name.isdigit())
+            ]
+            row = {"store": store.name, "s": seconds, "cpu": cpu, "rate": size / cpu, "mib": memory}
+            yield row | {"levels": levels, "finest": levels[0], "all": sum(levels)}
+
+    head = "store | s | B/s a core, millions | MiB at most a rank | finest level | all levels"
+    cells = "{store} | {s:.0f} | {rate!M:.0f} | {mib:.0f} | {finest:.2%} | {all:.2%}"
+    stored = show(head, cells, conversions(), f"on {asked.ranks} ranks; levels as shares of the samples")
+    pictures = first_pictures(folder, stores, asked.ranks, asked.width, asked.keys)
+    head, cells = "first picture of | s | CPU s | MiB at most a process", "{what} | {s:.1f} | {cpu:.1f} | {mib:.0f}"
+    drawn = show(
+        head, cells, (dict(zip(("s", "cpu", "mib"), one, strict=True), what=name) for name, one in pictures.items())
+    )
+    found = {"stored": stored, "drawn": drawn}
+    if "pvbatch" in pictures:
         from clusterviz.image import compare, read_image
 
         theirs, ours = (read_image(folder / f"{name}.png")[..., :3] for name in ("pvbatch", "large.mhd"))
@@ -223,7 +177,6 @@ def measure(asked: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """Measure, or do a part of it."""
     asked = options(
         __doc__,
         folder={"names": ["folder"], "type": Path, "help": "where volume and stores are kept, and made if missing"},
@@ -231,14 +184,11 @@ def main() -> None:
         size={"type": commas(int), "default": SIZE},
         ranks=1,
         width=512,
-        bricks={"type": int, "default": BRICKS, "help": "that other programs compress"},
         keys={"names": ["-D"], "dest": "keys", "action": "append", "default": ["cluster.memory_limit=536870912"]},
-        part={"choices": ("make", "bricks"), "help": argparse.SUPPRESS},
+        part={"choices": ("make",), "help": argparse.SUPPRESS},
     )
     if asked.part == "make":
         make(asked.folder, asked.size)
-    elif asked.part == "bricks":
-        (asked.folder / "bricks.json").write_text(json.dumps(compare_bricks(asked.folder, asked.bricks)))
     else:
         measure(asked)
 

@@ -1,27 +1,26 @@
-"""How often `quality.max_error` is held: `python benchmarks/max_error_scenes.py [--scenes N] [--first K] [--size S]
-[--hard]`.
+"""How often `quality.max_error` is held.
+
+    python benchmarks/max_error_scenes.py [--scenes N] [--first K] [--size S] [--hard] [--json F]
 
 Random scenes, each from its number alone: data of seven kinds in 8 and 16 bits and float32, one volume or two, smooth
 opacities, ramps, peaks of 1 to 4 % of the range and jumps, some lit, some cut, seen from anywhere, with bounds from
-1/255 to 0.02. The truth is drawn with pre-integrated slabs at steps halved down to 1/512 of a voxel, until a halving
-changes no pixel by more than a twentieth of the bound, or by a fourth of what the error is away from the bound: what it
-changed last is how well it is known.
+1/255 to 0.02. With `--hard` they are small and adversarial: crops of a head's CT, specks, rods, balls, shells, noise,
+peaks of 0.5 to 2 % of the range, flanks just below what counts as a jump, opacities to 0.99, every blend mode that
+takes a bound, and bounds from 1/512 to 0.05; a scene takes about a second.
 
-With `--hard` the scenes are small and adversarial: crops of the head's CT or like one, specks, rods, balls, shells and
-noise of 10 to 18 voxels a side, peaks of 0.5 to 2 % of the range, flanks just below what counts as a jump, ramps and
-boxes of opacities to 0.99, parallel and perspective views, pictures of 64 to 160 pixels, every blend mode that takes a
-bound, and bounds from 1/512 to 0.05. A scene takes about a second.
-
-Prints a line for each scene, then how many bounds were held, refused, and broken silently.
+The truth is drawn with pre-integrated slabs at steps halved down to 1/512 of a voxel, until a halving changes no pixel
+by more than a twentieth of the bound, or by a fourth of what the error is away from the bound: what it changed last is
+how well it is known. At the end stands how many bounds were held, refused, and broken silently.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from measuring import options, sample, timed, write
+from measuring import Row, options, sample, show, timed, write
 from numpy.typing import NDArray
 
 from clusterviz.comm import LoopbackChannel
@@ -70,26 +69,23 @@ class Tried:
 
 
 def main() -> None:
-    """Try all scenes."""
     hard = {"action": "store_true", "help": "small adversarial scenes; --size is not used"}
     asked = options(__doc__, scenes=200, first=0, size=128, hard=hard)
-    found = []
-    for number in range(asked.first, asked.first + asked.scenes):
-        found.append(one := tried(number, None if asked.hard else asked.size))
-        verdict = "BROKEN" if one.broken else "refused" if one.refused else "held"
-        lit, clipped = "lit" if one.lit else "   ", "clipped" if one.clipped else "       "
-        print(
-            f"{number:4} {one.kind:15} {one.dtype:8} {one.function:12} {one.volumes} {lit} {clipped} bound "
-            f"{one.bound:.4f} expected {one.expected:.4f} error {one.error:.5f} ± {one.known_to:.0e} step "
-            f"{1 / one.step:6.1f} {one.classification:14} pilots {one.pilot_share:.2f} {verdict}",
-            flush=True,
-        )
-        write(asked, rows=[asdict(each) for each in found])
+    found = list[Tried]()
+
+    def rows() -> Iterator[Row]:
+        for number in range(asked.first, asked.first + asked.scenes):
+            found.append(one := tried(number, None if asked.hard else asked.size))
+            yield asdict(one) | {"verdict": "BROKEN" if one.broken else "refused" if one.refused else "held"}
+
+    head = "number | kind | type | opacity | volumes | lit | clipped | bound | expected | error | known to | step | "
+    cells = "{number} | {kind} | {dtype} | {function} | {volumes} | {lit} | {clipped} | {bound:.4f} | {expected:.4f} | "
+    cells += "{error:.5f} | {known_to:.0e} | {step:.4f} | {classification} | {pilot_share:.2f} | {verdict}"
+    write(asked, rows=show(head + "classification | pilots | verdict", cells, rows()))
     print("\n".join(summary(found)))
 
 
 def summary(found: list[Tried]) -> list[str]:
-    """The numbers that count."""
     promised = [one for one in found if not one.refused]
     broken = [one for one in promised if one.broken]
     ratios = np.sort([one.error / one.bound for one in promised] or [0.0])[::-1]
@@ -180,7 +176,6 @@ def error_of(drawn: Any, sources: list[ArraySource], bound: float) -> tuple[floa
 
 
 def frame_of(scene: Scene, sources: list[ArraySource]) -> Any:
-    """One frame."""
     with FrameLoop(scene, LoopbackChannel(), sources, Options(device="cpu", overlap=False), several=False) as loop:
         return loop.frame()
 
@@ -196,7 +191,6 @@ def frame_or_refusal(scene: Scene, sources: list[ArraySource]) -> Any:
 
 
 def centre_of(sources: list[ArraySource]) -> NDArray[Any]:
-    """The middle of all volumes' corners."""
     centre: NDArray[Any] = np.concatenate([source.grid.corners for source in sources]).mean(axis=0)
     return centre
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import string
 import subprocess
 import sys
@@ -112,7 +113,6 @@ class Timed:
 
 
 def timed(call: Callable[[], Any]) -> Timed:
-    """Time a call."""
     wall, cpu = perf_counter(), process_time()
     value = call()
     return Timed(value, perf_counter() - wall, process_time() - cpu)
@@ -138,12 +138,16 @@ def middle(runs: Sequence[Timed], kind: str = "wall") -> float:
 
 
 def output_of(command: Sequence[object], seconds: float | None = None, **environment: str) -> str:
-    """Return what a program prints; this one ends with the last words of one that fails."""
+    """Return what a program prints; this one ends with the last words of one that fails, or is not installed."""
     words = list(map(str, command))
-    ran = subprocess.run(words, capture_output=True, text=True, timeout=seconds, env=os.environ | environment)
+    try:
+        ran = subprocess.run(words, capture_output=True, text=True, timeout=seconds, env=os.environ | environment)
+    except OSError as error:
+        raise SystemExit(f"{words[0]} cannot be run: {error.strerror}") from None
     if ran.returncode:
-        said = [line for line in ran.stderr.splitlines() if line.startswith("clusterviz: ")]
-        raise SystemExit(f"{' '.join(words)}\n" + "\n".join(said[:1] or (ran.stdout + ran.stderr).splitlines()[-5:]))
+        known = re.findall(r"^(?:clusterviz|\w+\.py): .*", ran.stderr, re.MULTILINE)
+        said = [" ".join(words), *(ran.stdout + ran.stderr).splitlines()[-5:]]
+        raise SystemExit("\n".join(known[:1] or said))
     return ran.stdout
 
 
@@ -159,7 +163,6 @@ def answer_of(command: Sequence[object], seconds: float | None = None, **environ
 
 
 def beside(name: str) -> Path:
-    """Return the path of another program of this folder."""
     return Path(__file__).with_name(name)
 
 
@@ -202,7 +205,6 @@ def prepared(scene: Any, given: Any = None) -> tuple[Any, dict[Any, Any]]:
 
 
 def whole_pieces(plan: Any) -> Any:
-    """Return all bricks of a plan as one piece."""
     from clusterviz.partition import build_tree, leaf_pieces
 
     return leaf_pieces(build_tree(plan.cost, 1), plan.cost, None, plan.view.forward)
@@ -210,7 +212,6 @@ def whole_pieces(plan: Any) -> Any:
 
 @cache
 def context_of(device: int | None = None) -> Any:
-    """Return the OpenGL context of a device."""
     from clusterviz.gl.context import open_context
 
     return open_context(device=device)

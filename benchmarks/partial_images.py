@@ -1,6 +1,6 @@
 """Real partial images: what each of several ranks would draw of a scene, written for compositors to be measured on.
 
-    python benchmarks/partial_images.py head|vessels DIR [--ranks 8] [--size 1024x1024] [--png]
+    python benchmarks/partial_images.py head|vessels DIR [--ranks 8] [--size 1024x1024]
 
 "head" is the MNI head of examples/head.yaml (the sample mni152); "vessels" a tree of thin tubes grown from a seed, as
 sparse as an angiogram. The volume is divided as for that many ranks, and one process draws the shares one after the
@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from clusterviz.cli.arguments import parse_size
 from clusterviz.data import open_scene
 from clusterviz.gl.context import open_context
-from clusterviz.image import write_image
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.reference.over import over
 from clusterviz.render.opengl import opengl_caster
@@ -105,14 +104,12 @@ def partial_images(scene: Scene, ranks: int) -> Iterator[Floats]:
 
 
 def main() -> None:
-    """Write the images, and say how much of each is not blank."""
     asked = options(
         __doc__,
         scene={"names": ["scene"], "choices": sorted(SCENES)},
         folder={"names": ["folder"], "type": Path, "metavar": "DIR"},
         ranks=8,
         size={"type": parse_size, "default": (1024, 1024), "metavar": "WxH"},
-        png={"action": "store_true", "help": "write img_<n>.png and exact.png too, over black"},
     )
     asked.folder.mkdir(parents=True, exist_ok=True)
     layers = []
@@ -122,13 +119,9 @@ def main() -> None:
             pixels = np.rint(255 * picture).astype(np.uint8)
             pixels.tofile(asked.folder / f"img_{number}.rgba")
             layers.append(pixels / 255)
-            if asked.png:
-                write_image(asked.folder / f"img_{number}.png", picture, (0.0, 0.0, 0.0))
             print(f"img_{number}: {(pixels[..., 3] > 0).mean():.1%} not blank", flush=True)
     exact = over(layers)
     np.save(asked.folder / "exact.npy", exact)
-    if asked.png:
-        write_image(asked.folder / "exact.png", exact.astype(np.float32), (0.0, 0.0, 0.0))
     print(f"exact: {(exact[..., 3] > 0).mean():.1%} not blank")
 
 

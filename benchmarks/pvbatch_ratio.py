@@ -36,14 +36,10 @@ PEER = ("xvfb-run", "-a", "mpirun.openmpi", "--oversubscribe", "--mca", "mpi_yie
 
 def order_of(samples: Path, size: int, width: int, frames: int) -> dict[str, Any]:
     """What both draw: the scene here begins at the origin, ParaView's in the middle."""
-    volume = Volume(
-        path=str(samples), cmap=COOL_TO_WARM, clim=(LOW, HIGH), opacity=((LOW, 0.0), (HIGH, 1.0)),
-        opacity_unit_distance=20.0,
-    )  # fmt: skip
-    camera = Camera(
-        position=(1.2 * size, 1.0 * size, 1.6 * size), focal_point=(0.0, 0.0, 0.0), view_up=(0.0, 1.0, 0.0),
-        view_angle=30.0,
-    )  # fmt: skip
+    look: dict[str, Any] = {"opacity": ((LOW, 0.0), (HIGH, 1.0)), "opacity_unit_distance": 20.0}
+    volume = Volume(path=str(samples), cmap=COOL_TO_WARM, clim=(LOW, HIGH), **look)
+    lens: dict[str, Any] = {"focal_point": (0.0, 0.0, 0.0), "view_up": (0.0, 1.0, 0.0), "view_angle": 30.0}
+    camera = Camera(position=(1.2 * size, 1.0 * size, 1.6 * size), **lens)
     scene = Scene(volumes=(volume,), camera=camera, image=ImageSettings(size=(width, width), background="black"))
     positions = [(1.2 * size + 2 * frame, 1.0 * size, 1.6 * size) for frame in range(1 + frames)]
     return {"size": size, "scene": scene.model_dump(mode="json"), "frames": positions, "samples": False}
@@ -57,7 +53,6 @@ def at(scene: Scene, position: tuple[float, ...], size: int) -> Scene:
 
 
 def draw_frames(order_file: Path, output: Path) -> None:
-    """What each of our ranks does."""
     from clusterviz.comm import limit_threads, open_channel
     from clusterviz.frame import FrameLoop
 
@@ -79,12 +74,10 @@ def draw_frames(order_file: Path, output: Path) -> None:
 
 
 def later(told: dict[str, Any]) -> float:
-    """Seconds of a frame that is not the first: the median."""
     return statistics.median(told["seconds"][1:])
 
 
 def run_peer(ranks: int, order: Path, prefix: Path) -> dict[str, Any]:
-    """ParaView on some ranks."""
     program = ["pvbatch", "--force-offscreen-rendering", str(beside("pvbatch_pictures.py")), str(order), str(prefix)]
     root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     system = os.pathsep.join(part for part in os.environ["PATH"].split(os.pathsep) if "venv" not in part)
@@ -92,7 +85,6 @@ def run_peer(ranks: int, order: Path, prefix: Path) -> dict[str, Any]:
 
 
 def run_ours(ranks: int, order: Path, picture: Path) -> dict[str, Any]:
-    """clusterviz on some ranks."""
     program = [sys.executable, __file__, "--order", str(order), "--picture", str(picture)]
     return answer_of([find_mpirun(), "-n", str(ranks), *program], **OVERSUBSCRIBE)
 
@@ -126,7 +118,6 @@ def ratios(asked: argparse.Namespace, folder: Path) -> Iterator[Row]:
 
 
 def main() -> None:
-    """Measure, or draw what is ordered."""
     asked = options(
         __doc__,
         ranks={"type": commas(int), "default": [1, 2, 4]},
@@ -145,13 +136,9 @@ def main() -> None:
     head = "ranks | pvbatch, s | clusterviz, s | times faster | pvbatch off by | clusterviz | mode | most samples, M"
     cells = "{ranks} | {peer_s:.3f} | {median_s:.3f} | {ratio:.1f} | {peer_rms!l:.2f} ({peer_max!l:.1f}) | "
     cells += "{rms!l:.3f} ({max!l:.2f}) | {mode} | {samples!M:.1f}"
+    title = f"Wavelet, {asked.size}³, {asked.width}²; errors of 255"
     with tempfile.TemporaryDirectory() as folder:
-        write(
-            asked,
-            rows=show(
-                head, cells, ratios(asked, Path(folder)), f"Wavelet, {asked.size}³, {asked.width}²; errors of 255"
-            ),
-        )
+        write(asked, rows=show(head, cells, ratios(asked, Path(folder)), title))
 
 
 if __name__ == "__main__":

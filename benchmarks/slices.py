@@ -1,11 +1,13 @@
 """View-aligned slices: `python benchmarks/slices.py [DATA] [--size N] [--brick N …] [--count N] [--json F]`.
 
-Three tables:
+Tables, of which `--tables` names some:
 - the thesis's table 5.1 [1], measured: per brick the CPU's time, bytes and vertices of each slice generator, and the
   time of a frame that OpenGL draws with them, beside the ray caster on the same planes;
-- a million random boxes and planes: where two boxes with a common face have not the area of both together, and how many
-  polygons brute force gets wrong that validates lines by themselves, of planes through corners;
-- errors of `quality.renderer: slices` and of rays with the same steps, against rays of step 1/16.
+- a million random boxes and planes: where two boxes with a common face have not the area of both together;
+- errors of `quality.renderer: slices` and of rays with the same steps, against rays of step 1/16;
+- adaptive sampling in three dimensions (section 4.3.1): for each volume of `--adaptive` and each largest error of a
+  pixel the least share of samples on the slices, by the tolerance of each oracle that halving finds, along rays alone
+  and in 3-D, beside the ray caster's with `quality.adaptive`. `vessels` are those of partial_images.py.
 
 References
 ----------
@@ -14,31 +16,55 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import product
 from typing import Any
 
 import numpy as np
-from measuring import Row, context_of, loaded, opened, options, positional, prepared, show, timed, whole_pieces, write
+from measuring import (
+    Row,
+    context_of,
+    loaded,
+    opened,
+    options,
+    positional,
+    prepared,
+    sample,
+    show,
+    timed,
+    whole_pieces,
+    write,
+)
+from numpy.typing import NDArray
+from partial_images import grow_vessels
 
 import clusterviz
+from clusterviz.data.memory import ArraySource
 from clusterviz.plan.plan import Plan
+from clusterviz.plan.sampling_oracle import SamplingOracle, distance_by_bend, distance_to_change
 from clusterviz.plan.slices import GENERATORS, Cuts
-from clusterviz.plan.slices.brute_force import brute_force
 from clusterviz.render.slices import SliceDrawing
+from clusterviz.render.slices.adaptive import AdaptivePicture, draw_adaptively
 from clusterviz.scene.values import Cluster, ImageSettings, Quality, Scene, Volume
 
 CHUNK = 20_000
 STEPS = (0.5, 1.0, 2.0)
 FINE = 1 / 16
 ROUNDING = 1e-11
+BOUNDS = (1 / 255, 4 / 255, 16 / 255)
+ORACLES: dict[str, Callable[..., SamplingOracle]] = {"change": distance_to_change, "bend": distance_by_bend}
+EVERYWHERE = SamplingOracle(np.zeros((1, 1, 1), np.float32), 1 << 20)
+VESSELS: dict[str, Any] = {"clim": (0, 255), "opacity": ((0, 0), (80, 0), (150, 0.5), (255, 0.9))}
 
 
-def planned(path: str, size: int, brick: int, **quality: Any) -> tuple[Plan, dict[Any, Any]]:
+def planned(data: str, size: int, brick: int = 64, **quality: Any) -> tuple[Plan, dict[Any, Any]]:
     """Plan and bricks of the data with its usual look."""
+    path = sample(name=data) if data == "mni152" else data
+    look = VESSELS | {"opacity_unit_distance": 2.0} if data == "vessels" else {}
+    source = ArraySource(grow_vessels(256)) if data == "vessels" else opened(path)[0]
     image, cluster = ImageSettings(size=(size, size)), Cluster(brick=brick)
-    scene = Scene(volumes=(Volume(path=path),), image=image, quality=Quality(**quality), cluster=cluster)
-    return prepared(scene, [opened(path)[0]])
+    scene = Scene(volumes=(Volume(path=path, **look),), image=image, quality=Quality(**quality), cluster=cluster)
+    return prepared(scene, [source])
 
 
 def generators(path: str, size: int, brick: int, frames: int) -> Iterator[Row]:
@@ -102,13 +128,6 @@ def watertight(count: int) -> Iterator[Row]:
             whole, left, right = (one.areas for one in run.value)
             wrong += int((np.abs(left + right - whole) > ROUNDING * ((cuts.high - cuts.low) ** 2).sum(axis=1)).sum())
         yield {"generator": name, "planes": count, "wrong": wrong, "us": 1e6 * seconds / polygons}
-    rng, wrong = np.random.default_rng(1), 0
-    for _ in range(count // CHUNK):
-        cuts = random_cuts(rng, CHUNK, True)
-        apart = np.abs(brute_force(cuts, by_lines=True).areas - brute_force(cuts).areas)
-        wrong += int((apart > 1e-6 * ((cuts.high - cuts.low) ** 2).sum(axis=1)).sum())
-    name = "brute-force, lines by themselves, planes through corners"
-    yield {"generator": name, "planes": count // CHUNK * CHUNK, "wrong": wrong}
 
 
 def errors(path: str, size: int) -> Iterator[Row]:
@@ -124,27 +143,87 @@ def errors(path: str, size: int) -> Iterator[Row]:
         yield row | {"max": np.abs(apart).max(), "rms": float(np.sqrt(np.mean(apart**2)))}
 
 
+def voxels_of(data: str) -> NDArray[Any]:
+    return grow_vessels(256) if data == "vessels" else opened(sample(name=data) if data == "mni152" else data)[1]
+
+
+def least(plan: Plan, voxels: NDArray[Any], truth: AdaptivePicture, oracle: str, bound: float, along: bool) -> Row:
+    """The largest tolerance, between 10⁻⁵ and 10², with which no pixel is off by more than a bound."""
+    low, high, best = -5.0, 2.0, Row()
+    for _ in range(6):
+        middle = (low + high) / 2
+        where = ORACLES[oracle](voxels, plan.volume.transfer, 10**middle)
+        found = draw_adaptively(plan, voxels, where, along_rays=along)
+        error = float(np.abs(found.rgba - truth.rgba).max())
+        if error <= bound:
+            low, best = middle, {"share": found.share, "error": error}
+        else:
+            high = middle
+    return best
+
+
+def adaptive(data: str, size: int) -> Iterator[Row]:
+    """A row for each bound and way; what has no share was not reached."""
+    plan, _ = planned(data, size, renderer="slices")
+    voxels = voxels_of(data)
+    truth = draw_adaptively(plan, voxels, EVERYWHERE, coarsest=0)
+
+    def cast(**quality: Any) -> float:
+        plan, bricks = planned(data, size, **quality)
+        return float(loaded(plan, bricks, "cpu").draw(plan, whole_pieces(plan))[0].samples / truth.uniform)
+
+    yield {"data": data, "way": "all samples", "share": truth.share}
+    yield {"data": data, "way": "ray caster", "share": cast(renderer="slices")}
+    for bound in BOUNDS:
+        yield {"data": data, "way": "ray caster, quality.adaptive", "bound": bound, "share": cast(adaptive=bound)}
+        for oracle, along in product(ORACLES, (False, True)):
+            row = {"data": data, "way": f"{oracle}, {'along rays' if along else 'in 3-D'}", "bound": bound}
+            yield row | least(plan, voxels, truth, oracle, bound, along)
+
+
 def main() -> None:
-    """Print the tables."""
-    data = positional("data", default="field:marschner-lobb:128", help="a data file or field")
-    count = {"type": int, "default": 1_000_000, "help": "random planes"}
-    asked = options(__doc__, data=data, size=384, brick=[16, 32, 64], frames=3, count=count)
-    table = show(
-        "brick | generator | CPU µs | bytes | vertices | slices | frame, ms | of the GPU's clock",
-        "{brick} | {generator} | {cpu_us:.1f} | {bytes:.0f} | {vertices:.1f} | {slices:.1f} | {draw!m:.1f} | "
-        "{gpu!m:.1f}",
-        (row for brick in asked.brick for row in generators(asked.data, asked.size, brick, asked.frames)),
-        f"{asked.data}, {asked.size} × {asked.size}, {context_of().info['GL_RENDERER']}; of each brick",
+    tables = {
+        "generators": (
+            lambda: (row for brick in asked.brick for row in generators(asked.data, asked.size, brick, asked.frames)),
+            "brick | generator | CPU µs | bytes | vertices | slices | frame, ms | of the GPU's clock",
+            "{brick} | {generator} | {cpu_us:.1f} | {bytes:.0f} | {vertices:.1f} | {slices:.1f} | {draw!m:.1f} | "
+            "{gpu!m:.1f}",
+            "of each brick",
+        ),
+        "watertight": (
+            lambda: watertight(asked.count),
+            "generator | wrong | planes | µs",
+            "{generator} | {wrong} | {planes:,} | {us:.2f}",
+            "pieces that do not fit together, of random planes; CPU µs a polygon",
+        ),
+        "errors": (
+            lambda: errors(asked.data, asked.size),
+            "classification | step | renderer | max | rms",
+            "{classification} | {step:g} | {renderer} | {max!l:.3f} | {rms!l:.4f}",
+            f"difference to step {FINE}, in 255ths",
+        ),
+        "adaptive": (
+            lambda: (row for name in asked.adaptive for row in adaptive(name, asked.size)),
+            "data | way | bound, of 255 | share of samples | largest error, of 255",
+            "{data} | {way} | {bound!l:.0f} | {share:.2%} | {error!l:.2f}",
+            "adaptive sampling",
+        ),
+    }
+    asked = options(
+        __doc__,
+        data=positional("data", default="field:marschner-lobb:128", help="a data file or field"),
+        size=384,
+        brick=[16, 32, 64],
+        frames=3,
+        count={"type": int, "default": 1_000_000, "help": "random planes"},
+        adaptive=["vessels", "mni152", "field:hydrogen:128"],
+        tables={"nargs": "+", "choices": list(tables), "default": list(tables)},
     )
-    title = "pieces that do not fit together, of random planes; CPU µs a polygon"
-    head, cells = "generator | wrong | planes | µs", "{generator} | {wrong} | {planes:,} | {us:.2f}"
-    fitting = show(head, cells, watertight(asked.count), title)
-    head, cells = (
-        "classification | step | renderer | max | rms",
-        "{classification} | {step:g} | {renderer} | {max!l:.3f} | {rms!l:.4f}",
-    )
-    apart = show(head, cells, errors(asked.data, asked.size), f"difference to step {FINE}, in 255ths")
-    write(asked, table=table, watertight=fitting, errors=apart)
+    found = {}
+    for name in asked.tables:
+        rows, head, cells, title = tables[name]
+        found[name] = show(head, cells, rows(), title)
+    write(asked, **found)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,6 @@ def plotter(samples, shade, mapper):
 
 
 def main():
-    """Serve one volume."""
     path, port, shade, mapper = sys.argv[1:]
     shown = plotter(np.load(path), shade == "true", mapper)
     server = get_server("peer", client_type="vue3")

@@ -1,7 +1,6 @@
 """The browser's view beside PyVista and trame: frames a second, latency from input to pixels, time to full quality.
 
     python benchmarks/view_ratio.py --peer-python PYTHON_WITH_PYVISTA [--ranks 1,2,4] [--pictures FOLDER] [--json F]
-    python benchmarks/view_ratio.py --minutes 30       ours alone, for half an hour: memory, and lost pictures
 
 A real Chromium, driven by Playwright, drags the mouse over both programs' pages, in turn, with the same volume (mni152,
 resampled to 256³ samples of uint8), transfer function, camera and picture of 800 × 600 pixels. Nothing of either
@@ -28,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measuring import CLUSTERVIZ, beside, options, sample, write
+from measuring import CLUSTERVIZ, Row, beside, options, sample, show, write
 from measuring import opened as opened_volume
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
@@ -93,8 +92,8 @@ def scene_of(volume: Path, shade: bool) -> dict[str, Any]:
 
 
 @contextmanager
-def served(arguments: list[Any], url: str | None) -> Iterator[tuple[str, float, int]]:
-    """Start a server; give its address, the time of its start and its process id. None: it prints the address."""
+def served(arguments: list[Any], url: str | None) -> Iterator[tuple[str, float]]:
+    """Start a server; give its address and the time of its start. None: it prints the address."""
     began = time.perf_counter()
     output = subprocess.PIPE if url is None else subprocess.DEVNULL
     process = subprocess.Popen(
@@ -106,7 +105,7 @@ def served(arguments: list[Any], url: str | None) -> Iterator[tuple[str, float, 
             line = process.stdout.readline()
             assert line, f"{arguments} ended"
             url = next((word for word in line.split() if word.startswith("http://")), None)
-        yield url, began, process.pid
+        yield url, began
     finally:
         os.killpg(process.pid, signal.SIGTERM)
         try:
@@ -116,7 +115,6 @@ def served(arguments: list[Any], url: str | None) -> Iterator[tuple[str, float, 
 
 
 def free_port() -> int:
-    """Return a free port."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return int(one.getsockname()[1])
@@ -147,29 +145,28 @@ def noted(page: Page, name: str) -> list[float]:
     return [at / 1000 for at in page.evaluate("name => window.__probe[name]", name)]
 
 
-def centre_of(page: Page) -> tuple[float, float]:
-    """Return the middle of the picture in the page."""
+def shown(page: Page) -> list[float]:
+    """Return where the picture is in the page: x, y, width and height."""
     script = """() => [...document.querySelectorAll("img, canvas")].map(e => e.getBoundingClientRect())
       .sort((a, b) => b.width * b.height - a.width * a.height).map(b => [b.x, b.y, b.width, b.height])[0]"""
-    x, y, width, height = page.evaluate(script)
+    return list(page.evaluate(script))
+
+
+def centre_of(page: Page) -> tuple[float, float]:
+    x, y, width, height = shown(page)
     return x + width / 2, y + height / 2
 
 
 def fitted(page: Page) -> list[float]:
     """Resize the window so that the picture has its size; return what it got."""
-    script = """() => [...document.querySelectorAll("img, canvas")].map(e => e.getBoundingClientRect())
-      .sort((a, b) => b.width * b.height - a.width * a.height).map(b => [b.width, b.height])[0]"""
     for _ in range(2):
-        width, height = page.evaluate(script)
+        _, _, width, height = shown(page)
         window = page.viewport_size
         assert window is not None
-        wanted = {
-            "width": round(window["width"] + SIZE[0] - width),
-            "height": round(window["height"] + SIZE[1] - height),
-        }
-        page.set_viewport_size(wanted)
+        sides = round(window["width"] + SIZE[0] - width), round(window["height"] + SIZE[1] - height)
+        page.set_viewport_size({"width": sides[0], "height": sides[1]})
         page.wait_for_timeout(500)
-    return list(page.evaluate(script))
+    return shown(page)[2:]
 
 
 def orbited(page: Page, seconds: float) -> dict[str, float]:
@@ -236,33 +233,7 @@ def measured(page: Page, url: str, began: float, seconds: float, count: int) -> 
     return numbers, page.screenshot()
 
 
-def resident_mib(root: int) -> float:
-    """Return the resident memory of a process and its descendants, MiB."""
-    listed = subprocess.run(["ps", "-eo", "pid,ppid,rss"], capture_output=True, text=True, check=True).stdout
-    rows = [tuple(map(int, line.split())) for line in listed.splitlines()[1:]]
-    family, grown = {root}, True
-    while grown:
-        more = {pid for pid, parent, _ in rows if parent in family} - family
-        family, grown = family | more, bool(more)
-    return sum(rss for pid, _, rss in rows if pid in family) / 1024
-
-
-def endured(page: Page, url: str, pid: int, minutes: float) -> list[dict[str, float]]:
-    """Drag and rest for some minutes; return memory and pictures shown after each minute's rest."""
-    opened(page, url)
-    page.wait_for_function("() => window.__probe.changes.length > 0", timeout=120000, polling=10)
-    rows = []
-    for minute in range(int(minutes)):
-        before = len(noted(page, "changes"))
-        rests = [orbited(page, 10)["to_full_quality_s"] for _ in range(4)]
-        changes = len(noted(page, "changes")) - before
-        rows.append({"minute": minute, "mib": resident_mib(pid), "pictures": changes, "longest_rest_s": max(rests)})
-        print(json.dumps(rows[-1]), flush=True)
-    return rows
-
-
 def main() -> None:
-    """Measure ours and the peer in turn, or ours for a long time."""
     asked = options(
         __doc__,
         peer_python={"help": "a Python with pyvista and trame; without it ours alone is measured"},
@@ -271,10 +242,9 @@ def main() -> None:
         rounds=2,
         seconds={"type": float, "default": 8, "help": "of each drag"},
         moves={"type": int, "default": 40, "help": "whose latency is measured"},
-        minutes={"type": float, "help": "drag and rest for so long"},
         pictures={"type": Path, "help": "a folder for screenshots"},
     )
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         volume, scene = Path(folder) / "head.npy", Path(folder) / "scene.json"
         head(volume)
@@ -293,15 +263,10 @@ def main() -> None:
                 arguments = [asked.peer_python, peer, volume, port, shade, mapper]
                 programs[f"{PEER}, {mapper}"] = arguments, f"http://127.0.0.1:{port}"
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        if asked.minutes:
-            arguments, url = next(iter(programs.values()))
-            with served(arguments, url) as (address, _, pid):
-                rows = endured(browser.new_page(bypass_csp=True), address, pid, asked.minutes)
-            programs = {}
-        for number in range(asked.rounds if programs else 0):
+        for number in range(asked.rounds):
             for name, (arguments, url) in programs.items():
                 page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]}, bypass_csp=True)
-                with served(arguments, url) as (address, began, _):
+                with served(arguments, url) as (address, began):
                     numbers, picture = measured(page, address, began, asked.seconds, asked.moves)
                 page.close()
                 rows.append({"program": name, "round": number, **numbers, "load": os.getloadavg()[0]})
@@ -309,26 +274,23 @@ def main() -> None:
                 if asked.pictures:
                     Image.open(io.BytesIO(picture)).save(asked.pictures / f"{name.replace(', ', '-')}.png")
         browser.close()
-    if asked.peer_python and not asked.minutes:
-        report(rows)
-    write(asked, rows=rows)
+    write(asked, rows=rows, medians=report(rows))
 
 
-def report(rows: list[dict[str, Any]]) -> None:
-    """Print medians over the rounds, and their ratios."""
+def report(rows: list[Row]) -> list[Row]:
+    """Print medians over the rounds, and over those of the peer's mapper that gives more frames."""
     keys = ("frames_per_second", "latency_median_s", "latency_95_s", "to_full_quality_s", "first_picture_s")
-    names = list(dict.fromkeys(row["program"] for row in rows))
-    medians = {
-        name: [statistics.median(row[key] for row in rows if row["program"] == name) for key in keys] for name in names
-    }
-    # Whichever of the peer's mappers gives more frames.
-    peer = max((found for name, found in medians.items() if name.startswith(PEER)), key=lambda found: found[0])
-    print(f"{'':32} {'frames/s':>9} {'latency ms':>11} {'95 % ms':>8} {'quality s':>10} {'first s':>8}")
-    for name, (frames, median, most, quality, first) in medians.items():
-        print(f"{name:32} {frames:9.1f} {1e3 * median:11.0f} {1e3 * most:8.0f} {quality:10.2f} {first:8.2f}")
-    for name in (name for name in names if not name.startswith(PEER)):
-        frames, median = medians[name][0] / peer[0], medians[name][1] / peer[1]
-        print(f"{name}: {frames:.1f} times the frames, {median:.2f} of the latency")
+    found = []
+    for name in dict.fromkeys(row["program"] for row in rows):
+        mine = [row for row in rows if row["program"] == name]
+        found.append({"program": name, **{key: statistics.median(row[key] for row in mine) for key in keys}})
+    peer = max((row for row in found if row["program"].startswith(PEER)), key=lambda row: row[keys[0]], default=None)
+    for row in found if peer else []:
+        row |= {"frames": row[keys[0]] / peer[keys[0]], "latency": row[keys[1]] / peer[keys[1]]}
+    head = "program | frames/s | latency, ms | 95 %, ms | quality, s | first, s | frames over peer's | latency over it"
+    cells = "{program} | {frames_per_second:.1f} | {latency_median_s!m:.0f} | {latency_95_s!m:.0f} | "
+    cells += "{to_full_quality_s:.2f} | {first_picture_s:.2f} | {frames:.1f} | {latency:.2f}"
+    return show(head, cells, found)
 
 
 if __name__ == "__main__":

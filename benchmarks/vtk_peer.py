@@ -22,8 +22,12 @@ import sys
 import time
 
 import numpy as np
-import vtk
-from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
+
+try:
+    import vtk
+    from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
+except ImportError:
+    sys.exit("vtk_peer.py: this Python has no VTK")
 
 GRIDS = {
     "raycast": "vtkUnstructuredGridVolumeRayCastMapper",
@@ -33,20 +37,17 @@ GRIDS = {
 
 
 def memory():
-    """Bytes of the process."""
     with open("/proc/self/statm") as status:
         return 4096 * int(status.read().split()[1])
 
 
 def cells_of(corners):
-    """Cells of one kind from the numbers of their corners, (n, corners)."""
     cells = vtk.vtkCellArray()
     cells.SetData(corners.shape[1], numpy_to_vtkIdTypeArray(corners.astype(np.int64).ravel(), deep=1))
     return cells
 
 
 def points_of(positions):
-    """Points from positions (n, 3)."""
     points = vtk.vtkPoints()
     points.SetData(numpy_to_vtk(np.ascontiguousarray(positions), deep=1))
     return points
@@ -71,7 +72,6 @@ def add_meshes(renderer, scene):
 
 
 def volume_mapper(scene, kind):
-    """Return the mapper of a volume."""
     voxels, image = scene["voxels"], vtk.vtkImageData()
     image.SetDimensions(*voxels.shape[::-1])
     image.SetSpacing(*scene["spacing"].tolist())
@@ -90,7 +90,6 @@ def volume_mapper(scene, kind):
 
 
 def grid_mapper(scene, kind):
-    """Return the mapper of an unstructured grid."""
     grid, mapper = vtk.vtkUnstructuredGrid(), getattr(vtk, GRIDS[kind])()
     grid.SetPoints(points_of(scene["points"]))
     grid.SetCells(vtk.VTK_TETRA, cells_of(scene["tetrahedra"]))
@@ -105,7 +104,6 @@ def grid_mapper(scene, kind):
 
 
 def property_of(scene):
-    """Return the transfer function, and light."""
     opacity, colour, look = vtk.vtkPiecewiseFunction(), vtk.vtkColorTransferFunction(), vtk.vtkVolumeProperty()
     for value, alpha in zip(scene["value"].tolist(), scene["opacity"].tolist()):  # noqa: B905
         opacity.AddPoint(value, alpha)
@@ -150,7 +148,6 @@ def opened(scene, kind, width, height):
 
 
 def main():
-    """Draw the frames."""
     scene, kind, frames, out = np.load(sys.argv[1]), sys.argv[2], int(sys.argv[4]), sys.argv[5]
     width, height = map(int, sys.argv[3].split("x"))
     before = memory()

@@ -1,14 +1,16 @@
 """Time and error against VTK's ray casters, on the GPU's interface and on the CPU.
 
-    python benchmarks/vtk_raycast_ratio.py --python PYTHON_WITH_VTK [--pictures FOLDER] [--json F]
+    python benchmarks/vtk_raycast_ratio.py --python PYTHON_WITH_VTK [VOLUME.npy …] [--functions NAME …]
 
 Runs of `vtk_peer.py` and of `clusterviz bench raycast` alternate, on the same volume, camera, transfer function and
 step. VTK's Python may also be given by CLUSTERVIZ_PEER_PYTHON. `--device` is that of `clusterviz bench raycast`. VTK's
 GPU caster ends a ray at an opacity of 1 − 1/255 and cannot be told otherwise; `--early-termination 0.0039` does the
 same here. With `--our-step` we take another step than the peer: for comparing at equal error instead of equal step.
 
-Errors are those from the converged picture: ours at a sixteenth of the peer's step, which the tests hold to the float64
-reference within 1e-5.
+Errors are of colours over black from the picture without error, in levels of 255. That is found as `clusterviz
+tradeoff` finds it: the step is halved until nothing changes, and the renderer is held to the float64 reference at a
+small size; `known` is what is left of its own error. "pre-integrated" are slabs between whose ends the transfer
+function is integrated. VTK's pictures have 8 bits: none can be nearer than "8 bits", the exact one rounded.
 """
 
 from __future__ import annotations
@@ -18,79 +20,56 @@ import json
 import os
 import statistics
 import tempfile
+from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measuring import CLUSTERVIZ, PEER_PYTHON, Row, answer_of, beside, opened, options, output_of, sample, write
+from measuring import CLUSTERVIZ, PEER_PYTHON, Row, opened, options, output_of, sample, show, write
+from vtk_mappers_ratio import Arrays, peer, scene_of, synthetic, with_meshes
 
-from clusterviz.image import compare, read_image
-from clusterviz.image.compare import Difference
-from clusterviz.scene import Scene, Volume
-from clusterviz.scene.cluster import Cluster
-from clusterviz.scene.values import Camera, ImageSettings, Quality
+from clusterviz.comm import LoopbackChannel
+from clusterviz.frame import render_frame
+from clusterviz.pages.tradeoff.ground_truth import find_ground_truth
+from clusterviz.scene import Scene
+from clusterviz.scene.overrides import with_settings
 
 CASTERS = ("gpu", "cpu")
+Points = tuple[tuple[float, float], ...]
 
 
-def equivalent_scene(
-    volume: Path, shape_zyx: tuple[int, ...], width: int, step: float, early_termination: float = 0.0, brick: int = 64
-) -> Scene:
-    """What both draw, seen from (1.3, 0.9, 1.6) · the longest side."""
-    centre = (np.array(shape_zyx[::-1], float) - 1) / 2
-    eye = centre + np.array([1.3, 0.9, 1.6]) * max(shape_zyx)
-    look = Volume(
-        path=str(volume),
-        cmap=((0.0, 0.1, 0.2, 0.6), (255.0, 1.0, 0.9, 0.4)),
-        clim=(0.0, 255.0),
-        opacity=((0.0, 0.0), (60.0, 0.0), (120.0, 0.05), (255.0, 0.3)),
-        opacity_unit_distance=1.0,
-    )
-    lens = {"view_up": (0.0, 1.0, 0.0), "view_angle": 30.0}
-    return Scene(
-        volumes=(look,),
-        camera=Camera(position=tuple(eye.tolist()), focal_point=tuple(centre.tolist()), **lens),  # type: ignore[arg-type]
-        image=ImageSettings(size=(width, width), background="black"),
-        quality=Quality(step=step, early_termination=early_termination),
-        cluster=Cluster(brick=brick),
-    )
+def smooth() -> Points:
+    """A bump over the upper half of the range, by 64 control points."""
+    s = np.linspace(0, 255, 64)
+    return tuple(zip(s.tolist(), (0.2 * np.exp(-(((s / 255 - 0.6) / 0.15) ** 2))).tolist(), strict=True))
 
 
-def write_peer_scene(path: Path, scene: Scene, voxels: Any, step: float) -> None:
-    """Write what `vtk_peer.py` reads: a complete scene of one volume with unit spacing."""
-    volume, camera = scene.volumes[0], scene.camera
-    cmap: Any = volume.cmap
-    opacity: Any = volume.opacity
-    np.savez(
-        path,
-        voxels=voxels,
-        spacing=np.ones(3),
-        origin=np.zeros(3),
-        step=step,
-        shade=volume.shade,
-        value=[point[0] for point in opacity],
-        opacity=[point[1] for point in opacity],
-        colour_value=[point[0] for point in cmap],
-        rgb=[point[1:] for point in cmap],
-        **{name: getattr(camera, name) for name in ("position", "focal_point", "view_up", "view_angle")},
-        unit=volume.opacity_unit_distance,
-    )
+def peaks(width: float) -> Points:
+    """Three peaks, each so wide a part of the range."""
+    half, places = 127.5 * width, ((0.35, 0.3), (0.55, 0.6), (0.8, 0.9))
+    rows = [(255 * place + aside, alpha) for place, top in places for aside, alpha in ((-half, 0), (0, top), (half, 0))]
+    return ((0.0, 0.0), *((value, float(alpha)) for value, alpha in rows), (255.0, 0.0))
 
 
-def peer(python: str, scene: Path, kind: str, size: tuple[int, int], frames: int, out: Path, *more: str) -> Row:
-    """Draw by VTK."""
-    return answer_of([python, beside("vtk_peer.py"), scene, kind, f"{size[0]}x{size[1]}", frames, out, *more])
+FUNCTIONS: dict[str, Points] = {
+    "ramp": ((0.0, 0.0), (60.0, 0.0), (120.0, 0.05), (255.0, 0.3)),
+    "smooth": smooth(),
+    "peaks, 4 %": peaks(0.04),
+    "peaks, 2.5 %": peaks(0.025),
+}
 
 
-def synthetic(size: int) -> Any:
-    """uint8 (size, size, size): a ball of waves, about half of it visible."""
-    axis, found = np.linspace(-1, 1, size, dtype=np.float32), np.empty((size,) * 3, np.uint8)
-    y, x = axis[:, None], axis[None, :]
-    for slice_, z in zip(found, axis, strict=True):
-        r = np.sqrt(x * x + y * y + z * z)
-        field = (0.55 + 0.45 * np.cos(9 * np.pi * r) * np.cos(5 * x) * np.cos(4 * y - z)) * np.exp(-((r / 0.9) ** 4))
-        slice_[:] = np.rint(255 * field)
-    return found
+def arrays_of(voxels: Any, points: Points) -> Arrays:
+    """A volume with unit spacing, seen from (1.3, 0.9, 1.6) · the longest side."""
+    centre = (np.array(voxels.shape[::-1], float) - 1) / 2
+    eye = centre + np.array([1.3, 0.9, 1.6]) * max(voxels.shape)
+    value, opacity = np.array(points).T
+    share = value[:, None] / 255
+    colours = (1 - share) * np.array([0.1, 0.2, 0.6]) + share * np.array([1.0, 0.9, 0.4])
+    look = {"value": value, "opacity": opacity, "rgb": colours, "unit": 1.0}
+    lattice = {"voxels": voxels, "spacing": np.ones(3), "origin": np.zeros(3)}
+    return with_meshes(eye.tolist(), **look, **lattice) | {"focal_point": centre.tolist(), "view_up": [0, 1, 0]}
 
 
 def volumes_of(given: list[Path], folder: Path, *names: str) -> dict[str, Path]:
@@ -104,67 +83,61 @@ def volumes_of(given: list[Path], folder: Path, *names: str) -> dict[str, Path]:
     return found
 
 
-def alternate(volume: Path, folder: Path, asked: argparse.Namespace) -> tuple[list[Row], list[Row], Row]:
-    """Seconds of VTK's casters and our reports, round by round; pictures, float (h, w, 3)."""
-    voxels, device = np.load(volume, mmap_mode="r"), ["--device", asked.device] if asked.device else []
-    scene, report, picture = folder / "scene.json", folder / "report.json", folder / "picture.npy"
-    step = asked.our_step or asked.step
-    one = equivalent_scene(volume, voxels.shape, asked.width, step, asked.early_termination, asked.brick)
-    scene.write_text(one.model_dump_json())
-    write_peer_scene(folder / "scene.npz", one, voxels, asked.step)
-    peers, ours, size = [], [], (asked.width, asked.width)
-    for _ in range(asked.rounds):
-        arguments = (asked.python, folder / "scene.npz")
-        peers.append({c: peer(*arguments, c, size, asked.frames, folder / f"{c}.npy")["median_s"] for c in CASTERS})
-        output_of([*CLUSTERVIZ, "bench", "raycast", scene, "--frames", asked.frames, "--json", report, *device])
-        ours.append(json.loads(report.read_text()))
-    pictures = {name: np.load(folder / f"{name}.npy") for name in CASTERS}
-    fine = ["-D", f"quality.step={asked.step / 16}", "-D", "quality.early_termination=0"]
-    for name, settings in (("clusterviz", device), ("converged", fine)):
-        output_of([*CLUSTERVIZ, "render", scene, "-o", picture, *settings])
-        pictures[name] = np.asarray(read_image(picture), np.float64)[..., :3]  # premultiplied: this is over black
-    return peers, ours, pictures
+def ours(scene: Scene, step: float) -> Any:
+    """float64 (h, w, 4): drawn on one rank."""
+    return np.asarray(render_frame(with_settings(scene, {"step": step}), LoopbackChannel()).image, np.float64)
 
 
-def report_on(name: str, volume: Path, asked: argparse.Namespace) -> Row:
-    """Measure one volume, print two lines, save the pictures side by side (VTK's GPU caster on the left)."""
-    with tempfile.TemporaryDirectory() as folder:
-        peers, ours, pictures = alternate(volume, Path(folder), asked)
-    our_s = statistics.median(row["median_s"] for row in ours)
-    errors = {caster: compare(found, pictures["converged"]) for caster, found in pictures.items()}
-    rate = ours[0]["samples"] / our_s / len(os.sched_getaffinity(0))
-    result: Row = {"volume": name, "median_s": our_s, "renderer": ours[0]["renderer"], "samples": ours[0]["samples"]}
-    result |= {"samples_per_second_and_core": rate, "load": os.getloadavg()[0], "peer_s": {}, "times_faster": {}}
-    result |= {f"{kind}_from_converged": {c: getattr(e, kind) for c, e in errors.items()} for kind in ("rms", "max")}
-    print(f"{name:10} {result['renderer']}: {1e3 * our_s:.1f} ms, {_in_words(errors['clusterviz'])}, ", end="")
-    print(f"{rate / 1e6:.0f} million samples a second and core")
-    for caster in CASTERS:
-        ratios = [row[caster] / own["median_s"] for own, row in zip(ours, peers, strict=True)]
-        seconds = result["peer_s"][caster] = statistics.median(row[caster] for row in peers)
-        faster = result["times_faster"][caster] = statistics.median(ratios)
-        print(
-            f"{'':10} VTK, {caster}: {1e3 * seconds:.1f} ms, {_in_words(errors[caster])}; ours is {faster:.2f} times "
-            f"faster ({min(ratios):.2f} … {max(ratios):.2f})",
-            flush=True,
-        )
-    if asked.pictures:
-        from PIL import Image
-
-        both = np.concatenate([pictures["gpu"], pictures["clusterviz"]], axis=1)
-        Image.fromarray(np.rint(255 * np.clip(both, 0, 1)).astype(np.uint8)).save(asked.pictures / f"{name}.png")
-    return result
+def errors_of(scene: Scene, pictures: dict[str, Any], step: float, budget: float) -> Iterator[tuple[str, float, float]]:
+    """What rms and largest error pictures (h, w, 3) have, and ours, and what is known of the exact one."""
+    complete = render_frame(scene, LoopbackChannel()).scene
+    exact = with_settings(complete, {"classification": "pre-integrated", "early_termination": 0.0})
+    truth = find_ground_truth(exact, ours, budget)
+    black = truth.picture[..., :3]
+    for name in ("post", "pre-integrated"):
+        pictures[name] = ours(with_settings(complete, {"classification": name}), step)[..., :3]
+    for name, picture in (pictures | {"8 bits": np.rint(255 * black) / 255}).items():
+        yield name, float(np.sqrt(np.mean((picture - black) ** 2))), float(np.abs(picture - black).max())
+    yield "known", truth.rms, truth.max
 
 
-def _in_words(error: Difference) -> str:
-    return f"rms {error.rms:.2e}, max {255 * error.max:.1f} of 255"
+def measured(volume: str, path: Path, function: str, asked: argparse.Namespace) -> Iterator[Row]:
+    """A row for each program, and the errors of other pictures."""
+    voxels, device = np.load(path, mmap_mode="r"), ["--device", asked.device] if asked.device else []
+    step, size = asked.our_step or asked.step, (asked.width, asked.width)
+    arrays = arrays_of(np.asarray(voxels), FUNCTIONS[function])
+    how = {"path": str(path), "step": step, "early_termination": asked.early_termination, "brick": asked.brick}
+    one = with_settings(scene_of(arrays, asked.width)[0], how)
+    seconds: dict[str, list[float]] = {name: [] for name in ("post", *CASTERS)}
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        scene, report, given = folder / "scene.json", folder / "report.json", folder / "scene.npz"
+        scene.write_text(one.model_dump_json())
+        np.savez(given, **arrays, step=asked.step)
+        for _ in range(asked.rounds):
+            for caster in CASTERS:
+                told = peer(asked.python, given, caster, size, asked.frames, folder / f"{caster}.npy")
+                seconds[caster].append(told["median_s"])
+            output_of([*CLUSTERVIZ, "bench", "raycast", scene, "--frames", asked.frames, "--json", report, *device])
+            told = json.loads(report.read_text())
+            seconds["post"].append(told["median_s"])
+        pictures = {name: np.load(folder / f"{name}.npy") for name in CASTERS}
+    for name, rms, largest in errors_of(one, pictures, step, asked.budget):
+        row: Row = {"volume": volume, "function": function, "program": name, "rms": rms, "max": largest}
+        if name in seconds:
+            ratios = [theirs / own for own, theirs in zip(seconds["post"], seconds[name], strict=True)]
+            row |= {"s": statistics.median(seconds[name]), "times": statistics.median(ratios)}
+        if name == "post":
+            row |= {"samples": told["samples"], "rate": told["samples"] / row["s"] / len(os.sched_getaffinity(0))}
+        yield row | {"load": os.getloadavg()[0]}
 
 
 def main() -> None:
-    """Measure a synthetic volume and the sample mni152, or the volumes that are named."""
     asked = options(
         __doc__,
         volumes={"names": ["volumes"], "nargs": "*", "type": Path, "help": ".npy files of uint8 (z, y, x)"},
         python=PEER_PYTHON,
+        functions={"nargs": "+", "choices": FUNCTIONS, "default": ["ramp"]},
         width=512,
         device={"help": "as of clusterviz bench raycast; default: what is best"},
         step={"type": float, "default": 1.0, "help": "in voxels, of both"},
@@ -173,11 +146,14 @@ def main() -> None:
         brick={"type": int, "default": 64, "help": "voxels along the side of ours; one rank needs only one"},
         rounds=3,
         frames=5,
-        pictures={"type": Path, "help": "a folder for the pictures, side by side"},
+        budget={"type": float, "default": 40.0, "help": "seconds for each picture without error"},
     )
+    head = "volume | function | program | ms | times ours | rms error | largest | million samples a second and core"
+    cells = "{volume} | {function} | {program} | {s!m:.1f} | {times:.2f} | {rms!l:.3f} | {max!l:.1f} | {rate!M:.0f}"
     with tempfile.TemporaryDirectory() as folder:
         volumes = volumes_of(asked.volumes, Path(folder), "mni152")
-        write(asked, rows=[report_on(name, path, asked) for name, path in volumes.items()])
+        cases = product(volumes.items(), asked.functions)
+        write(asked, rows=show(head, cells, (row for one, f in cases for row in measured(*one, f, asked))))
 
 
 if __name__ == "__main__":

@@ -75,6 +75,7 @@ def add(source, bits, target):  # type: ignore[no-untyped-def]
     else:
         for start in range(four, whole, _BLOCK):
             _sum_32(source, target, start)
+    # What is left of the last block, number by number.
     size = bits // 8
     for start in range(max(whole, four), source.size, size):
         folded, earlier = 0, 0

@@ -49,7 +49,6 @@ def complete_scene(scene: Scene, infos: Sequence[Facts] | Facts) -> Scene:
 
 
 def _with_camera(scene: Scene, entries: Sequence[Entry]) -> Scene:
-    """Return a scene whose camera shows all that is visible of its entries."""
     boxes = [entry.kind.corners(entry.section, entry.info) for entry in entries]
     seen = [entry.kind.visible(entry.section, entry.info) for entry in entries]
     if scene.annotations.outline or scene.annotations.axes or not any(map(len, seen)):

@@ -124,11 +124,13 @@ def regular_vectors(cells: Cells, size: int = 64) -> VectorArray:
     flat, tetrahedra = found.reshape(-1, 3), cells.corners.reshape(-1, 4)
     places, vectors = cells.places.reshape(-1, 3), cells.vectors.reshape(-1, 4)[:, :3].astype(np.float64)
     for begin in range(0, len(tetrahedra), _CHUNK):
+        # The samples in the box around each tetrahedron.
         corners = tetrahedra[begin : begin + _CHUNK]
         boxes = (places[corners] - cells.low) / spacing
         first = np.clip(np.ceil(boxes.min(axis=1) - _INSIDE), 0, shape).astype(np.int64)
         end = np.clip(np.floor(boxes.max(axis=1) + _INSIDE) + 1, first, shape).astype(np.int64)
         owner, at = _lattice(first, end)
+        # Those inside it, by their barycentric coordinates.
         origin = places[corners[:, 0]]
         inverse = np.linalg.inv((places[corners[:, 1:]] - origin[:, None]).transpose(0, 2, 1))
         rest = np.einsum("nij,nj->ni", inverse[owner], world_from_index(at, grid) - origin[owner])
@@ -166,6 +168,7 @@ def make_cells(points: NDArray[Any], corners: NDArray[Any], vectors: NDArray[Any
     boxes = places[tetrahedra]
     low, high = boxes.min(axis=1), boxes.max(axis=1)
     begin, end = low.min(axis=0), high.max(axis=0)
+    # Bins of a size of which a tetrahedron meets few, and the tetrahedra of each bin, one bin after the other.
     edges = np.linalg.norm(boxes[:, [0, 0, 0, 1, 1, 2]] - boxes[:, [1, 2, 3, 2, 3, 3]], axis=2)
     extent = np.maximum(end - begin, 1e-12 * float((end - begin).max() or 1.0))
     side = float((extent.prod() / max(1.0, BINS_PER_CELL * len(tetrahedra))) ** (1 / 3))
@@ -177,6 +180,7 @@ def make_cells(points: NDArray[Any], corners: NDArray[Any], vectors: NDArray[Any
     number = (at[:, 2] * bins[1] + at[:, 1]) * bins[0] + at[:, 0]
     order = np.argsort(number, kind="stable")
     begins = np.searchsorted(number[order], np.arange(int(bins.prod()) + 1))
+    # Neighbours by their faces; −1 at the border.
     halves = find_neighbours(tetrahedra.astype(np.uint32), len(places)).halves
     padded = np.zeros((len(vectors), 4), np.float32)
     padded[:, :3] = vectors

@@ -246,6 +246,7 @@ def _in_tetrahedra(cells: Cells, rank: int, ranks: int) -> tuple[Array, Array, A
     corners, places = cells.corners.reshape(-1, 4), cells.places.reshape(-1, 3)
     corners = corners[len(corners) * rank // ranks : len(corners) * (rank + 1) // ranks]
     vectors = cells.vectors.reshape(-1, 4)[:, :3].astype(np.float64)
+    # A linear function is 0 inside only if no component keeps its sign at the corners.
     own = vectors[corners]
     may = ((own.min(axis=1) <= 0) & (own.max(axis=1) >= 0)).all(axis=1)
     corners, own = corners[may], own[may]
@@ -257,6 +258,7 @@ def _in_tetrahedra(cells: Cells, rank: int, ranks: int) -> tuple[Array, Array, A
     singular = np.abs(np.linalg.det(slopes)) <= 1e-12 * scale**3
     flat = int(singular.sum())
     corners, own, slopes, edges = (each[~singular] for each in (corners, own, slopes, edges))
+    # Solve for the barycentric coordinates of the point without flow.
     rest = np.linalg.solve(slopes, -own[:, 0, :, None])[..., 0]
     weights = np.column_stack([1 - rest.sum(axis=1), rest])
     inside = (weights >= -1e-9).all(axis=1)

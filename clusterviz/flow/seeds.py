@@ -34,6 +34,7 @@ def make_seeds(seeds: Seeds, low: Points, high: Points, speed_at: Callable[[Poin
         line: Points = begin + np.linspace(0, 1, count)[:, None] * (end - begin)
         return line
     if seeds.kind == "plane":
+        # Even on a disc: radii by the square root of a uniform number.
         normal = np.array(seeds.normal, np.float64) / np.linalg.norm(seeds.normal or 1)
         across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
         across /= np.linalg.norm(across)
@@ -44,6 +45,7 @@ def make_seeds(seeds: Seeds, low: Points, high: Points, speed_at: Callable[[Poin
         disc: Points = np.array(seeds.center, np.float64) + along
         return disc
     if seeds.kind == "sphere":
+        # Even in a ball: even heights on the sphere, and radii by the cube root.
         u, v, w = uniform(number, np.arange(count), 3).T
         height, angle = 2 * v - 1, 2 * np.pi * w
         flat = np.sqrt(1 - height * height)

@@ -14,7 +14,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 
 from clusterviz.codec.intrinsics import intrinsic, lane_indices
-from clusterviz.data.vector_field import abc, hill_vortex, rotation
+from clusterviz.data.field import abc, hill_vortex, rotation
 from clusterviz.flow import state as key
 
 _OPTIONS: dict[str, Any] = {
@@ -125,6 +125,7 @@ def _trilinear(context, vectors, at, di, dj, dk, u, v, w):  # type: ignore[no-un
             for weight in weights
         )
 
+        # Linear between corners along x, rows along y, and layers along z.
         def corner(place: Any) -> Any:
             loaded = builder.load(builder.bitcast(builder.gep(data, [place]), narrow.as_pointer()))
             loaded.align = 4
@@ -160,6 +161,7 @@ def _cells_sample(field, numbers, floats, state, at, t):  # type: ignore[no-unty
     first, second, places, corners, neighbours, begins, members = field
     cell = numba.int64(state[key.CELL])
     weights, found = (0.0, 0.0, 0.0, 0.0), False
+    # Walk from the last tetrahedron, each time through the face that the place is farthest behind.
     for _ in range(_MOST_CELLS):
         if cell < 0:
             break
@@ -168,6 +170,7 @@ def _cells_sample(field, numbers, floats, state, at, t):  # type: ignore[no-unty
             found = True
             break
         cell = neighbours[4 * cell + worst]
+    # Else search the bin of the place.
     if not found:
         place = _less(at, _three(floats, key.BINS))
         i = numba.int64(np.floor(place[0] * floats[key.BINS + 3]))
@@ -424,6 +427,7 @@ def _line(field, numbers, floats, tableau, slopes, state, points):  # type: igno
     count, attempts = 0, 0
     status, slope, rate, speed = _rate(field, numbers, floats, state, at, t)
     _set(slopes, 0, slope, rate)
+    # A new line begins with its seed, to which it may come back.
     if state[key.STATUS] == key.NEW:
         if numbers[key.STORES]:
             _set(points, 0, at, t)
@@ -435,6 +439,7 @@ def _line(field, numbers, floats, tableau, slopes, state, points):  # type: igno
         status = _pause(numbers, floats, at, t, state, travelled, steps, numbers[key.STORES] and count == len(points))
         if status != key.RUNNING:
             break
+        # One step, shorter and shorter until its error is allowed.
         left = _time_left(floats, state, t)
         first, limit = _first_length(numbers, floats, step, speed, floats[key.MOST_LENGTH] - travelled, left)
         if first == np.inf:
@@ -447,6 +452,7 @@ def _line(field, numbers, floats, tableau, slopes, state, points):  # type: igno
         attempts += more
         if status != key.RUNNING:
             break
+        # Does it come back to the seed or to the place it was compared with last?
         ahead, rate = _three(slopes[last], 0), slopes[last, 3]
         place, s = _looped(numbers, floats, state, at, way, slope, ahead, h, travelled)
         t_next = end if not numbers[key.BY_LENGTH] and h == left else t + dt
@@ -455,6 +461,7 @@ def _line(field, numbers, floats, tableau, slopes, state, points):  # type: igno
             way = _less(_three(state, place), at)
         length = np.sqrt(_dot(floats, way, way))
         at = _three(state, place) if s >= 0 else _moved(at, 1.0, way)
+        # Go on; the last slope of a step is the first of the next one.
         t, slope, speed = t_next, ahead, there
         _set(slopes, 0, slope, rate)
         travelled += h if numbers[key.BY_LENGTH] and s < 0 else length
@@ -464,6 +471,7 @@ def _line(field, numbers, floats, tableau, slopes, state, points):  # type: igno
             _set(points, count, at, t)
             points[count, 4] = speed
             count += 1
+        # The place of comparison moves on after 64, 128, 256, … steps.
         if steps >= state[key.NEXT_REFERENCE]:
             state[key.NEXT_REFERENCE] *= 2
             state[key.LENGTH] = travelled

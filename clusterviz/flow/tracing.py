@@ -34,7 +34,7 @@ from clusterviz.comm.agree import abort_on_failure, agree
 from clusterviz.comm.channel import Channel, all_to_all
 from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.content.flow.section import Seeds, Trace
-from clusterviz.data import vector_field
+from clusterviz.data import field as fields
 from clusterviz.data.geometry import Lines
 from clusterviz.data.source import Index
 from clusterviz.data.vectors import VectorSource
@@ -81,7 +81,7 @@ _TAG = 7400
 @cache
 def kernel() -> CompiledKernel:
     """Return the kernel that advances particles."""
-    sources = [Path(str(module.__file__)) for module in (trace_kernel, intrinsics, key, vector_field)]
+    sources = [Path(str(module.__file__)) for module in (trace_kernel, intrinsics, key, fields)]
     mesh = "float64[::1]; int64[::1]; int64[::1]; int64[::1]; int64[::1]"
     rest = "int64[::1]; float64[::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; int64[::1]"
     arguments = f"float32[::1]; float32[::1]; {mesh}; {rest}"
@@ -279,6 +279,7 @@ class _Run:
         self.stores = kind != "streaklines"
         self.boxes: list[tuple[Index, Index]] = []
         longest = LONGEST_STEP * settings.step
+        # What this rank holds: everything, or its block with as many cells around as a step may need.
         if isinstance(vectors, Cells):
             self.domain = cells_domain(vectors)
         elif exact:
@@ -294,6 +295,7 @@ class _Run:
         self.pieces = _Pieces()
         self.steps = self.bytes_sent = self.rounds = 0
         self.numbers, self.floats = np.zeros(key.NUMBERS, np.int64), np.zeros(key.FLOATS)
+        # What the kernel knows of the run; `state.py` names the places.
         domain, numbers, floats = self.domain, self.numbers, self.floats
         numbers[key.ADAPTS], numbers[key.BY_LENGTH] = settings.integrator == "rk45", kind == "streamlines"
         numbers[key.STORES], numbers[key.KIND], numbers[key.ON_CELLS] = self.stores, domain.kind, domain.on_cells
@@ -390,8 +392,10 @@ class _Run:
                 raise InputError("too many particles", where="trace.release", found=found, allowed=MOST_RELEASES)
             rows = np.repeat(self._rows(places, inside * count, 1.0), count, axis=0)
             number = np.tile(np.arange(count), len(places))
+            # One particle after the other is released from the same seed.
             rows[:, key.NUMBER] += number
             rows[:, key.TIME] = self.span.begin + release * number
+        # Over data a particle belongs to the rank of its cell, else to each rank in turn.
         rank = self.channel.rank
         here = rows[:, key.NUMBER] % self.channel.size == rank
         if self.boxes:

@@ -28,6 +28,8 @@ Layers = Mapping[str, NDArray[Any]]
 LAYERED = (".exr", ".npz")
 LINEAR = (".exr", ".npy", ".npz")
 """Files in which the colours of spectral pictures are linear."""
+BYTES = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".gif": "gif"}
+"""Files of bytes over the background, by Pillow's names of their formats."""
 SPECTRAL_KEYS = {"R_front", "R_back", "T", "wavelengths"}
 """Names of the layers of a spectral picture."""
 CHANNELS = {"depth": ("Z",), "normal": ("X", "Y", "Z"), "opacity": ("A",), "object": ("ID",)}
@@ -71,13 +73,10 @@ def write_image(
     write = _WRITERS[_extension(path, bool(layers))]
     if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.size == 0:
         raise InputError("not a picture", where=str(path), found=f"shape {rgba.shape}", allowed="(h, w, 4)")
+    texts = {TEXT_KEY: text} if isinstance(text, str) else text
+    more = layers or {} if Path(path).suffix.lower() in LAYERED else texts
     with replacing(path) as temporary:
-        if write is _write_png:
-            _write_png(temporary, rgba, background, {TEXT_KEY: text} if isinstance(text, str) else text)
-        elif layers:
-            (_write_exr if write is _write_exr else _write_npz)(temporary, rgba, background, layers)
-        else:
-            write(temporary, rgba, background)
+        write(temporary, rgba, background, more)
 
 
 def check_writable(path: str | os.PathLike[str], has_layers: bool = False) -> None:
@@ -172,7 +171,7 @@ def _extension(path: str | os.PathLike[str], has_layers: bool) -> str:
     return extension
 
 
-def _write_npy(path: Path, rgba: Pixels, background: Colour | None) -> None:
+def _write_npy(path: Path, rgba: Pixels, background: Colour | None, _: Mapping[str, Any]) -> None:
     pixels = np.ascontiguousarray(rgba, np.float32)
     # numpy.save writes through C's stdio, which may lose its last buffer on a full disk without an error.
     with path.open("wb") as file:
@@ -180,44 +179,31 @@ def _write_npy(path: Path, rgba: Pixels, background: Colour | None) -> None:
         file.write(pixels.data)
 
 
-def _write_png(path: Path, rgba: Pixels, background: Colour | None, text: Mapping[str, str] | None = None) -> None:
+def _write_bytes(path: Path, rgba: Pixels, background: Colour | None, text: Mapping[str, Any]) -> None:
     from PIL import Image, PngImagePlugin
 
-    chunks = PngImagePlugin.PngInfo()
-    for key, each in (text or {}).items():
+    kind, chunks = BYTES[path.suffix.lower()], PngImagePlugin.PngInfo()
+    if kind == "jpeg" and background is None:
+        raise OSError("a JPEG cannot be transparent: give a background, or write .png")
+    for key, each in text.items():
         if each:
             chunks.add_itxt(key, each, zip=True)
+    settings: dict[str, Any] = {"png": {"pnginfo": chunks}, "jpeg": {"quality": JPEG_QUALITY}, "gif": {}}[kind]
     with path.open("wb") as file:
-        Image.fromarray(finish(rgba, background)).save(file, format="png", pnginfo=chunks)
+        Image.fromarray(finish(rgba, background)).save(file, format=kind, **settings)
 
 
-def _write_jpg(path: Path, rgba: Pixels, background: Colour | None) -> None:
-    from PIL import Image
-
-    if background is None:
-        raise OSError("a JPEG cannot be transparent: give a background, or write .png")
+def _write_npz(path: Path, rgba: Pixels, background: Colour | None, layers: Layers) -> None:
     with path.open("wb") as file:
-        Image.fromarray(finish(rgba, background)).convert("RGB").save(file, format="jpeg", quality=JPEG_QUALITY)
-
-
-def _write_gif(path: Path, rgba: Pixels, background: Colour | None) -> None:
-    from PIL import Image
-
-    with path.open("wb") as file:
-        Image.fromarray(finish(rgba, background)).save(file, format="gif")
-
-
-def _write_npz(path: Path, rgba: Pixels, background: Colour | None, layers: Layers | None = None) -> None:
-    with path.open("wb") as file:
-        arrays: dict[str, Any] = {"rgba": np.asarray(rgba, np.float32), **(layers or {})}
+        arrays: dict[str, Any] = {"rgba": np.asarray(rgba, np.float32), **layers}
         np.savez_compressed(file, **arrays)
 
 
-def _write_exr(path: Path, rgba: Pixels, background: Colour | None, layers: Layers | None = None) -> None:
+def _write_exr(path: Path, rgba: Pixels, background: Colour | None, layers: Layers) -> None:
     import OpenEXR
 
     channels = {"RGBA": np.ascontiguousarray(rgba, np.float32)}
-    for name, layer in (layers or {}).items():
+    for name, layer in layers.items():
         for part, plane in zip(CHANNELS[name], np.moveaxis(np.atleast_3d(layer), -1, 0), strict=True):
             channels[f"{name}.{part}"] = np.ascontiguousarray(plane, np.float32)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -228,11 +214,6 @@ def _write_exr(path: Path, rgba: Pixels, background: Colour | None, layers: Laye
         _read_exr(path)
     except (RuntimeError, ValueError) as error:
         raise OSError(str(error)) from error
-
-
-def _read_npy(path: Path) -> Pixels:
-    pixels: Pixels = np.load(path, allow_pickle=False)
-    return pixels
 
 
 def _read_npz(path: Path) -> Pixels:
@@ -258,19 +239,20 @@ def _read_exr(path: Path) -> Pixels:
     return pixels
 
 
-_WRITERS: dict[str, Callable[[Path, Pixels, Colour | None], None]] = {
-    ".png": _write_png,
+Write = Callable[[Path, Pixels, Colour | None, Mapping[str, Any]], None]
+_WRITERS: dict[str, Write] = {
+    ".png": _write_bytes,
     ".npy": _write_npy,
     ".exr": _write_exr,
     ".npz": _write_npz,
-    ".jpg": _write_jpg,
-    ".jpeg": _write_jpg,
-    ".gif": _write_gif,
+    ".jpg": _write_bytes,
+    ".jpeg": _write_bytes,
+    ".gif": _write_bytes,
 }
 _READERS: dict[str, Callable[[Path], Pixels]] = {
     ".png": _read_png,
-    ".npy": _read_npy,
+    ".npy": lambda path: np.load(path, allow_pickle=False),
     ".exr": _read_exr,
     ".npz": _read_npz,
+    **dict.fromkeys((".jpg", ".jpeg", ".gif"), _read_png),
 }
-_READERS |= dict.fromkeys((".jpg", ".jpeg", ".gif"), _read_png)

@@ -444,6 +444,7 @@ class DistributedArray:
         if len(keys) != 3:
             raise error
         spans, dropped = list[tuple[int, int]](), list[int | slice]()
+        # An integer is a box of one element, whose axis is taken away afterwards.
         for part, n in zip(keys, self.shape_zyx, strict=True):
             if isinstance(part, int | np.integer):
                 at = int(part) + (n if part < 0 else 0)

@@ -274,6 +274,7 @@ def _launch_on_gl(make: MakeProgram, grid: GridXyz, arguments: Arguments, egl: i
         most = int(context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
         made = []
         try:
+            # Upload all arrays, run one work group for each group of points, and read back what was written.
             for binding, data in arguments.buffers.items():
                 if data.nbytes > most:
                     raise InputError(

@@ -118,6 +118,7 @@ class Kernel:
         self._check_overlaps(arrays)
         if 0 in grid:
             return
+        # Binding 0 is the state of the launch; arrays follow in the order of the parameters.
         used = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
         state = np.zeros(STATE_WORDS, np.uint32)
         buffers = {0: state} | {n: used[name] for n, name in enumerate(used, start=1)}
@@ -133,6 +134,7 @@ class Kernel:
         for name in self.writes:
             if used[name] is not arrays[name]:
                 arrays[name][...] = used[name]
+        # The shader has counted writes outside, and kept the place of one.
         if state[1]:
             name, at = [*arrays][int(state[2]) - 1], tuple(int(n) for n in state[:2:-1].view(np.int32))
             text = f"{state[1]} writes outside, one at (z, y, x) = {at}"

@@ -42,8 +42,7 @@ from clusterviz.render.render_result import PartOf, Progress, RenderResult, foot
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import Variant, of_size
 from clusterviz.render.volume_layers import all_segments, content_tables, volume_blocks
-from clusterviz.report.early_discarding import all_counts
-from clusterviz.report.kbuffer_counts import KBufferCounts
+from clusterviz.report.counts import KBufferCounts, all_counts
 
 if TYPE_CHECKING:
     from clusterviz.gl.device import Counts

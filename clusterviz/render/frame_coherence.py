@@ -27,7 +27,7 @@ from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import View
-from clusterviz.report.frame_coherence import BLOCK, BLOCKS, VISIBLE, FrameCoherence
+from clusterviz.report.counts import BLOCK, BLOCKS, VISIBLE, FrameCoherence
 
 SMOOTH = 4  # most slabs between neighbouring hits on one surface
 SUSPECTED = 16  # frames in which rays start at their entry where something was missed

@@ -12,9 +12,7 @@ from clusterviz.image.merge import EXISTS
 from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
-from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
-from clusterviz.report.frame_coherence import FrameCoherence
-from clusterviz.report.kbuffer_counts import KBufferCounts
+from clusterviz.report.counts import EarlyDiscarding, FrameCoherence, KBufferCounts, all_counts
 
 SQUARE = 8  # pixels along the side of the squares in which samples are counted
 Progress = Callable[[float], None]

@@ -84,10 +84,8 @@ _COMPILING = Lock()
 def compiled(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True) -> Callable[[int], None]:
     """Return a shader's `main`, from its object file; see `function_of` and `kernels/objects.py`.
 
-    Parameters
-    ----------
-    name : of the function and, but for a hash, of the file
-    intrinsics : as of `code_of`; not for text of users, whose functions may have the same names
+    `name`: of the function and, but for a hash, of the file. `intrinsics`: as of `code_of`; not for text of users,
+    whose functions may have the same names.
     """
     with _COMPILING:
         return _compiled(source, name, lanes, intrinsics, chosen_driver())

@@ -121,9 +121,9 @@ def fill_disk_at(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Writing the n-th picture from now on, and all after it, finds the disk full."""
     right, calls = image_files._WRITERS[".png"], list[Path]()
 
-    def write(path: Path, rgba: Any, background: Any) -> None:
+    def write(path: Path, *given: Any) -> None:
         calls.append(path)
-        right(path, rgba, background)
+        right(path, *given)
         if len(calls) > number:
             raise OSError(errno.ENOSPC, "No space left on device")
 

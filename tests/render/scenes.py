@@ -190,7 +190,7 @@ def prepare(
     layout = BrickLayout(source.grid.shape_zyx, brick, margin, edges)
     samples = list(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
     summary = summarise(source.dtype, layout, lambda: iter(samples), lambda value: [value])
-    plan = make_plan(scene, [KnownVolume(source.grid, source.dtype, layout, summary)])
+    plan = make_plan(scene, [KnownVolume(source, layout, summary)])
     return Prepared(plan, bricks_of_volume(layout, samples))
 
 

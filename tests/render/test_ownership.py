@@ -77,7 +77,7 @@ def counted(draws: Sequence[Draw], context: moderngl.Context | None) -> Iterator
     of = None
     for draw in draws:
         held, scene = hold(draw.volume, draw.brick), scene_of(draw)
-        plan = make_plan(scene, [KnownVolume(held.source.grid, held.source.dtype, held.layout, held.summary)])
+        plan = make_plan(scene, [KnownVolume(held.source, held.layout, held.summary)])
         if of != (draw.volume, draw.brick):
             for caster in casters:
                 caster.release()

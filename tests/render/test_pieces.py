@@ -97,7 +97,7 @@ def test_bricks_that_come_and_go_leave_the_picture_as_it_is(
     assert np.abs(np.array(pictures[0]) - np.array(pictures[1])).max() <= bound
     for index, stored in caster.pool.stored(here):
         ((_, expected),) = other.pool.stored([index])
-        np.testing.assert_array_equal(stored.samples, expected.samples)
+        np.testing.assert_array_equal(stored.parts[0].samples, expected.parts[0].samples)
         np.testing.assert_array_equal(stored.low, expected.low)
     caster.release()
     other.release()

@@ -9,13 +9,13 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
+from plan.slabs import slab
 from render.scenes import camera_at, clip_of, noise, pieces_of, prepare
 
 from clusterviz.data.source import Grid
 from clusterviz.image.merge import merge_partials
 from clusterviz.image.spectral import Fluxes
 from clusterviz.image.spectral.two_flux import stacked
-from clusterviz.plan.kubelka_munk import slab
 from clusterviz.reference import projections, render_reference
 from clusterviz.reference.two_flux import TwoFlux, solve_layers
 from clusterviz.render.cpu.device import cpu_caster

@@ -36,7 +36,7 @@ def planned(opacity: str, residual: float = 1 / 255) -> tuple[Plan, dict[Any, An
     samples = list(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
     summary = summarise(source.dtype, layout, lambda: iter(samples), lambda value: [value])
     info = VolumeInfo(source.grid.shape_zyx, source.grid.spacing, source.grid.corners, 0.0, 1.0, 0.01, 0.99)
-    known = KnownVolume(source.grid, source.dtype, layout, summary)
+    known = KnownVolume(source, layout, summary)
     return make_plan(complete_scene(scene, info), [known]), bricks_of_volume(layout, samples)
 
 

@@ -11,7 +11,7 @@ one, and by 7 % in sum of magnitudes; below it, where the mask has few pixels, b
 are products of those of two axes: from 1 on they differ by at most 15 %, and by 10 % in sum.
 
 When to use: wide blurs, glows, depth of field. When not: small ones that are to be exact to more than that; there
-`jobs.filters.Smooth` convolves.
+`Smooth` of `examples/jobs/volume_filters.py` convolves.
 
 Cost: 1 + (4 + 1) / 3 fetches a pixel, and those of the pairs, 14 / 4^l at most: the most at standard deviations between
 1.6 and 1.9, before the first reduction.

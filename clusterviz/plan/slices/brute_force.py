@@ -51,9 +51,8 @@ FIRST = np.array([(bits & -bits).bit_length() - 1 for bits in range(1 << 12)])
 def brute_force(cuts: Cuts, by_lines: bool = False) -> Polygons:
     """Return the polygons of planes in boxes.
 
-    Parameters
-    ----------
-    by_lines : intersections are validated on each line by itself, in [0, 1], as in the thesis; some polygons are wrong
+    `by_lines`: intersections are validated on each line by itself, in [0, 1], as in the thesis; some polygons are
+    wrong.
     """
     levels, level = cuts.corner_levels, cuts.level[:, None]
     near, far = levels[:, EDGES[:, 0]], levels[:, EDGES[:, 1]]
@@ -69,10 +68,7 @@ def brute_force(cuts: Cuts, by_lines: bool = False) -> Polygons:
 def sorted_polygons(cuts: Cuts, valid: Flags, share: Floats) -> Polygons:
     """Return the polygons of intersections with edges.
 
-    Parameters
-    ----------
-    valid : bool (n, 12), the edges that are intersected
-    share : float64 (n, 12), where
+    `valid`: bool (n, 12), the edges that are intersected. `share`: float64 (n, 12), where.
     """
     edges, counts = walk_faces(valid)
     return Polygons(points_on(cuts, edges, np.take_along_axis(share, edges, axis=1)), counts)
@@ -81,9 +77,7 @@ def sorted_polygons(cuts: Cuts, valid: Flags, share: Floats) -> Polygons:
 def walk_faces(valid: Flags) -> tuple[Integers, Integers]:
     """Return the order of edges around polygons, int64 (n, 6), with the last one repeated, and their number (n,).
 
-    Parameters
-    ----------
-    valid : bool (n, 12), the edges that are intersected; the walk from face to face begins with the first of them
+    `valid`: bool (n, 12), the edges that are intersected; the walk from face to face begins with the first of them.
     """
     left = (valid * (1 << np.arange(12))).sum(axis=1)
     edges, counts = np.zeros((len(left), MOST_VERTICES), np.int64), np.zeros(len(left), np.int64)

@@ -62,4 +62,4 @@ def _variant_of(dtype: str, look: dict[str, Any], lanes: int) -> Variant:
     layout = BrickLayout(source.grid.shape_zyx, USUAL_BRICK, margin)
     bricks = dict(read_bricks(source, layout, [(0, 0, 0)]))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
-    return variant_for(make_plan(scene, [KnownVolume(source.grid, source.dtype, layout, summary)]), lanes, [None])
+    return variant_for(make_plan(scene, [KnownVolume(source, layout, summary)]), lanes, [None])

@@ -133,10 +133,10 @@ def test_bricks_that_are_read_back_outlast_their_slots() -> None:
     first, *others = bricks = prepared.shown
     caster.load(prepared.plan, {first: bricks[first]})
     ((_, stored),) = caster.pool.stored([first])
-    before = stored.samples.copy()
+    before = stored.parts[0].samples.copy()
     caster.drop([first])
     caster.load(prepared.plan, {index: bricks[index] for index in others})
-    assert np.array_equal(stored.samples, before)
+    assert np.array_equal(stored.parts[0].samples, before)
 
 
 def test_windows_cut_the_picture() -> None:
