@@ -22,7 +22,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.plan.content import brick_cost, bricks_of_volume
 from clusterviz.render import brick_atlas
-from clusterviz.render.cpu import caster as vectors
+from clusterviz.render.cpu import device as cpu_device
 from clusterviz.scene import Scene
 
 LIGHT: dict[str, Any] = {"position": (1.0, 2.0, 3.0)}
@@ -96,7 +96,7 @@ def nothing_skipped(stack: ExitStack) -> None:
     bits = lambda ranges, plan, slot: np.full((len(ranges[0]), slot.visibility_words), 0xFFFFFFFF, np.uint32)  # noqa: E731
     every = lambda ranges, plan: np.ones((len(ranges[0]), *ranges[0].shape[2:]), bool)  # noqa: E731
     stack.enter_context(patch.object(brick_atlas, "visibility_bits", bits))
-    stack.enter_context(patch.object(vectors, "visible_groups", every))
+    stack.enter_context(patch.object(cpu_device, "visible_groups", every))
 
 
 def way_of(scene: Scene, sources: list[Any], device: Any, every_group: bool) -> Any:
