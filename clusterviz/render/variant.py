@@ -201,7 +201,8 @@ class Variant:
         if volume.preintegrated:
             run, sample = PREINTEGRATED_FILES, ()
         graded = volume.is_graded or self.crossing or self.refraction
-        return volume.files(graded, self.cpu is not None) | {
+        return {
+            **volume.files(graded, self.cpu is not None),
             "TRANSFER": "transfer.glsl",
             "SEGMENT": () if volume.preintegrated else ("segment.glsl", "whole_slab.glsl"),
             "RUN": run,
