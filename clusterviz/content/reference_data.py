@@ -66,5 +66,5 @@ def reference_data(entries: Sequence[tuple[Entry, Any]]) -> ReferenceData:
         found[entry.kind.name].append(entry.kind.referenced(entry.section, data))
     sources = found["volumes"]
     voxels = [source.read((0, 0, 0), source.grid.shape_zyx) for source in sources]
-    more = {"geometry": found["geometry"], "cells": found["grids"]}
+    more: dict[str, Any] = {"geometry": found["geometry"], "cells": found["grids"]}
     return ReferenceData([source.grid for source in sources], voxels, more)
