@@ -99,8 +99,8 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     one_rank = scene.cluster.model_copy(update={"mode": "sort-last", "groups": None})
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size}), "cluster": one_rank})
     rendered = render_frame(small, LoopbackChannel())
-    found = reference_data(_with_levels(rendered.scene, data_of(rendered.scene, made)))
-    expected = render_reference(rendered.scene, found.grids, found.voxels, **found.more)
+    data = reference_data(_with_levels(rendered.scene, data_of(rendered.scene, made)))
+    expected = render_reference(rendered.scene, data.grids, data.voxels, **data.more)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
     return ReferenceComparison(size, difference.max, difference.rms)
 

@@ -21,9 +21,9 @@ from clusterviz.comm.channel import Buffer, MessageError, Pending, as_bytes
 from clusterviz.comm.placement import Nodes, Placement, group_by_node, single_placement
 from clusterviz.comm.remote_memory import (
     LOCKS,
-    Parts,
     RemoteMemory,
     RemoteMemoryError,
+    Transfer,
     make_part_file,
     map_part_file,
     part_fault,
@@ -105,7 +105,7 @@ class LoopbackWindow(TicketWindow):
         self._parts.clear()
 
 
-class LoopbackParts(Parts):
+class LoopbackParts:
     """Parts of threads: arrays of one process, which all of them see, and whose accesses the locks of Python order."""
 
     def __init__(self, parts: Sequence[NDArray[np.uint8]], barrier: Callable[[], None]) -> None:
@@ -113,6 +113,18 @@ class LoopbackParts(Parts):
 
     def view(self, rank: int) -> NDArray[np.uint8]:
         return self._parts[rank]
+
+    def check_thread(self) -> None:
+        """Do nothing: every thread may communicate."""
+
+    def fetch(self, transfers: Sequence[Transfer]) -> None:
+        """Do nothing: every part has a view."""
+
+    def store(self, transfers: Sequence[Transfer]) -> None:
+        """Do nothing: every part has a view."""
+
+    def fence(self) -> None:
+        """Do nothing: the locks order accesses."""
 
     def sync(self) -> None:
         self._barrier()

@@ -92,7 +92,8 @@ class TicketWindow(ABC):
         rows = self._boards[self._round % BOARDS]
         rows[self.index, 1 : 1 + count] = numbers
         self._meet(rows, self._round)
-        return rows[:, 1 : 1 + count].copy()
+        seen: Numbers = rows[:, 1 : 1 + count].copy()
+        return seen
 
     @abstractmethod
     def _meet(self, rows: Numbers, ticket: int) -> None:

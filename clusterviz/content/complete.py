@@ -24,10 +24,7 @@ def complete_scene(scene: Scene, infos: Sequence[Facts] | Facts) -> Scene:
 
     The function is pure: ranks with equal information get equal scenes.
 
-    Parameters
-    ----------
-    scene : values that are set are kept
-    infos : facts on each entry in the order of `content.table.entries_of`, with those that flows become
+    Values that are set are kept. Facts are in the order of `content.table.entries_of`, with those that flows become.
 
     Returns
     -------

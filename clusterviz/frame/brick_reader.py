@@ -15,11 +15,6 @@ from clusterviz.plan.plan import Plan
 class BrickReader:
     """Bricks of this rank in main memory, and reading of those that are missing.
 
-    Parameters
-    ----------
-    opened : content
-    bricks : that have been read
-
     Attributes
     ----------
     bricks_read, bytes_read : bricks that were read so far, and bytes: encoded ones of stores, else those of samples

@@ -37,10 +37,6 @@ if TYPE_CHECKING:
 class Drawing:
     """Renderer of this rank, kept from frame to frame; a rank without bricks opens no OpenGL context.
 
-    Parameters
-    ----------
-    reader : of this rank's bricks
-
     Attributes
     ----------
     sample_counts : of each piece drawn last

@@ -75,12 +75,7 @@ def render_frame(scene: Scene, channel: Channel, source: Given = None, options: 
 
 
 def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bricks]:
-    """Do all stages before drawing: read the data, complete the scene, plan the frame, assign bricks; collective.
-
-    Returns
-    -------
-    work : of this rank
-    bricks : that its work needs
+    """Do all stages before drawing; return the work of this rank, and the bricks that it needs; collective.
 
     Raises
     ------

@@ -36,13 +36,7 @@ if TYPE_CHECKING:
 class FramePlanner:
     """Planner of a loop's frames; it keeps what earlier frames have taught, the same on every rank.
 
-    Parameters
-    ----------
-    run : of the opening
-    drawing : whose bricks may migrate
-    opened : content
-    scene : completed
-    several : True if more than one frame may come
+    Bricks of the drawing may migrate. `several` says that more than one frame may come.
 
     Attributes
     ----------

@@ -68,11 +68,7 @@ class Shares:
 class Residency:
     """Loading of a rank's bricks part by part, for `Passes`.
 
-    Parameters
-    ----------
-    reader : of the bricks; those that it has read are taken over
-    renderers : where bricks are loaded
-    on_cpu : whether the CPU ray caster draws
+    The bricks that the reader has read are taken over.
 
     Attributes
     ----------

@@ -217,11 +217,7 @@ def check_cover(run: Run, work: RankWork) -> None:
 
 
 def check_equal(run: Run, checksums: Mapping[str, Sequence[int]]) -> None:
-    """Refuse checksums that are not equal on all ranks.
-
-    Parameters
-    ----------
-    checksums : one for each rank, the same on every rank, by the name of the decision
+    """Refuse checksums, one for each rank by the name of a decision, that are not equal on all ranks.
 
     Raises
     ------

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import DeviceError
+from clusterviz.gl.device import Device
 from clusterviz.gl.texels import copy_box, read_box
 from clusterviz.partition import UNASSIGNED, BrickBox, Owners, bounding_box, build_tree, visible_groups
 from clusterviz.plan.geometry import Members
@@ -183,12 +184,9 @@ class BrickAtlas:
         each = [self._ranges[number] for number in numbers.tolist()]
         return np.stack([low for low, _ in each]), np.stack([high for _, high in each])
 
-    def bind(self) -> None:
+    def bind(self, device: Device) -> None:
         """Bind the buffer or texture for drawing."""
-        if isinstance(self._voxels, moderngl.Buffer):
-            self._voxels.bind_to_storage_buffer(7)
-        else:
-            self._voxels.use(0)
+        device.bind("voxels" if isinstance(self._voxels, moderngl.Buffer) else "atlas", self._voxels)
 
     def release(self) -> None:
         """Free the GPU memory."""

@@ -313,8 +313,7 @@ STARTS = np.dtype(
         ("again", "i4"),  # 1: only rays that have started too late are drawn, from their entry
     ]
 )
-BINDING = 39
-STARTS_BLOCK = glsl_block("starts", BINDING, STARTS)
+STARTS_BLOCK = glsl_block("starts", 39, STARTS)
 NOTHING = 1e30
 AT_ENTRY, ESTIMATED, LATE, NOT_YET = -1.0, -2.0, -3.0, -4.0
 """As in starts.glsl."""

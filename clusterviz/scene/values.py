@@ -306,7 +306,7 @@ class Scene(Section):
 
     def with_entries(self, changed: Mapping[str, Section]) -> Scene:
         """Return a scene with other sections of some entries."""
-        entries = self.entries | changed
+        entries = {**self.entries, **changed}
         names = {key.split("[")[0] for key in changed}
         lists = {name: tuple(one for key, one in entries.items() if key.split("[")[0] == name) for name in names}
         return self.model_copy(update=lists)

@@ -18,7 +18,7 @@ from clusterviz.gl.devices import Device
 from clusterviz.plan import plan
 from clusterviz.plan.content import make_content
 from clusterviz.plan.plan import changed_settings
-from clusterviz.render import raycast
+from clusterviz.render import opengl
 from clusterviz.render.abuffer import discarding, fills
 from clusterviz.report.counts import EarlyDiscarding
 from clusterviz.scene import Scene
@@ -151,7 +151,7 @@ def test_wrong_depths_cost_time_only(
     monkeypatch.setattr(plan, "make_content", with_schemes)
     monkeypatch.setattr(discarding, "move_ends", anywhere)
     monkeypatch.setattr(fills, "MOST_BYTES", 60_000)
-    monkeypatch.setattr(raycast, "capacity", lambda *given: 2)
+    monkeypatch.setattr(opengl, "capacity", lambda *given: 2)
     sections, given = CONTENT[content]
     frames = check(turning(scene_of(sections, brick=5 if "volume" in content else 128), frames=2), given, device)
     assert counts(frames[1]).redrawn > 300

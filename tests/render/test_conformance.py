@@ -37,13 +37,13 @@ from clusterviz.data.source import Grid
 from clusterviz.image.merge import ORDER_FREE
 from clusterviz.kernels.objects import OPTIMIZE_VARIABLE
 from clusterviz.reference import render_reference
-from clusterviz.render.cpu.caster import compiled_variant
-from clusterviz.render.cpu.width import WIDTHS, Width
+from clusterviz.render.cpu.arrays import compiled_variant
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.values import Cluster, Scene
 from clusterviz.spmd import machine_code
 from clusterviz.spmd.adversary import DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE
+from clusterviz.spmd.width import WIDTHS, Width
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from clusterviz.plan.content import KnownVolume, bricks_of_volume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render import brick_tables
 from clusterviz.render.brick_atlas import BrickAtlas
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.caster import Caster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.render_result import RenderResult
 from clusterviz.scene import VolumeInfo, scene_of_data
 
@@ -44,8 +45,8 @@ def whole(plan: Plan) -> Piece:
     return piece
 
 
-def drawn(plan: Plan, bricks: dict[Any, Any]) -> tuple[RenderResult, Raycaster]:
-    caster = Raycaster(open_context(), plan)
+def drawn(plan: Plan, bricks: dict[Any, Any]) -> tuple[RenderResult, Caster]:
+    caster = opengl_caster(open_context(), plan)
     caster.load(plan, dict(bricks))
     (found,) = caster.draw(plan, [whole(plan)])
     return found, caster

@@ -17,6 +17,7 @@ from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.parser import parse
 from clusterviz.spmd.source import ShaderSource
 
+KINDS = {"sampler": "texture"}
 SLOW = "linear u16, isosurface, 16 surfaces, 0 lights"
 
 
@@ -40,7 +41,10 @@ def distinct(takes_all: bool) -> list[tuple[str, Variant]]:
 
 def test_every_combination_of_files_is_understood(takes_all: bool) -> None:
     for name, variant in distinct(takes_all):
-        program = parse(variant.source)
+        source = variant.source
+        program = parse(source)
+        found = {(KINDS.get(one.kind, one.kind), one.binding) for one in program.blocks}
+        assert {(one.kind, one.number) for one in source.blocks.values()} == found, name
         assert program.functions["main"][0].body is not None, name
         assert program.local_size == (8, 8, 1), name
         assert next(block for block in program.blocks if block.name == "frameBlock").binding == 0, name

@@ -132,7 +132,9 @@ class KnownGeometry(PlacedEntry[GeometryLayer, Primitives]):
         hides = bool((transfer.opacities >= 1).all()) if transfer else opacity >= 1 and channels != 4
         is_direction = isinstance(section, LinesSection) and section.color_by == "direction"
         scalars = "" if is_direction or section.scalars is None else section.scalars
-        of = "" if not channels else "primitives" if is_direction else self.info.arrays[scalars][0]
+        of: Literal["", "vertices", "primitives"] = ""
+        if channels:
+            of = "primitives" if is_direction else self.info.arrays[scalars][0]
         return GeometryLayer(
             count=self._count,
             index_from_file=grid.index_from_file(section),

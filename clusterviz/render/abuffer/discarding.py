@@ -28,7 +28,6 @@ from clusterviz.report.counts import EarlyDiscarding
 
 HIDDEN = np.dtype([("limit", "f4"), ("end", "f4"), ("state", "i4"), ("left_out", "i4")])
 """As `Hidden` in hidden.glsl."""
-HIDDEN_BINDING = 17
 _MOVE = CompiledKernel(
     "clusterviz.render.reprojection_kernel",
     "move_ends",

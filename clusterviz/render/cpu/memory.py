@@ -179,8 +179,12 @@ class Memory:
 
     def __init__(self, slot: Slot) -> None:
         self._slot = slot
+        self.release()
+
+    def release(self) -> None:
+        """Give up all bricks."""
         # A cubic spline reads three voxels beyond, along every axis; of lanes that are idle, beyond any header.
-        self._slots = Slots(4 * max(sum(pitch_of(part)) for part in slot.parts or (slot,)) + IDLE_WORD)
+        self._slots = Slots(4 * max(sum(pitch_of(part)) for part in self._slot.parts or (self._slot,)) + IDLE_WORD)
         self._kept: dict[Index, Kept] = {}
 
     @property

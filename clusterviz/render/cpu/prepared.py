@@ -13,7 +13,7 @@ from clusterviz.data.summary import summarise
 from clusterviz.plan.blend_mode import margin_of
 from clusterviz.plan.content import KnownVolume
 from clusterviz.plan.plan import make_plan
-from clusterviz.render.cpu.caster import variant_for
+from clusterviz.render.cpu.device import variant_for
 from clusterviz.render.cpu.pieces import CAPACITIES, MOST
 from clusterviz.render.variant import USUAL_BRICK, Lanes, Variant
 from clusterviz.scene.values import Camera, Scene, Volume
