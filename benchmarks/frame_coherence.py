@@ -22,7 +22,7 @@ from measuring import Row, beside_orbit, options, positional, sample, show, writ
 
 from clusterviz.cli.arguments import parse_device
 from clusterviz.data.geometry import Geometry, Mesh
-from clusterviz.report.frame_coherence import FrameCoherence, together
+from clusterviz.report.counts import FrameCoherence, all_counts
 from clusterviz.scene import Scene, scene_of_data
 from clusterviz.scene.overrides import with_settings
 
@@ -132,7 +132,7 @@ def coherent(head: str, folder: str, asked: Any) -> Iterator[Row]:
         data |= {"volumes": volumes, "image": {"size": (asked.size, asked.size)}, "quality": quality}
         ways = [with_settings(Scene.model_validate(data), {"frame_coherence": one}) for one in (False, True)]
         frames = list(beside_orbit(ways, None, degrees, FRAMES, of_rays, device=asked.device))
-        told = together(own["told"] for _, own in frames) or FrameCoherence()
+        told = all_counts(own["told"] for _, own in frames) or FrameCoherence()
         yield {"scene": name, "degrees": degrees, **row_of(frames), "told": told.error, "most": told.wrong_at_most}
 
 

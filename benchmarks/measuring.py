@@ -220,10 +220,10 @@ def context_of(device: int | None = None) -> Any:
 def loaded(plan: Any, bricks: dict[Any, Any], device: Any = None) -> Any:
     """Return a ray caster with bricks in its memory, on CPUs or OpenGL."""
     from clusterviz.gl.devices import egl_device, prefers_cpu
-    from clusterviz.render.cpu.caster import VectorCaster
-    from clusterviz.render.raycast import Raycaster
+    from clusterviz.render.cpu.device import cpu_caster
+    from clusterviz.render.opengl import opengl_caster
 
-    caster = VectorCaster(plan) if prefers_cpu(device) else Raycaster(context_of(egl_device(device)), plan)
+    caster = cpu_caster(plan) if prefers_cpu(device) else opengl_caster(context_of(egl_device(device)), plan)
     caster.load(plan, bricks)
     return caster
 

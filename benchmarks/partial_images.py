@@ -25,7 +25,7 @@ from clusterviz.data import open_scene
 from clusterviz.gl.context import open_context
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.reference.over import over
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.values import Cluster, ImageSettings
 
@@ -96,7 +96,7 @@ def partial_images(scene: Scene, ranks: int) -> Iterator[Floats]:
     """What each rank would draw, float32 (h, w, 4), premultiplied, front to back."""
     plan, bricks = prepared(scene)
     pieces = leaf_pieces(build_tree(plan.cost, ranks), plan.cost, plan.eye_in_bricks(), plan.view.forward)
-    caster = Raycaster(open_context(), plan)
+    caster = opengl_caster(open_context(), plan)
     caster.load(plan, bricks)
     for drawn in caster.draw(plan, pieces):
         yield picture_of(plan.view.size, [drawn])

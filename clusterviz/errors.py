@@ -42,16 +42,10 @@ def escaped(text: str) -> str:
 
 
 class ClustervizError(Exception):
-    """Failure that clusterviz reports; its text has no secrets of addresses and no control characters.
+    """Failure that clusterviz reports; its text has no secrets of addresses and no control characters."""
 
-    Attributes
-    ----------
-    exit_status : of the command
-    agreed : whether every rank raises this error
-    """
-
-    exit_status = 1
-    agreed = False
+    exit_status = 1  # of the command
+    agreed = False  # whether every rank raises this error
 
     def __init__(self, *values: object) -> None:
         super().__init__(*(escaped(without_secrets(each)) if isinstance(each, str) else each for each in values))
@@ -60,19 +54,14 @@ class ClustervizError(Exception):
 class InputError(ClustervizError):
     """Input that cannot be used.
 
-    Parameters
-    ----------
-    what : str
-        What is wrong, as a short clause: "the file is truncated".
-    where : str, optional
-        The file, key or option: "head.nrrd", "scene.yaml: quality.step".
-    found, allowed : object, optional
-        What was found, and what is allowed.
-
-    Notes
-    -----
     Text from files may have any length and content. Long text is cut, and characters that are not printable are
     escaped.
+
+    Parameters
+    ----------
+    what : what is wrong, as a short clause: "the file is truncated"
+    where : the file, key or option: "head.nrrd", "scene.yaml: quality.step"
+    found, allowed : what was found, and what is allowed
     """
 
     exit_status = 2
@@ -109,10 +98,7 @@ REASONS: tuple[tuple[tuple[type[Exception], ...], str], ...] = (
 def guard(kind: type[InputError], where: object) -> Iterator[None]:
     """Context that turns unexpected errors of a reader into errors of the input that name the file and the cause.
 
-    Parameters
-    ----------
-    kind : class of the error
-    where : the file
+    `kind`: class of the error; `where`: the file.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""Write the keys of scenes for readers and for type checkers: docs/reference/scene.md, clusterviz/scene/settings.py.
+"""Write the keys of scenes for readers and for type checkers: docs/reference/scene.md, clusterviz/scene/settings.pyi.
 
 Run `python docs/make_scene_keys.py` after changing a key of a scene; a test compares both files with the scene.
 """
@@ -34,22 +34,18 @@ from clusterviz.scene.validation_messages import SECTIONS  # noqa: E402
 from clusterviz.scene.values import Light, Scene  # noqa: E402
 
 PAGE = HERE / "reference" / "scene.md"
-MODULE = HERE.parent / "clusterviz" / "scene" / "settings.py"
+MODULE = HERE.parent / "clusterviz" / "scene" / "settings.pyi"
 HEAD = '''"""Scene keys as keyword arguments, for type checkers; `python docs/make_scene_keys.py` writes this file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypedDict
+from typing import Any, Literal, TypedDict
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
-    {imports}
+{imports}
 
-    Numbers = Sequence[float] | NDArray[Any]
-    Rows = Sequence[Sequence[Any]] | NDArray[Any]
-
+Numbers = Sequence[float] | NDArray[Any]
+Rows = Sequence[Sequence[Any]] | NDArray[Any]
 
 class Settings(TypedDict, total=False):
     """Keyword arguments of `clusterviz.render`: keys of scenes by their last names."""
@@ -98,7 +94,7 @@ def settings_text() -> str:
                 modules.setdefault(home.__name__, []).append(name)
                 named.discard(name)
     imports = [f"from {module} import {', '.join(names)}" for module, names in sorted(modules.items())]
-    text = HEAD.replace("{imports}", "\n    ".join(imports)) + "".join(lines)
+    text = HEAD.replace("{imports}", "\n".join(imports)) + "".join(lines)
     for command in (("check", "--select", "I", "--fix-only", "--quiet"), ("format",)):
         words = [sys.executable, "-m", "ruff", *command, "--stdin-filename", str(MODULE), "-"]
         text = subprocess.run(words, input=text, capture_output=True, text=True, check=True).stdout

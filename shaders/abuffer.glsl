@@ -4,20 +4,13 @@
 #include <CONSTANTS>
 layout(local_size_x = 8, local_size_y = 8) in;
 
-#include "reals_double.glsl"
-#include <FRAME>
-#include "vectors_double.glsl"
-#include "reals.glsl"
-layout(std430, binding = 16) buffer EarlyBlock { uvec2 early[]; };              // first fragments of each pixel, in no order
+#include <RAYS>
+layout(std430, binding = 27) buffer EarlyBlock { uvec2 early[]; };              // first fragments of each pixel, in no order
 layout(std430, binding = 9) readonly buffer TilesBlock { uint tile_begin[]; }; // of each tile in `tile_row`, and their end
 layout(std430, binding = 2) buffer ProgressBlock { uint unused; int progress[]; };
 layout(std430, binding = 10) readonly buffer ListsBlock { uint tile_row[]; };   // rows of primitives, ascending
 layout(std430, binding = 3) readonly buffer OffsetsBlock { int brick_offset[]; }; // as in buffers.glsl
-ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 
-#include <LATTICE>
-#include "numbers.glsl"
-#include "ray.glsl"
 #include <CLIP>
 #include <GEOMETRY>
 #include "primitives.glsl"

@@ -8,6 +8,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 #include <REALS>
 #include <FRAME>
 #include <VECTORS>
+#include "own_box.glsl"
 #include "buffers.glsl"
 #include <WORDS>
 #include <PITCH>
@@ -15,7 +16,6 @@ layout(local_size_x = 8, local_size_y = 8) in;
 // Read once: in a loop, a driver may fetch a block's member again each time.
 vec4 buckets = frame.buckets;
 vec2 scalar = frame.scalar.xy;
-ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 ivec3 bricks_begin = frame.bricks_begin.xyz, bricks_count = frame.bricks_count.xyz;
 int slabs_in_batch = frame.cells.w;
 
@@ -39,7 +39,6 @@ int slabs_in_batch = frame.cells.w;
 #include <MAGNITUDE>
 #include <FADE>
 #include <LIGHT>
-#include <LIGHTS_FROM>
 #include <CELL>
 #include <RUN>
 #include <SAMPLE>

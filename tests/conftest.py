@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import sys
@@ -30,6 +31,9 @@ sys.dont_write_bytecode = False
 os.environ.setdefault("GALLIVM_PERF", "nopt")
 os.environ.setdefault("LP_NATIVE_VECTOR_WIDTH", "128")  # loads are code for each lane: half the lanes, half of it
 os.environ.setdefault("CLUSTERVIZ_OPTIMIZE", "0")  # so does LLVM; the code finds the same bits, as a test shows
+
+# Whatever is imported and collected lives until the end: looking through it again and again finds nothing.
+gc.disable()
 
 MARKERS = ("mpi", "gl", "fresh", "browser")
 SLOWEST = 3
@@ -80,6 +84,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in items:
             if item.get_closest_marker("bits"):
                 item.add_marker(pytest.mark.skip(reason="GLSL does not promise these bits"))
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage again, but none of what is there before the tests."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture

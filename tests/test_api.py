@@ -63,7 +63,7 @@ sys.exit(f"{heavy} {image.shape}" if heavy or image.shape != (3, 4, 4) or "mpi4p
 
 
 def test_the_function_is_not_replaced_by_the_room_of_its_name() -> None:
-    script = "import clusterviz.render.raycast, clusterviz.frame; assert clusterviz.render.__name__ == 'render'"
+    script = "import clusterviz.render.caster, clusterviz.frame; assert clusterviz.render.__name__ == 'render'"
     subprocess.run([sys.executable, "-c", script], check=True, timeout=60)
 
 

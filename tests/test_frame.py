@@ -15,6 +15,8 @@ from clusterviz.content.volume import opening
 from clusterviz.data.memory import ArraySource
 from clusterviz.errors import ClustervizError, DataError, InputError, RankError
 from clusterviz.frame import STEPS, Options, Rendered, compositing, render_frame
+from clusterviz.render import opengl
+from clusterviz.render.caster import Caster
 from clusterviz.report.statistics import STAGES, statistics_file
 from clusterviz.scene import Scene, Volume, scene_of_data
 from clusterviz.scene.blend_modes import BLEND_MODES, Blending
@@ -207,16 +209,14 @@ def test_every_frame_of_a_loop_is_what_is_drawn_alone_over_mpi(mpi_ranks: int) -
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("caster", ["raycast:Raycaster", "cpu.caster:VectorCaster"])
-def test_another_camera_reads_compiles_and_uploads_nothing(caster: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    module, _, kind = caster.partition(":")
-    drawing = getattr(import_module(f"clusterviz.render.{module}"), kind)
-    monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", "0" if kind == "Raycaster" else "")
+@pytest.mark.parametrize("device", ["0", ""], ids=["opengl", "cpu"])
+def test_another_camera_reads_compiles_and_uploads_nothing(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", device)
     done: list[str] = []
     for name in ("__init__", "load"):
-        right = getattr(drawing, name)
+        right = getattr(Caster, name)
         noted = lambda *a, name=name, right=right, **k: (done.append(name), right(*a, **k))[1]  # noqa: E731
-        monkeypatch.setattr(drawing, name, noted)
+        monkeypatch.setattr(Caster, name, noted)
     read = opening.read_bricks
     monkeypatch.setattr(opening, "read_bricks", lambda *a: (done.append("read"), read(*a))[1])
     scenes = scenes_of({})[: len(CAMERAS)]
@@ -230,7 +230,7 @@ def test_chunks_are_ordered_anew_for_every_camera(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", "0")
     scenes = scenes_of({})[: len(CAMERAS)]
     alone = [render_frame(scene, LoopbackChannel()) for scene in scenes]
-    monkeypatch.setattr(import_module("clusterviz.render.raycast"), "capacity", lambda *_: 2)
+    monkeypatch.setattr(opengl, "capacity", lambda *_: 2)
     check_same(on_ranks(1, scenes), alone)
 
 
@@ -261,10 +261,8 @@ def test_a_frame_that_differs_in_more_is_refused(change: dict[str, Any], said: s
 
 @pytest.mark.gl
 def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    from clusterviz.render.raycast import Raycaster
-
     monkeypatch.setenv("CLUSTERVIZ_EGL_DEVICE", "0")
-    scenes, right = scenes_of({})[:3], Raycaster.draw
+    scenes, right = scenes_of({})[:3], Caster.draw
     calls: list[int] = []
 
     def fail_later(*given: Any, **options: Any) -> Any:
@@ -273,7 +271,7 @@ def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
             raise ValueError("odd")
         return right(*given, **options)
 
-    monkeypatch.setattr(Raycaster, "draw", fail_later)
+    monkeypatch.setattr(Caster, "draw", fail_later)
     with pytest.raises(RankError, match="rank 0, frame 2, render: ValueError: odd"):
         on_ranks(1, scenes)
 
@@ -283,7 +281,7 @@ def test_a_failure_names_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("device", "step"), [("cpu", 0.002), (0, 0.1)])
 def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A large picture is drawn in bands by OpenGL, which change nothing in it."""
-    raycast, threads = (import_module(f"clusterviz.{name}") for name in ("render.raycast", "spmd.threads"))
+    casting, threads = (import_module(f"clusterviz.{name}") for name in ("render.caster", "spmd.threads"))
     settings = ["image.size=[90, 70]", f"quality.step={step}", "cluster.brick=8"]
     scene = scene_of_data("field:marschner-lobb:20", settings)
     told: list[float] = []
@@ -293,8 +291,8 @@ def test_drawing_tells_how_far_it_is(device: Any, step: float, monkeypatch: pyte
 
     at_once = render_frame(scene, LoopbackChannel(), None, Options(device=device))
     monkeypatch.setattr(threads, "REPORT_SECONDS", 0.0)
-    monkeypatch.setattr(raycast, "BAND_SECONDS", 0.0)
-    monkeypatch.setattr(raycast, "MOST_PIXELS_AT_ONCE", 1 << 10)
+    monkeypatch.setattr(casting, "BAND_SECONDS", 0.0)
+    monkeypatch.setattr(casting, "MOST_PIXELS_AT_ONCE", 1 << 10)
     in_parts = render_frame(scene, LoopbackChannel(), None, Options(device=device, progress=tell))
     assert np.array_equal(pixels(in_parts), pixels(at_once))
     assert len(told) > 1

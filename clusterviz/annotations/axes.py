@@ -76,9 +76,7 @@ class AxisTicks:
     def draw(self, canvas: Canvas, style: Style, titles: Sequence[str], unit: str, rects: list[Rect]) -> None:
         """Draw ticks, labels and titles; labels that would overlap others, or leave the picture, are left out.
 
-        Parameters
-        ----------
-        rects : in use; those of the labels are added
+        `rects`: in use; those of the labels are added.
         """
         centre = self._centre()
         for axis, (values, edge) in enumerate(zip(self.values, self._edges, strict=True)):
@@ -131,7 +129,6 @@ class AxisTicks:
         )
 
     def _centre(self) -> Floats:
-        """Return the middle of the seen outline, or of the picture, pixels."""
         every = np.concatenate([edge_shares(axis) for axis in range(3)])
         lines, _ = projected(self._camera, self._box.point(every), self._size)
         is_outline = len(lines) and not self._is_inside
@@ -156,9 +153,7 @@ def _extent(text: str, font: float, direction: Floats) -> float:
 def draw_orientation(canvas: Canvas, style: Style, camera: Camera, titles: Sequence[str], orientation: str) -> Rect:
     """Draw the marker of the world's directions in the lower left corner; return its rectangle.
 
-    Parameters
-    ----------
-    orientation : letters of the body's directions, such as "RAS"; "" if unknown
+    `orientation`: letters of the body's directions, such as "RAS"; "" if unknown.
     """
     right, up, forward = camera_axes(*camera_vectors(camera))
     length = max(MARKER * min(canvas.size), 2.2 * style.font)

@@ -27,16 +27,10 @@ BEYOND = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Parallelepiped.
+    """Parallelepiped."""
 
-    Attributes
-    ----------
-    origin : float64 (3,), world
-    edges : float64 (3, 3), the three edges from the origin, row by row, world
-    """
-
-    origin: Floats
-    edges: Floats
+    origin: Floats  # float64 (3,), world
+    edges: Floats  # float64 (3, 3), the three edges from the origin, row by row, world
 
     @property
     def is_aligned(self) -> bool:
@@ -90,9 +84,7 @@ def adjacent_front_faces(shares: Floats, front: NDArray[np.bool_]) -> NDArray[np
 def grid_lines(ticks: Sequence[Floats], front: NDArray[np.bool_]) -> Floats:
     """Return lines across all faces that are turned away, as shares, float64 (n, 2, 3).
 
-    Parameters
-    ----------
-    ticks : shares of each edge at which lines begin
+    `ticks`: shares of each edge at which lines begin.
     """
     lines = []
     for axis, end in np.argwhere(~front):

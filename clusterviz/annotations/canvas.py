@@ -26,13 +26,7 @@ SHORTEST = 3
 
 
 def check_library() -> None:
-    """Check early that text can be drawn.
-
-    Raises
-    ------
-    ClustervizError
-        matplotlib is not installed.
-    """
+    """Check early that text can be drawn. Raises ClustervizError: matplotlib is not installed."""
     try:
         import matplotlib  # noqa: F401
     except ImportError:
@@ -41,16 +35,10 @@ def check_library() -> None:
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Pixels of an overlay that are not transparent.
+    """Pixels of an overlay that are not transparent."""
 
-    Attributes
-    ----------
-    index : int64 (n,), numbers of the pixels in the picture, row by row
-    rgba : float32 (n, 4), premultiplied
-    """
-
-    index: NDArray[np.int64]
-    rgba: NDArray[np.float32]
+    index: NDArray[np.int64]  # int64 (n,), numbers of the pixels in the picture, row by row
+    rgba: NDArray[np.float32]  # float32 (n, 4), premultiplied
 
     def blend_over(self, picture: NDArray[np.float32]) -> None:
         """Blend the overlay over a picture (h, w, 4), premultiplied, in place."""
@@ -67,9 +55,7 @@ class Overlay:
 class Canvas:
     """Canvas of a picture's size; positions are pixels from the top left corner, y down.
 
-    Parameters
-    ----------
-    size : width and height, pixels
+    `size`: width and height, pixels.
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
@@ -103,10 +89,10 @@ class Canvas:
         if edge is not None:
             self._draw(path, edge, 1.0, 1.0, None)
 
-    def rectangle(self, rect: Rect, fill: Colour | None, opacity: float = 1.0, edge: Colour | None = None) -> None:
+    def rectangle(self, rect: Rect, fill: Colour | None, edge: Colour | None = None) -> None:
         """Draw a rectangle."""
         left, top, right, bottom = rect
-        self.polygon([(left, top), (right, top), (right, bottom), (left, bottom)], fill, opacity, edge)
+        self.polygon([(left, top), (right, top), (right, bottom), (left, bottom)], fill, edge=edge)
 
     def image(self, left: int, top: int, rgba: NDArray[np.uint8]) -> None:
         """Draw an image, uint8 (h, w, 4), straight alpha."""
@@ -228,7 +214,6 @@ def _dilated(opacity: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
 
 
 def _renderer(size: tuple[int, int]) -> Any:
-    """Return Agg's renderer of a picture; a point is a pixel."""
     from matplotlib.backends.backend_agg import RendererAgg
 
     make: Any = RendererAgg

@@ -80,7 +80,6 @@ def _with_names(scene: Scene, infos: Sequence[Facts]) -> Scene:
 
 
 def _style(settings: Annotations, background: Colour | None, side: int) -> Style:
-    """Return colours of the highest contrast, and sizes."""
     font = max(LEAST_FONT, settings.font_size * side)
     if settings.color is not None:
         ink = background_rgb(settings.color) or INKS[0]
@@ -129,7 +128,6 @@ def _kept_fixed(scene: Scene, size: tuple[int, int], style: Style) -> tuple[Over
 def _of_camera(
     scene: Scene, infos: Sequence[Facts], size: tuple[int, int], style: Style, rects: list[Rect], has_text: bool
 ) -> tuple[list[Overlay], list[Overlay], list[Overlay]]:
-    """Return the overlays behind the data, before it, and of text."""
     settings, camera = scene.annotations, scene.camera
     axes = section_of(settings.axes, AxesGrid)
     behind, front, text = (Canvas(size) for _ in range(3))
@@ -162,7 +160,6 @@ def _of_camera(
 
 
 def _draw_edges(box: Box, scene: Scene, size: tuple[int, int], style: Style, behind: Canvas, front: Canvas) -> None:
-    """Draw the edges of a box on one canvas or the other."""
     edges = np.concatenate([edge_shares(axis) for axis in range(3)])
     is_front = adjacent_front_faces(edges, box.front_faces(scene.camera)) > 0
     for canvas, chosen in ((behind, edges[~is_front]), (front, edges[is_front])):

@@ -28,18 +28,11 @@ MOST_COLUMNS = 2
 
 @dataclass(frozen=True)
 class Style:
-    """Colours and sizes of text and lines.
+    """Colours and sizes of text and lines."""
 
-    Attributes
-    ----------
-    font : size of text, pixels
-    ink : colour of text and lines
-    halo : colour around text
-    """
-
-    font: float
-    ink: Colour
-    halo: Colour
+    font: float  # size of text, pixels
+    ink: Colour  # colour of text and lines
+    halo: Colour  # colour around text
 
     @property
     def line(self) -> float:
@@ -215,7 +208,6 @@ def _share(value: float, domain: tuple[float, float]) -> float:
 
 
 def _most_text(most: float) -> str:
-    """Return what tells the scale of opacity."""
     return f"opacity ≤ {number_text(float(f'{most:.2g}'))}"
 
 

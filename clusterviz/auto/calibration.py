@@ -14,6 +14,7 @@ import numpy as np
 
 from clusterviz.comm import Channel
 from clusterviz.frame.run import Image
+from clusterviz.frame.work import Planning
 from clusterviz.plan.accuracy import (
     COARSEST,
     SAFETY,
@@ -36,28 +37,18 @@ from clusterviz.scene.values import Quality, Scene
 
 @dataclass(frozen=True)
 class SmallPicture:
-    """Small picture; all but the image is the same on every rank.
+    """Small picture; all but the image is the same on every rank."""
 
-    Attributes
-    ----------
-    image : on rank 0 only
-    samples : sum over all ranks
-    seconds : of drawing, on the slowest rank
-    filter : of the plan
-    is_textured : True if all ranks draw by OpenGL
-    volumes : of the plan
-    """
-
-    image: Image | None
-    samples: int
-    seconds: float
-    filter: Filter
-    is_textured: bool
-    volumes: int = 1
+    image: Image | None  # on rank 0 only
+    samples: int  # sum over all ranks
+    seconds: float  # of drawing, on the slowest rank
+    filter: Filter  # of the plan
+    is_textured: bool  # True if all ranks draw by OpenGL
+    volumes: int  # of the plan
 
 
-Draw = Callable[[Scene], SmallPicture]
-"""Draws the picture of a scene whose settings are given; collective."""
+Draw = Callable[[Scene], Planning[SmallPicture]]
+"""Asks for the picture of a scene whose settings are given; collective."""
 
 
 REPEATS = 3
@@ -71,7 +62,7 @@ class TextureUnit:
     ----------
     small : scene of a small picture, with all settings
     channel : to the other ranks
-    draw : draws a small picture
+    draw : asks for a small picture
 
     Attributes
     ----------
@@ -84,24 +75,27 @@ class TextureUnit:
         self._channel, self._draw = channel, draw
         self.samples = 0
 
-    def error(self, aim: Aim) -> float:
+    def error(self, aim: Aim) -> Planning[float]:
         """Estimate the error that the texture unit adds to the whole picture."""
-        exact, textured = (self._drawn(scene).image for scene in self._scenes)
+        exact, textured = (yield from self._drawn(0)).image, (yield from self._drawn(1)).image
         added = 0.0
         if exact is not None and textured is not None:
             added = largest(difference(exact, textured), aim.pixels) * (2 * SAFETY if aim.jumps else SAFETY)
         return self._channel.broadcast(added)
 
-    def share(self) -> float:
+    def share(self) -> Planning[float]:
         """Return its time relative to that of exact weights, on the slowest rank."""
         fastest = []
-        for scene in self._scenes:
-            self._drawn(scene)  # compiles shaders, and stores bricks for this filter
-            fastest.append(min(self._drawn(scene).seconds for _ in range(REPEATS)))
+        for number in range(len(self._scenes)):
+            yield from self._drawn(number)  # compiles shaders, and stores bricks for this filter
+            seconds = list[float]()
+            for _ in range(REPEATS):
+                seconds.append((yield from self._drawn(number)).seconds)
+            fastest.append(min(seconds))
         return fastest[1] / max(fastest[0], 1e-9)
 
-    def _drawn(self, scene: Scene) -> SmallPicture:
-        drawn = self._draw(scene)
+    def _drawn(self, number: int) -> Planning[SmallPicture]:
+        drawn = yield from self._draw(self._scenes[number])
         self.samples += drawn.samples
         return drawn
 
@@ -119,28 +113,16 @@ RESIDUAL = 1 / 64
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of a calibration; the same on every rank.
+    """Result of a calibration; the same on every rank."""
 
-    Attributes
-    ----------
-    scene : that was calibrated
-    choice : of step and classification
-    covered : share of the picture that the volume covers
-    pixels : of each small picture
-    samples : of all small pictures, on all ranks
-    filter : that was picked
-    verified : True if the choice was checked in all pixels, not in a sample of them
-    worse : error in all pixels over that estimated in a sample of them, at least 1
-    """
-
-    scene: Scene
-    choice: Choice
-    covered: float
-    pixels: int
-    samples: int
-    filter: Picked
-    verified: bool = False
-    worse: float = 1.0
+    scene: Scene  # that was calibrated
+    choice: Choice  # of step and classification
+    covered: float  # share of the picture that the volume covers
+    pixels: int  # of each small picture
+    samples: int  # of all small pictures, on all ranks
+    filter: Picked  # that was picked
+    verified: bool = False  # True if the choice was checked in all pixels, not in a sample of them
+    worse: float = 1.0  # error in all pixels over that estimated in a sample of them, at least 1
 
 
 class _Verdict(NamedTuple):
@@ -151,7 +133,9 @@ class _Verdict(NamedTuple):
     covered: float
 
 
-def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Calibration | None = None) -> Calibration:
+def calibrate(
+    scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Calibration | None = None
+) -> Planning[Calibration]:
     """Find the settings that keep a scene's error bound; collective.
 
     Parameters
@@ -159,17 +143,17 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
     scene : completed, with a volume and `quality.max_error`
     aim : error bound and allowed settings
     channel : to the other ranks
-    draw : draws the picture of a scene; collective
+    draw : asks for the picture of a scene
     followed : earlier calibration whose filter is kept; None: compare all settings
     """
     samples, covered = 0, followed.covered if followed else 1.0
     if followed is None:
-        first = draw(_small(scene, Trial("post", COARSEST), FIRST_SIDE / max(scene.image.size)))
+        first = yield from draw(_small(scene, Trial("post", COARSEST), FIRST_SIDE / max(scene.image.size)))
         samples, covered = first.samples, channel.broadcast(_covered(first.image))
     scale, pictures = math.sqrt(_share(aim, covered)), dict[Trial, Image]()
     trial, choice = next_trial(pictures, aim), None
     while trial is not None:
-        small = draw(_small(scene, trial, scale))
+        small = yield from draw(_small(scene, trial, scale))
         samples += small.samples
         if small.image is not None:
             pictures[trial] = small.image
@@ -182,14 +166,15 @@ def calibrate(scene: Scene, aim: Aim, channel: Channel, draw: Draw, followed: Ca
     elif why := why_exact(small.filter, small.volumes, small.is_textured):
         picked = Picked("exact", reason=why)
     else:
-        picked, choice, taken = _picked(_small(scene, choice.trial, scale), pictures, choice, aim, channel, draw)
+        scaled = _small(scene, choice.trial, scale)
+        picked, choice, taken = yield from _picked(scaled, pictures, choice, aim, channel, draw)
         samples += taken
     pixels = math.prod(_small(scene, choice.trial, scale).image.size)
     worse = 1.0
     if aim.jumps or not followed:
         left = replace(aim, bound=aim.bound - (0.0 if followed else picked.error))
         choice = replace(choice, error=choice.error - picked.error)
-        choice, worse, taken = _verified(scene, choice, left, channel, draw, is_first=not followed)
+        choice, worse, taken = yield from _verified(scene, choice, left, channel, draw, is_first=not followed)
         choice, samples = replace(choice, error=choice.error + picked.error), samples + taken
     return Calibration(scene, choice, covered, pixels, samples, picked, aim.jumps or not followed, worse)
 
@@ -207,12 +192,12 @@ def chosen(scene: Scene, trial: Trial, early_termination: float, filter: str = "
 
 def _picked(
     small: Scene, pictures: dict[Trial, Image], choice: Choice, aim: Aim, channel: Channel, draw: Draw
-) -> tuple[Picked, Choice, int]:
+) -> Planning[tuple[Picked, Choice, int]]:
     """Pick the filter, timed only if its error fits the bound; returns it, the adapted choice, and samples taken."""
     unit = TextureUnit(small, channel, draw)
-    error = unit.error(aim)
+    error = yield from unit.error(aim)
     less = reduced(aim, error)
-    share = unit.share() if less else None
+    share = (yield from unit.share()) if less else None
     instead = channel.broadcast(choose(pictures, less) if less and pictures else None)
     picked, choice = pick_filter(Probe(error, share), choice, instead, aim)
     return picked, choice, unit.samples
@@ -220,7 +205,7 @@ def _picked(
 
 def _verified(
     scene: Scene, choice: Choice, aim: Aim, channel: Channel, draw: Draw, *, is_first: bool
-) -> tuple[Choice, float, int]:
+) -> Planning[tuple[Choice, float, int]]:
     """Verify a choice, or shorten its step, by whole pictures.
 
     Needed because a sample of pixels misses the errors of single pixels, which are far larger than all others where
@@ -238,7 +223,7 @@ def _verified(
     # Below a sixteenth of the bound a quotient says nothing of errors near the bound.
     estimated = max(choice.error - aim.residual, aim.target / 16)
     while True:
-        drawn = draw(_small(scene, trial, 1.0))
+        drawn = yield from draw(_small(scene, trial, 1.0))
         samples += drawn.samples
         if drawn.image is not None:
             pictures.append(drawn.image)

@@ -16,9 +16,8 @@ from clusterviz.comm import Channel
 from clusterviz.comm.placement import granted_cores
 from clusterviz.data.source import Index
 from clusterviz.distribution.brick_cost import expected_samples
-from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Run
-from clusterviz.frame.work import RankWork
+from clusterviz.frame.work import DrawingRequest, Planning, RankWork
 from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import (
     UNASSIGNED,
@@ -53,33 +52,22 @@ Floats = NDArray[np.float32]
 class CostProbe:
     """Samples and optical depth of pieces, each drawn alone, in the pixels of a coarse picture.
 
-    Attributes
-    ----------
-    scale : pixels of the picture along the side of a coarse pixel
-    piece : int32 (bz, by, bx), piece of each brick, counted from front to back; −1 for bricks that are not visible
-    samples : float32 (pieces, height, width), in the whole picture
-    depth : float32 (pieces, height, width), −log of the transmittance of a piece
-    limit : optical depth at which a ray ends; inf without early ray termination
-    seconds_per_sample : measured while all ranks drew
-    ranks_per_core : ranks for each core that they may use, at least 1
+    `piece`: int32 (bz, by, bx), piece of each brick, counted from front to back; −1 for bricks that are not visible.
     """
 
-    scale: int
+    scale: int  # pixels of the picture along the side of a coarse pixel
     piece: NDArray[np.int32]
-    samples: Floats
-    depth: Floats
-    limit: float
-    seconds_per_sample: float
-    ranks_per_core: float
+    samples: Floats  # float32 (pieces, height, width), in the whole picture
+    depth: Floats  # float32 (pieces, height, width), −log of the transmittance of a piece
+    limit: float  # optical depth at which a ray ends; inf without early ray termination
+    seconds_per_sample: float  # measured while all ranks drew
+    ranks_per_core: float  # ranks for each core that they may use, at least 1
 
 
 def samples_of_ranks(probe: CostProbe, plan: Plan, groups: RankGroups) -> NDArray[np.float64]:
     """Predict the samples of each rank, float64 (ranks,), if groups share the screen and a tree the data of each.
 
-    Parameters
-    ----------
-    plan : of the picture
-    groups : ranks of each group; a single group is sort-last
+    `plan`: of the picture. `groups`: ranks of each group; a single group is sort-last.
     """
     found = np.zeros(sum(map(len, groups)))
     if len(groups) == 1:
@@ -162,14 +150,10 @@ class _Piece:
 class _RankProbe:
     """Cost probe of one rank.
 
-    Attributes
-    ----------
-    pieces : that it drew
-    seconds, samples : of the fastest drawing at full resolution
-    host, cores : that it runs on
+    `seconds`, `samples`: of the fastest drawing at full resolution. `host`, `cores`: that it runs on.
     """
 
-    pieces: list[_Piece]
+    pieces: list[_Piece]  # that it drew
     seconds: float
     samples: int
     host: str
@@ -178,18 +162,16 @@ class _RankProbe:
 
 def probe_cost(
     run: Run,
-    drawing: Drawing,
     scene: Scene,
     plan: Plan,
     holds: frozenset[Index] = frozenset(),
     seconds_per_sample: float | None = None,
-) -> CostProbe | None:
-    """Draw the cost probe; collective.
+) -> Planning[CostProbe | None]:
+    """Return the cost probe; collective.
 
     Parameters
     ----------
     run : of the loop
-    drawing : that draws and keeps the bricks
     scene : completed
     plan : of the scene
     holds : further bricks to keep
@@ -206,14 +188,12 @@ def probe_cost(
         boxes, owner = _boxes(plan, channel.size)
         scale = max(COARSE, -(-max(plan.view.size) // SIDE))
         work = RankWork(scene, plan, boxes, leaf_bricks(plan, channel.rank, channel.size) | holds)
-    drawing.load(run, work)
-    with run.unreported("choose") as unreported:
-        partials, _ = drawing.draw(unreported, replace(work, plan=coarse_plan(plan, scale)))
-        numbers = [number for number, box in enumerate(boxes) if box.rank == channel.rank]
-        each = zip(numbers, partials, drawing.sample_counts, strict=True)
-        found = [_found(plan.pictures, *piece) for piece in each]
-        part = replace(work, pieces=_busiest_part(plan, channel, found, scale))
-        seconds, samples = _measured(unreported, drawing, part) if seconds_per_sample is None else (0.0, 0)
+    drawn = yield DrawingRequest(run, replace(work, plan=coarse_plan(plan, scale)), loads=work, stage="choose")
+    numbers = [number for number, box in enumerate(boxes) if box.rank == channel.rank]
+    each = zip(numbers, drawn.partials, drawn.sample_counts, strict=True)
+    found = [_found(plan.pictures, *piece) for piece in each]
+    part = replace(work, pieces=_busiest_part(plan, channel, found, scale))
+    seconds, samples = (yield from _measured(run, part)) if seconds_per_sample is None else (0.0, 0)
     with run.collective("plan", "choose"):
         ranks = channel.gather(_RankProbe(found, seconds, samples, place.host, granted_cores()))
     with run.local("plan", "choose"):
@@ -269,14 +249,13 @@ def _busiest_part(plan: Plan, channel: Channel, found: list[_Piece], scale: int)
     return tuple(replace(leaf, rect=Rect(*begins, *ends)) for leaf in leaves if leaf.rank == channel.rank)
 
 
-def _measured(run: Run, drawing: Drawing, work: RankWork) -> tuple[float, int]:
+def _measured(run: Run, work: RankWork) -> Planning[tuple[float, int]]:
     """Measure seconds and samples of drawing; the fastest of several counts, since other processes only add time."""
     times = []
     for _ in range(REPEATS):
-        before = run.clock.seconds.get("render", 0.0)
-        _, counts = drawing.draw(run, work)
-        times.append(run.clock.seconds.get("render", 0.0) - before)
-    return min(times), counts.samples
+        drawn = yield DrawingRequest(run, work, stage="choose")
+        times.append(drawn.seconds)
+    return min(times), drawn.counts.samples
 
 
 def _cost_probe(
@@ -287,7 +266,6 @@ def _cost_probe(
     scale: int,
     seconds_per_sample: float | None,
 ) -> CostProbe:
-    """Combine the probes of all ranks."""
     width, height = (-(-side // scale) for side in plan.view.size)
     samples, depth = (np.zeros((pieces, height, width), np.float32) for _ in range(2))
     for each in (piece for rank in ranks for piece in rank.pieces):

@@ -19,6 +19,7 @@ from clusterviz.composite import rounding_bound
 from clusterviz.content.diff import check_same_volume
 from clusterviz.errors import SceneError
 from clusterviz.frame.run import Run
+from clusterviz.frame.work import Planning
 from clusterviz.partition import Piece
 from clusterviz.plan.accuracy import Aim, Picked, has_strayed, make_aim, pick_pixel
 from clusterviz.plan.estimate import Trial
@@ -33,32 +34,23 @@ FOLLOWED_FOR = 8
 class ErrorBoundController:
     """Controller of a loop's settings from frame to frame; the same on every rank.
 
-    Parameters
-    ----------
-    draw : draws the picture of a scene whose settings are given; collective
+    `draw`: asks for the picture of a scene whose settings are given.
     """
 
-    def __init__(self, draw: Callable[[Run, Scene], SmallPicture]) -> None:
+    def __init__(self, draw: Callable[[Run, Scene], Planning[SmallPicture]]) -> None:
         self._draw = draw
         self._anew: Calibration | None = None
         self._last: Calibration | None = None
         self._followed_for = 0
 
-    def settle(self, run: Run, scene: Scene, spacing: float) -> tuple[Scene, Accuracy]:
+    def settle(self, run: Run, scene: Scene, spacing: float) -> Planning[tuple[Scene, Accuracy]]:
         """Return the scene with settings that keep its `quality.max_error`; collective.
 
-        Parameters
-        ----------
-        scene : completed, with a volume and the bound
-        spacing : smallest distance of the volumes' samples, world units
-
-        Raises
-        ------
-        SceneError
-            On every rank: no settings keep the bound for certain.
+        `scene`: completed, with a volume and the bound. `spacing`: smallest distance of the volumes' samples, world
+        units. Raises SceneError: on every rank: no settings keep the bound for certain.
         """
         began, aim = perf_counter(), _agreed_aim(scene, spacing)
-        found, samples = self._found(run, scene, aim)
+        found, samples = yield from self._found(run, scene, aim)
         trial, error, residual = found.choice.trial, found.choice.error, _for_the_step(aim, found.filter).residual
         settings = (trial.step, trial.classification, found.filter.value, residual, "float32")
         cost = (found.pixels if samples else 0, samples, perf_counter() - began)
@@ -67,24 +59,26 @@ class ErrorBoundController:
         accuracy = Accuracy(aim.bound, error, *settings, *cost, _reasons(found), found.verified)
         return chosen(scene, trial, residual, found.filter.value), accuracy
 
-    def _found(self, run: Run, scene: Scene, aim: Aim) -> tuple[Calibration, int]:
-        """Return the calibration for a scene, and the samples that it took."""
+    def _found(self, run: Run, scene: Scene, aim: Aim) -> Planning[tuple[Calibration, int]]:
         last, anew, samples = self._last, self._anew, 0
         if last and anew and _can_follow(last, scene, aim):
             if scene == last.scene:
                 return last, 0
-            found = self._last = self._calibrated(run, scene, _following(last, anew, scene, aim), last)
+            following = _following(last, anew, scene, aim)
+            found = self._last = yield from self._calibrated(run, scene, following, last)
             self._followed_for += 1
             if self._followed_for < FOLLOWED_FOR or not has_strayed(found.choice, anew.choice, aim):
                 return found, found.samples
             samples = found.samples
-        found = self._anew = self._last = self._calibrated(run, scene, aim)
+        found = self._anew = self._last = yield from self._calibrated(run, scene, aim)
         self._followed_for = 0
         return found, samples + found.samples
 
-    def _calibrated(self, run: Run, scene: Scene, aim: Aim, followed: Calibration | None = None) -> Calibration:
+    def _calibrated(
+        self, run: Run, scene: Scene, aim: Aim, followed: Calibration | None = None
+    ) -> Planning[Calibration]:
         with run.unreported("accuracy") as unreported:
-            return calibrate(scene, aim, run.channel, partial(self._draw, unreported), followed)
+            return (yield from calibrate(scene, aim, run.channel, partial(self._draw, unreported), followed))
 
 
 def with_pixel(
@@ -154,7 +148,6 @@ def _out_of_reach(bound: float, error: float, trial: Trial) -> SceneError:
 
 
 def _reasons(found: Calibration) -> dict[str, str]:
-    """Return the reason for each setting."""
     return {
         "step": "the longest that is expected to hold the bound",
         "classification": found.choice.reason,

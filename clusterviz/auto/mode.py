@@ -12,7 +12,7 @@ have the same counts, and rank 0 decides for all.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -24,14 +24,11 @@ from clusterviz.composite.model.network import Network, default_network
 from clusterviz.composite.model.prediction import place_ranks, predict
 from clusterviz.content.table import entries_of
 from clusterviz.data.source import Index
-from clusterviz.distribution.contract import DistributionHooks, distribution_of, groups_of, sharing_of
+from clusterviz.distribution.contract import Distribution, DistributionHooks, distribution_of, groups_of, sharing_of
 from clusterviz.distribution.memory_budget import MemoryBudget, memory_budget_of
-from clusterviz.distribution.sort_first import SortFirst
-from clusterviz.frame.drawing import Drawing
-from clusterviz.frame.opening import Opened
 from clusterviz.frame.run import Run
-from clusterviz.frame.work import RankWork
-from clusterviz.image.partial import EMPTY
+from clusterviz.frame.work import DrawnFrame, Planning
+from clusterviz.image.partial import bounding_rect
 from clusterviz.partition import build_tree, leaf_pieces, owners_of
 from clusterviz.partition.screen import rank_groups
 from clusterviz.plan.plan import Plan
@@ -47,14 +44,17 @@ DOUBT = 0.05  # uncertainty of the time of drawing, on an idle machine
 LEAST_GAIN_AGAIN = 0.8  # part of the present mode's predicted time, below which it changes: bricks may have to be read
 
 
+HooksOf = Callable[[Distribution], DistributionHooks | None]
+
+
 class AutoMode:
     """Present mode and its distribution; the same on every rank.
 
     Parameters
     ----------
     run : of the opening
-    drawing : that draws a cost probe, and keeps its bricks
-    opened : volumes, if any
+    hooks_of : makes the hooks of a distribution, if it has some
+    is_open : whether there is something to draw
     scene : completed
     several : True if more than one frame may come
 
@@ -70,8 +70,8 @@ class AutoMode:
         As `groups_of` does; the same on every rank.
     """
 
-    def __init__(self, run: Run, drawing: Drawing, opened: Opened | None, scene: Scene, several: bool) -> None:
-        self._drawing, self._opened, self._several = drawing, opened, several
+    def __init__(self, run: Run, hooks_of: HooksOf, is_open: bool, scene: Scene, several: bool) -> None:
+        self._hooks_of, self._several = hooks_of, several
         self._cluster, self._ranks = scene.cluster, run.channel.size
         with run.local("plan", "plan"):
             self._candidates = groups_of(scene, self._ranks, several)
@@ -79,7 +79,7 @@ class AutoMode:
         with run.collective("plan", "plan"):
             has_surfaces = any(entry.kind.must_fit for entry in entries_of(scene))
             self._budget = memory_budget_of(run, self._cluster, shares_screen, has_surfaces)
-        self._is_open = opened is not None and len(self._candidates) > 1
+        self._is_open = is_open and len(self._candidates) > 1
         self._groups = self._candidates[0] if not self._is_open else None
         self._seconds_per_sample: float | None = None
         self._held_cost: object = None
@@ -94,14 +94,11 @@ class AutoMode:
         plan: Plan,
         holds: frozenset[Index] = frozenset(),
         accuracy: Accuracy | None = None,
-    ) -> None:
+    ) -> Planning[None]:
         """Choose the mode before a frame, if it is due; collective.
 
-        Parameters
-        ----------
-        run, scene, plan : of the frame, with all settings of its quality
-        holds : bricks of this rank in the last frame
-        accuracy : of the settings chosen for `quality.max_error`, from which the format of pixels follows
+        `run`, `scene`, `plan`: of the frame, with all settings of its quality. `holds`: bricks of this rank in the last
+        frame. `accuracy`: of the settings chosen for `quality.max_error`, from which the format of pixels follows.
         """
         if not self._is_open or (self._groups is not None and not self._is_due and self._can_hold(plan)):
             return
@@ -110,7 +107,7 @@ class AutoMode:
         found: tuple[Forecast, ...] = ()
         if len(fitting) > 1 and plan.cost.any():
             pixels = {groups: self._pixel(scene, plan, groups, accuracy) for groups in fitting}
-            found = self._forecasts(run, scene, plan, pixels, holds)
+            found = yield from self._forecasts(run, scene, plan, pixels, holds)
         present, self._frames = self._groups if self._groups in fitting else None, 0
         chosen = choose(found, present) if found else present or (fitting or self._candidates)[0]
         if chosen != self._groups:
@@ -119,14 +116,14 @@ class AutoMode:
             self.sharing = sharing_of(self.distribution, found)
         self._groups = chosen
 
-    def learn(self, run: Run, work: RankWork, costs: Sequence[RankFrame]) -> None:
+    def learn(self, run: Run, drawn: DrawnFrame, costs: Sequence[RankFrame]) -> None:
         """Learn from the cost of a drawn frame on each rank; collective."""
-        if work.plan is None:
+        if drawn.work.plan is None:
             return
-        self.distribution.learn(work.plan, costs)
+        self.distribution.learn(drawn.work.plan, costs)
         self._record(costs)
         if self.hooks:
-            self.hooks.after(run, work, costs)
+            self.hooks.after(run, drawn, costs)
 
     def close(self) -> None:
         """Free the resources of the hooks; collective."""
@@ -147,7 +144,6 @@ class AutoMode:
         return self._frames >= PAUSE and self._has_changed
 
     def _can_hold(self, plan: Plan) -> bool:
-        """Return whether ranks that share the screen have the memory for what a plan shows."""
         if self._groups in (None, 1) or plan.cost is self._held_cost:  # as where only the camera moved
             return True
         self._held_cost = plan.cost
@@ -158,25 +154,10 @@ class AutoMode:
         return limit is None or held <= limit
 
     def _take(self, groups: int, found: tuple[Forecast, ...]) -> None:
-        """Make the distribution and hooks for a number of groups."""
         self.close()
         self.distribution = distribution_of(self._cluster, self._ranks, groups, self._budget, self._several)
-        self.hooks = self._hooks()
+        self.hooks = self._hooks_of(self.distribution)
         self.sharing = sharing_of(self.distribution, found)
-
-    def _hooks(self) -> DistributionHooks | None:
-        """Return the hooks of the distribution, or None; bricks migrate only if more than one frame may come."""
-        if isinstance(self.distribution, SortFirst):
-            from clusterviz.distribution.tile_scheduler import TileScheduler
-
-            return TileScheduler(self._drawing, self.distribution)
-        if self._several and self._opened is not None and self._cluster.distribution == "dynamic":
-            from clusterviz.distribution.dynamic import Dynamic
-            from clusterviz.migration.driver import MigrationDriver
-
-            if isinstance(self.distribution, Dynamic):
-                return MigrationDriver(self.distribution, self._drawing)
-        return None
 
     def _pixel(self, scene: Scene, plan: Plan, groups: int, accuracy: Accuracy | None) -> str:
         if accuracy is None:
@@ -187,7 +168,7 @@ class AutoMode:
 
     def _forecasts(
         self, run: Run, scene: Scene, plan: Plan, pixels: Mapping[int, str], holds: frozenset[Index]
-    ) -> tuple[Forecast, ...]:
+    ) -> Planning[tuple[Forecast, ...]]:
         """Predict the time of each number of groups; empty if the cost probe does not fit into memory."""
         channel = run.channel
         with run.collective("plan", "plan"):
@@ -197,7 +178,7 @@ class AutoMode:
             held = len(bricks) * int(self._budget.brick_bytes(plan).max())
         if self._groups is not None and not self._fits(channel.maximum(held)):
             return ()
-        probe = probe_cost(run, self._drawing, scene, plan, holds, self._seconds_per_sample)
+        probe = yield from probe_cost(run, scene, plan, holds, self._seconds_per_sample)
         result: tuple[tuple[Forecast, ...], float] = (), UNKNOWN
         with run.local("plan", "choose"):
             if probe is not None:
@@ -250,10 +231,7 @@ def compositing_seconds(plan: Plan, nodes: Nodes, groups: int, network: Network,
     tree = build_tree(plan.cost, ranks // groups)
     pieces = leaf_pieces(tree, plan.cost, plan.eye_in_bricks(), plan.view.forward)
     rects = [footprint(plan, piece) for piece in pieces]
-    canvas = EMPTY
-    for rect in rects:
-        canvas = canvas.unite(rect)
-    places, pixels = place_ranks(range(ranks), nodes), max(1, canvas.pixels)
+    places, pixels = place_ranks(range(ranks), nodes), max(1, bounding_rect(rects).pixels)
     size = 4 * np.dtype(pixel).itemsize * plan.pictures
     if groups == ranks:
         scene = ImageStatistics(ranks, pixels, 1 / ranks, 1 / ranks, size, True)
@@ -267,12 +245,8 @@ def choose(found: Sequence[Forecast], present: int | None = None) -> int:
     """Choose the number of groups with the least predicted time, unless the present number is nearly as good.
 
     Among numbers with nearly equal times the smallest is chosen, which needs the least memory. So the choice depends
-    less on other processes.
-
-    Parameters
-    ----------
-    found : forecasts
-    present : number of groups now; None before the first choice, which is compared with sort-last
+    less on other processes. `found`: forecasts. `present`: number of groups now; None before the first choice, which is
+    compared with sort-last.
     """
     best = min(found, key=lambda each: each.seconds)
     kept, gain = (1, LEAST_GAIN) if present is None else (present, LEAST_GAIN_AGAIN)

@@ -56,12 +56,10 @@ COMMANDS: dict[str, Command] = {
         "clusterviz illuminate head.npz --light F11 -o head.png",
     ),
     "verify": Command(
-        "Render a scene on several rank counts, and compare the pictures.",
-        "clusterviz verify scene.yaml --ranks 1,2,4",
+        "Render a scene on several rank counts, and compare the pictures.", "clusterviz verify scene.yaml --ranks 1,2,4"
     ),
     "tradeoff": Command(
-        "Measure what each quality setting costs and buys, as a page.",
-        "clusterviz tradeoff scene.yaml -o tradeoff",
+        "Measure what each quality setting costs and buys, as a page.", "clusterviz tradeoff scene.yaml -o tradeoff"
     ),
     "scale": Command(
         "Measure how a scene scales, and predict up to 65,536 ranks, as a page.",
@@ -102,27 +100,18 @@ COMMANDS: dict[str, Command] = {
     "info": Command("Show what a data file holds.", "clusterviz info head.nii.gz"),
     "schema": Command("Print the JSON Schema of scene files.", "clusterviz schema > scene.schema.json"),
     "cmaps": Command("List colour maps.", "clusterviz cmaps --kind diverging"),
-    "presets": Command(
-        "List presets of volumes: tissue, bone, vessels, mip, labels, …",
-        "clusterviz presets --json",
-    ),
+    "presets": Command("List presets of volumes: tissue, bone, vessels, mip, labels, …", "clusterviz presets --json"),
     "samples": Command(
-        "List real data that can be fetched, or fetch one and print its path.",
-        "clusterviz samples mni152",
+        "List real data that can be fetched, or fetch one and print its path.", "clusterviz samples mni152"
     ),
     "prepare": Command("Compile the kernels that most scenes need.", "clusterviz prepare"),
     "doctor": Command(
-        "Show what every rank has to work with, and what is wrong with it.",
-        "mpirun -n 4 clusterviz doctor",
+        "Show what every rank has to work with, and what is wrong with it.", "mpirun -n 4 clusterviz doctor"
     ),
 }
 """Commands by name, in the order of the help page."""
 
-FLAGS = {
-    "--debug": ("--debug",),
-    "--quiet": ("--quiet", "-q"),
-    "--verbose": ("--verbose", "-v"),
-}
+FLAGS = {"--debug": ("--debug",), "--quiet": ("--quiet", "-q"), "--verbose": ("--verbose", "-v")}
 """Options of all commands and their spellings; they are accepted anywhere before `--`."""
 
 

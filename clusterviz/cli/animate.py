@@ -46,8 +46,7 @@ from clusterviz.frame.picture_file import write_picture
 from clusterviz.image.files import LAYERED, check_writable, read_image
 from clusterviz.image.movie import check_encoder, write_movie
 from clusterviz.image.replace import check_replaceable, replacing
-from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
-from clusterviz.report.frame_coherence import FrameCoherence, together
+from clusterviz.report.counts import EarlyDiscarding, FrameCoherence, all_counts
 from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics
 from clusterviz.report.trace import Span
@@ -64,15 +63,8 @@ MAX_LISTED = 3
 class FrameFiles:
     """Pictures of an animation, on rank 0.
 
-    Parameters
-    ----------
-    output : a file name with one number field (frame_%04d.png), or a movie (.mp4, .gif)
-    resume : whether to keep existing pictures
-
-    Raises
-    ------
-    OutputError
-        The name is neither, the folder cannot be written, or there is no encoder.
+    `output`: a file name with one number field (frame_%04d.png), or a movie (.mp4, .gif). `resume`: whether to keep
+    existing pictures. Raises OutputError: the name is neither, the folder cannot be written, or there is no encoder.
     """
 
     def __init__(self, output: Path, resume: bool, has_layers: bool = False) -> None:
@@ -139,13 +131,7 @@ class FrameFiles:
         return list(range(frames))
 
     def write(self, image: NDArray[np.float32], scene: Scene, made: Provenance) -> None:
-        """Write one picture.
-
-        Raises
-        ------
-        OutputError
-            The picture cannot be written; earlier ones are kept.
-        """
+        """Write one picture. Raises OutputError: the picture cannot be written; earlier ones are kept."""
         write_picture(self.path(made.number), image, scene, made)
 
     def finish(self, frames: int, frames_per_second: float) -> None:
@@ -177,7 +163,6 @@ class FrameFiles:
 
 
 def _animation_record(scene: Scene, frames: int, path: Any) -> dict[str, Any]:
-    """Return everything that the pictures depend on, as JSON values."""
     scene_data = public_data(scene, {"cluster"})
     files: dict[str, Any] = {}
     for section in scene.entries.values():
@@ -201,7 +186,6 @@ def _read_bytes(path: Path) -> NDArray[np.uint8]:
 
 @contextmanager
 def _folder_errors(folder: Path) -> Iterator[None]:
-    """Raise an `OutputError` for operating system errors of a folder."""
     try:
         yield
     except OSError as error:
@@ -345,16 +329,8 @@ def fit_to_orbit(scene: Scene) -> Scene:
 def with_time_steps(scene: Scene, asked_for: bool) -> tuple[Scene, dict[str, int]]:
     """Return a scene whose volumes show all time steps, and the number of these steps by the key of the volume.
 
-    Parameters
-    ----------
-    asked_for : whether volumes with several steps of which the scene names none show all
-
-    Raises
-    ------
-    DataError
-        A file cannot be read.
-    InputError
-        No volume has several time steps.
+    `asked_for`: whether volumes with several steps of which the scene names none show all. Raises DataError: a file
+    cannot be read. Raises InputError: no volume has several time steps.
     """
     volumes, steps = scene.drawn_as("samples"), dict[str, int]()
     for key, volume in volumes.items():
@@ -374,10 +350,7 @@ def frame_count(
 ) -> int:
     """Return the number of frames.
 
-    Raises
-    ------
-    InputError
-        Nothing moves: there are no orbit, path and time steps; or an orbit alone without `--frames`.
+    Raises InputError: nothing moves, as there are no orbit, path and time steps; or an orbit alone without `--frames`.
     """
     if orbit is not None and not math.isfinite(orbit):
         raise InputError("not finite", where="--orbit", found=orbit, allowed="degrees, as in 360")
@@ -416,7 +389,7 @@ class _Animation:
                 if following:
                     progress(following)
                 self._tracing.add(rendered.spans)
-                self.frame_coherence = together((self.frame_coherence, rendered.statistics.frame_coherence))
+                self.frame_coherence = all_counts((self.frame_coherence, rendered.statistics.frame_coherence))
                 self.early_discarding = all_counts((self.early_discarding, rendered.statistics.early_discarding))
                 if self._keep and self._channel.rank == 0:
                     self.statistics.append(rendered.statistics)

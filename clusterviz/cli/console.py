@@ -112,11 +112,8 @@ def show_progress(steps: Sequence[str], weights: Sequence[float] = (), *, per_st
 
     With `--verbose` each step is a line on stderr instead; with `--quiet` nothing is shown.
 
-    Parameters
-    ----------
-    steps : the names of the steps in order; nothing is shown without steps
-    weights : relative durations of the steps; equal by default
-    per_step : whether the bar shows one step at a time instead of all
+    `steps`: the names of the steps in order; nothing is shown without steps. `weights`: relative durations of the
+    steps; equal by default. `per_step`: whether the bar shows one step at a time instead of all.
     """
     with ExitStack() as stack:
         if steps and verbosity() is Verbosity.VERBOSE:
@@ -182,7 +179,6 @@ class _Bar:
             self._update()
 
     def close(self) -> None:
-        """Remove the bar."""
         self._timer.cancel()
         with self._lock:
             self._closed = True

@@ -108,12 +108,9 @@ def command(
             each.append(look(frame.draws(other["rank"]), probes, ways[0], only))
     results = each[0][0]
     shown = _in_data(results, frame)
-    if "visit" in other:
-        results, shown = (_differences(*pair) for pair in ((results, each[0][1]), (shown, _in_data(each[0][1], frame))))
-    if "rank" in other:
-        results, shown = (
-            _differences(*pair) for pair in ((results, each[-1][0]), (shown, _in_data(each[-1][0], frame)))
-        )
+    if other:
+        minus = each[0][1] if "visit" in other else each[-1][0]
+        results, shown = _differences(results, minus), _differences(shown, _in_data(minus, frame))
     report: dict[str, Any] = {"break": break_at, "visit": visit, "by": by, "ranks": ranks, "rank": rank}
     report["size"] = list(opened.image.size)
     report["watches"] = [_summary(one, pixels, histogram) for one in shown]

@@ -14,10 +14,7 @@ from clusterviz.comm.placement import launched
 from clusterviz.errors import ClustervizError, InputError
 
 # Allow more ranks than cores in Open MPI (4, then 5).
-OVERSUBSCRIBE = {
-    "OMPI_MCA_rmaps_base_oversubscribe": "1",
-    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-}
+OVERSUBSCRIBE = {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
 
 
 LAUNCHER_VARIABLE = "CLUSTERVIZ_LAUNCHER"
@@ -50,24 +47,14 @@ def find_mpirun() -> str:
     raise ClustervizError("there is no mpirun, neither beside this Python nor on the PATH; see `clusterviz doctor`")
 
 
-def run_job(
-    ranks: int,
-    arguments: Sequence[str],
-    timeout_seconds: float | None = None,
-    environment: Mapping[str, str] | None = None,
-) -> str:
-    """Run clusterviz on some ranks and return its standard output.
+def run_job(ranks: int, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> str:
+    """Run clusterviz on some ranks and return its standard output; `arguments`: without the program's name.
 
     Raises ClustervizError, InputError: the job failed; the class follows from the exit status, the message from the
     job's errors.
-
-    Parameters
-    ----------
-    arguments : the command line without the program's name
-    timeout_seconds : time limit; None for no limit
     """
     command, variables = job_command(ranks, arguments), {**OVERSUBSCRIBE, **os.environ, **(environment or {})}
-    done = subprocess.run(command, capture_output=True, text=True, env=variables, timeout=timeout_seconds)
+    done = subprocess.run(command, capture_output=True, text=True, env=variables)
     if done.returncode == 0:
         return done.stdout
     words = [line for line in done.stderr.splitlines() if line.startswith("clusterviz: ")] or done.stderr.splitlines()

@@ -25,7 +25,7 @@ from clusterviz.errors import OutputError
 from clusterviz.flow.tracing import kernel as trace_kernel
 from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.kernels.objects import folder, object_path, read_code
-from clusterviz.render.cpu.caster import compiled_variant
+from clusterviz.render.cpu.arrays import compiled_variant
 from clusterviz.render.cpu.prepared import common_variants, first_variants
 from clusterviz.render.variant import Variant
 from clusterviz.spmd.machine_code import code_sources

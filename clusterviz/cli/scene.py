@@ -36,7 +36,7 @@ def command(
     completed, opened, _ = open_content(Run(channel, Options()), opened_scene)
     if channel.rank == 0:
         notes = [f"{scene}, completed by clusterviz. Keys that are left out have the defaults of `clusterviz schema`."]
-        if opened and opened_scene.automatic:
+        if opened_scene.automatic:
             sections = opened_scene.entries
             each = own_entries(completed, opened.infos)
             presets = {entry.key: entry.kind.preset(sections[entry.key], entry.info) for entry in each}

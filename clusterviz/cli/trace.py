@@ -14,7 +14,7 @@ from clusterviz.comm import agree
 from clusterviz.content.flow.kind import FLOW
 from clusterviz.content.flow.section import LINES, FlowSection, Seeds
 from clusterviz.content.table import first_of
-from clusterviz.data import grid_format_of
+from clusterviz.data.formats import grid_format_of
 from clusterviz.data.formats.vtp import write_vtp
 from clusterviz.data.vectors import open_vectors
 from clusterviz.errors import InputError, OutputError

@@ -16,15 +16,7 @@ import typer
 from clusterviz.cli.arguments import Define, Frames, SceneArgument, Size, overrides_of
 from clusterviz.cli.console import show_progress
 from clusterviz.cli.jobs import refuse_launcher
-from clusterviz.cli.reporting import (
-    OneJob,
-    Output,
-    check_report,
-    do_order,
-    print_report,
-    run_measuring,
-    write_report,
-)
+from clusterviz.cli.reporting import OneJob, Output, check_report, do_order, print_report, run_measuring, write_report
 from clusterviz.comm import Channel
 from clusterviz.data import open_scene
 from clusterviz.errors import SceneError, public_address
@@ -64,10 +56,7 @@ def command(
         raise SceneError("nothing to trade", where=scene, allowed="a scene with content")
     check_report(output, KIND)
     survey = Survey(*settings_of(opened, ranks, names, most), ranks, frames, rounds, budget)
-    with (
-        tempfile.TemporaryDirectory(prefix="clusterviz-tradeoff-") as folder,
-        show_progress(survey.steps) as progress,
-    ):
+    with tempfile.TemporaryDirectory(prefix="clusterviz-tradeoff-") as folder, show_progress(survey.steps) as progress:
         report = survey.run(Path(public_address(scene)).name, opened, MpirunJob(ranks, Path(folder)), progress)
     write_report(output, KIND, lambda folder: write_files(folder, report))
     print_report(output, KIND, "\n".join(report.verdict))

@@ -57,19 +57,14 @@ MAX_BYTES = 1 << 30
 class ReferenceComparison:
     """Difference between a picture and the reference.
 
-    Attributes
-    ----------
-    size : (width, height) of both pictures
-    max, rms : maximum and root mean square of the difference
-    skipped : the reason for no comparison, or ""
-    lens : maximum and root mean square of the difference between the sub-images of a lens, and `EYE_POINTS` of it; the
-        reference is of the pinhole then
+    `max`, `rms`: maximum and root mean square of the difference. `lens`: maximum and root mean square of the difference
+    between the sub-images of a lens, and `EYE_POINTS` of it; the reference is of the pinhole then.
     """
 
-    size: tuple[int, int]
+    size: tuple[int, int]  # (width, height) of both pictures
     max: float = 0.0
     rms: float = 0.0
-    skipped: str = ""
+    skipped: str = ""  # the reason for no comparison, or ""
     lens: tuple[float, float] | None = None
 
     def __str__(self) -> str:
@@ -104,8 +99,8 @@ def compare_with_reference(scene: Scene) -> ReferenceComparison:
     one_rank = scene.cluster.model_copy(update={"mode": "sort-last", "groups": None})
     small = scene.model_copy(update={"image": scene.image.model_copy(update={"size": size}), "cluster": one_rank})
     rendered = render_frame(small, LoopbackChannel())
-    found = reference_data(_with_levels(rendered.scene, data_of(rendered.scene, made)))
-    expected = render_reference(rendered.scene, found.grids, found.voxels, **found.more)
+    data = reference_data(_with_levels(rendered.scene, data_of(rendered.scene, made)))
+    expected = render_reference(rendered.scene, data.grids, data.voxels, **data.more)
     difference = compare(rendered.image, expected)  # type: ignore[arg-type]
     return ReferenceComparison(size, difference.max, difference.rms)
 
@@ -189,23 +184,17 @@ class Configuration:
 class Result:
     """Comparison of a picture with the first one.
 
-    Attributes
-    ----------
-    check : "picture" or "ownership"
-    max, rms : maximum and root mean square of the difference; for ownership relative to the brightest pixel
-    tolerance : the largest difference allowed
-    first_wrong_pixel : (row, column), or None if no pixel exceeds the tolerance
-    problem : the problem found, or ""
+    `max`, `rms`: maximum and root mean square of the difference; for ownership relative to the brightest pixel.
     """
 
-    check: str
+    check: str  # "picture" or "ownership"
     configuration: Configuration
     max: float
     rms: float
-    tolerance: float
-    first_wrong_pixel: tuple[int, int] | None
+    tolerance: float  # the largest difference allowed
+    first_wrong_pixel: tuple[int, int] | None  # (row, column), or None if no pixel exceeds the tolerance
     samples: int
-    problem: str
+    problem: str  # the problem found, or ""
 
 
 def command(
@@ -302,7 +291,6 @@ def _has_fixed_sample_count(scene: Scene) -> bool:
 
 
 def _announce(text: str) -> None:
-    """Print a progress message on stderr."""
     print(f"verify: {text}", file=sys.stderr, flush=True)
 
 

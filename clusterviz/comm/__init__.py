@@ -1,17 +1,4 @@
-"""Communication between ranks: channels, placement on nodes, and agreement on errors.
-
-channel.py     contract of a channel; exchange of arrays between all ranks, and a queue of numbered work
-mpi.py         channel over MPI; with mpi_window.py, the only modules that import mpi4py
-loopback.py    channel between threads of one process, and for a single rank without MPI
-throttled.py   channel through a simulated slow link
-window.py      contracts of shared memory: windows of a node's ranks, counters of all ranks
-mpi_window.py  these, and remote memory, over MPI's one-sided communication
-remote_memory.py  contract of one-sided access to any rank's memory, and what all channels share of it
-placement.py   nodes, cores, threads and the variables that launchers set
-library.py     MPI library and launcher, and a check that they match
-back_off.py    polling with back-off
-agree.py       errors that all ranks raise together
-"""
+"""Communication between ranks: channels, placement on nodes, and agreement on errors."""
 
 from __future__ import annotations
 
@@ -28,31 +15,6 @@ from clusterviz.comm.remote_memory import RemoteBox, RemoteMemory, RemoteMemoryE
 from clusterviz.comm.throttled import ThrottledChannel
 from clusterviz.comm.window import Counters, SharedWindow, WindowError
 from clusterviz.errors import InputError, mark_agreed
-
-__all__ = [
-    "Channel",
-    "Counters",
-    "LoopbackChannel",
-    "MessageError",
-    "Placement",
-    "RemoteBox",
-    "RemoteMemory",
-    "RemoteMemoryError",
-    "SharedWindow",
-    "ThrottledChannel",
-    "WindowError",
-    "WorkQueue",
-    "abort_on_failure",
-    "agree",
-    "all_to_all",
-    "as_channel",
-    "limit_threads",
-    "mark_agreed",
-    "open_channel",
-    "opened_channel",
-    "run_loopback",
-]
-
 
 _OPENED: list[Channel] = []
 

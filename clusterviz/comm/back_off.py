@@ -25,10 +25,8 @@ _SLEEP_SECONDS = 50e-6
 def poll_until(condition: Callable[[], T], spin_calls: int = _SPIN_CALLS) -> T:
     """Call a function until its result is true, and return the result.
 
-    Parameters
-    ----------
-    condition : function to call
-    spin_calls : calls before the core is offered to other processes; more if a call is very cheap
+    `condition`: function to call. `spin_calls`: calls before the core is offered to other processes; more if a call is
+    very cheap.
     """
     calls = 0
     while not (found := condition()):

@@ -158,11 +158,8 @@ def as_bytes(buffer: Buffer) -> NDArray[np.uint8]:
 def all_to_all(channel: Channel, sent: Sequence[Buffer], tag: int, counts: Sequence[int] | None = None) -> list[Buffer]:
     """Send an array to each rank, and return those of all ranks, the own one uncopied; collective.
 
-    Parameters
-    ----------
-    sent : one array (k,) for each rank, C order, of the same type everywhere
-    tag : of the messages
-    counts : length of the array from each rank; None: the ranks tell each other
+    `sent`: one array (k,) for each rank, C order, of the same type everywhere. `tag`: of the messages. `counts`: length
+    of the array from each rank; None: the ranks tell each other.
     """
     if counts is None:
         counts = channel.allgather_numbers([len(each) for each in sent])[:, channel.rank].tolist()
@@ -199,7 +196,6 @@ class WorkQueue:
         self._counters = channel.counters(1 if alone else 1 + 2 * turns * groups)
 
     def start(self) -> None:
-        """Reset the queue."""
         self._counters.reset()
 
     def take(self, items: int) -> Iterator[int]:
@@ -213,7 +209,6 @@ class WorkQueue:
             turn += 1
 
     def free(self) -> None:
-        """Release the counters."""
         self._counters.free()
 
     def _next(self, turn: int) -> int:

@@ -28,7 +28,7 @@ from clusterviz.comm.remote_memory import (
     map_part_file,
     part_fault,
 )
-from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, check_index, check_numbers, check_sizes
+from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, TicketWindow, check_index, check_sizes
 
 T = TypeVar("T")
 
@@ -82,37 +82,22 @@ class _World:
         return other
 
 
-class LoopbackWindow:
+class LoopbackWindow(TicketWindow):
     """Shared memory of a simulated node, in plain arrays, as one thread sees it."""
 
     def __init__(
         self, world: _World, members: tuple[int, ...], index: int, parts: Sequence[NDArray[np.uint8]], boards: Numbers
     ) -> None:
+        super().__init__(members, index, parts, boards)
         self._world = world
-        self.members = members
-        self.index = index
-        self._parts = list(parts)
-        self._boards = boards
-        self._round = 0
 
-    def part(self, index: int) -> NDArray[np.uint8]:
-        return self._parts[index]
-
-    def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
-        """Write the own row and ticket, wait for the tickets of all members, and return a copy of all rows."""
-        count = len(numbers)
-        check_numbers(count)
-        self._round = ticket = self._round + 1
-        rows = self._boards[ticket % BOARDS]
-        rows[self.index, 1 : 1 + count] = numbers
+    def _meet(self, rows: Numbers, ticket: int) -> None:
         with self._world.changed:
             rows[self.index, 0] = ticket
             self._world.changed.notify_all()
             self._world.wait(
                 lambda: bool((rows[:, 0] == ticket).all()), f"rank {self.members[self.index]} waits in a window"
             )
-        seen: Numbers = rows[:, 1 : 1 + count].copy()
-        return seen
 
     def free(self) -> None:
         """Wait until no member reads any longer, and release the memory."""
@@ -121,7 +106,7 @@ class LoopbackWindow:
 
 
 class LoopbackParts:
-    """Parts of threads: arrays of one process, which all of them see."""
+    """Parts of threads: arrays of one process, which all of them see, and whose accesses the locks of Python order."""
 
     def __init__(self, parts: Sequence[NDArray[np.uint8]], barrier: Callable[[], None]) -> None:
         self._parts, self._barrier = list(parts), barrier
@@ -139,7 +124,7 @@ class LoopbackParts:
         """Do nothing: every part has a view."""
 
     def fence(self) -> None:
-        """Do nothing: the locks of Python order accesses."""
+        """Do nothing: the locks order accesses."""
 
     def sync(self) -> None:
         self._barrier()

@@ -146,11 +146,8 @@ def _channel_key() -> int:
 class MpiChannel:
     """Channel of one rank of an MPI communicator.
 
-    Parameters
-    ----------
-    comm : communicator to duplicate; by default that of all processes of the job
-    chunk_bytes : size of the longest single MPI message
-    several_threads : whether other threads communicate too; without effect if MPI runs already
+    `comm`: communicator to duplicate; by default that of all processes of the job. `chunk_bytes`: size of the longest
+    single MPI message. `several_threads`: whether other threads communicate too; without effect if MPI runs already.
     """
 
     def __init__(

@@ -50,7 +50,7 @@ from clusterviz.comm.remote_memory import (
     map_part_file,
     part_fault,
 )
-from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, WindowError, check_index, check_numbers, check_sizes
+from clusterviz.comm.window import BOARDS, ROW_NUMBERS, Numbers, TicketWindow, WindowError, check_index, check_sizes
 
 # A poll takes 0.1 microseconds. Spinning pays only if every member has a core of its own.
 _SPIN_CALLS = 100
@@ -97,35 +97,33 @@ def _segment_bytes(own_bytes: int) -> int:
     return _whole_pages(own_bytes) + _whole_pages(BOARDS * ROW_NUMBERS * 8) + mmap.PAGESIZE
 
 
-class MpiWindow:
+class MpiWindow(TicketWindow):
     """Shared memory of one node, as one rank sees it.
 
     `comm`: the ranks of the node; `members`: their ranks in the channel; `part_bytes`: size of each member's part.
     """
 
     def __init__(self, mpi: Any, comm: Any, members: tuple[int, ...], part_bytes: Sequence[int]) -> None:
-        self._comm = comm
-        self.members = members
-        self.index = int(comm.rank)
+        self._comm, index = comm, int(comm.rank)
         board_bytes = BOARDS * len(members) * ROW_NUMBERS * 8
         sizes = [
             _whole_pages(size) + (0 if index else _whole_pages(board_bytes)) for index, size in enumerate(part_bytes)
         ]
         # A library may begin segments within a page: one more page allows for alignment.
         info = mpi.Info.Create({"alloc_shared_noncontig": "true"})
-        self._window = mpi.Win.Allocate_shared(sizes[self.index] + mmap.PAGESIZE, 1, info, comm)
+        self._window = mpi.Win.Allocate_shared(sizes[index] + mmap.PAGESIZE, 1, info, comm)
         info.Free()
         # MPI_Win_sync needs an access epoch.
         self._window.Lock_all(mpi.MODE_NOCHECK)
         segments = [self._segment(index)[:size] for index, size in enumerate(sizes)]
         ends = zip(segments, part_bytes, strict=True)
-        self._parts = [segment[segment.size - _whole_pages(size) :][:size] for segment, size in ends]
-        self._boards = segments[0][:board_bytes].view(np.int64).reshape(BOARDS, len(members), ROW_NUMBERS)
+        parts = [segment[segment.size - _whole_pages(size) :][:size] for segment, size in ends]
+        boards = segments[0][:board_bytes].view(np.int64).reshape(BOARDS, len(members), ROW_NUMBERS)
+        super().__init__(members, index, parts, boards)
         self._tickets = [[memoryview(row[:1]) for row in board] for board in self._boards]
         self._spin_calls = _SPIN_CALLS if len(members) <= len(granted_cores()) else 0
-        self._round = 0
         self._sync = self._window.Sync
-        self._mine = segments[self.index]
+        self._mine = segments[index]
 
     def touch(self) -> None:
         """Fill the own segment with zeros, before any member's first `exchange`; OSError if memory is missing."""
@@ -137,24 +135,14 @@ class MpiWindow:
         data = np.frombuffer(memory, np.uint8)
         return data[-data.ctypes.data % mmap.PAGESIZE :]
 
-    def part(self, index: int) -> NDArray[np.uint8]:
-        return self._parts[index]
-
-    def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
-        """Write the own row and ticket, wait for the tickets of all members, and return a copy of all rows."""
-        count = len(numbers)
-        check_numbers(count)
-        self._round = ticket = self._round + 1
-        rows, tickets = self._boards[ticket % BOARDS], self._tickets[ticket % BOARDS]
-        rows[self.index, 1 : 1 + count] = numbers
+    def _meet(self, rows: Numbers, ticket: int) -> None:
+        tickets = self._tickets[ticket % BOARDS]
         self._sync()
         tickets[self.index][0] = ticket
         for raised in tickets:
             if raised[0] != ticket:
                 self._wait(raised, ticket)
         self._sync()
-        seen: Numbers = rows[:, 1 : 1 + count].copy()
-        return seen
 
     def _wait(self, raised: memoryview, ticket: int) -> None:
         """Wait for one member's ticket, with MPI progress for messages that the member may wait for."""
@@ -170,7 +158,6 @@ class MpiWindow:
         poll_until(is_raised, self._spin_calls)
 
     def free(self) -> None:
-        """Release the memory."""
         self._parts.clear()
         self._window.Unlock_all()
         self._window.Free()
@@ -225,7 +212,6 @@ class MpiCounters:
         self._barrier()
 
     def free(self) -> None:
-        """Free the MPI window."""
         self._window.Unlock_all()
         self._window.Free()
 

@@ -88,10 +88,8 @@ def parse_ranks_per_node(text: str | None) -> int | None:
 def group_by_node(first_ranks: Sequence[int], ranks_per_node: int | None = None) -> Nodes:
     """Return the ranks of each node, ascending, with the nodes in the order of their first ranks.
 
-    Parameters
-    ----------
-    first_ranks : the lowest rank on the node of each rank
-    ranks_per_node : split each node into simulated nodes of this many ranks; the last may have fewer
+    `first_ranks`: the lowest rank on the node of each rank. `ranks_per_node`: split each node into simulated nodes of
+    this many ranks; the last may have fewer.
     """
     real: dict[int, list[int]] = {}
     for rank, first in enumerate(first_ranks):
@@ -124,7 +122,7 @@ def launched(environment: Mapping[str, str] = os.environ) -> bool:
     return any(name in environment for name in names) or launched_size(environment) > 1
 
 
-def kernel_threads(environment: Mapping[str, str] = os.environ) -> int:
+def kernel_threads() -> int:
     """Return the number of threads for compiled kernels: NUMBA_NUM_THREADS if set, else all granted cores."""
-    threads = environment.get("NUMBA_NUM_THREADS", "")
+    threads = os.environ.get("NUMBA_NUM_THREADS", "")
     return int(threads) if threads.isdecimal() and int(threads) > 0 else len(granted_cores())

@@ -84,15 +84,19 @@ class Parts(Protocol):
 
     def fetch(self, transfers: Sequence[Transfer]) -> None:
         """Read boxes of parts without a view into the local values; complete on return."""
+        return
 
     def store(self, transfers: Sequence[Transfer]) -> None:
         """Write the local values into boxes of parts without a view; complete at their owners on return."""
+        return
 
     def check_thread(self) -> None:
         """Raise ThreadError if MPI was not started for several threads, and another one made the memory."""
+        return
 
     def fence(self) -> None:
         """Order accesses of this thread to memory before it and after it."""
+        return
 
     def sync(self) -> None:
         """Make all that was written before visible to all ranks; collective."""

@@ -38,14 +38,9 @@ class _Receive:
 class ThrottledChannel:
     """Channel whose messages reach this rank through a simulated slow link.
 
-    Raises InputError for an invalid rate or latency.
-
-    Parameters
-    ----------
-    channel : inner channel, which carries the messages
-    bytes_per_second : rate of each rank's incoming link, above 0
-    latency_seconds : time from the inner channel to the link
-    clock, sleep : functions that return the time in seconds and wait
+    `channel`: inner channel, which carries the messages; `bytes_per_second`: rate of each rank's incoming link, above
+    0; `latency_seconds`: time from the inner channel to the link; `clock`, `sleep`: functions that return the time in
+    seconds and wait. Raises InputError for an invalid rate or latency.
     """
 
     def __init__(

@@ -17,6 +17,7 @@ rank would cost two messages an item and its attention; MPI's one-sided fetch-an
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -68,10 +69,35 @@ class SharedWindow(Protocol):
         """Release the memory; all members call it."""
 
 
-def check_numbers(count: int) -> None:
-    """Raise ValueError if numbers do not fit into a row of the board."""
-    if count > MAX_NUMBERS:
-        raise ValueError(f"{count} numbers do not fit into a row of {MAX_NUMBERS}")
+class TicketWindow(ABC):
+    """Exchange of numbers through the boards, the same for windows of processes and of threads.
+
+    `members`, `index`: as of `SharedWindow`; `parts`: of all members; `boards`: int64 (BOARDS, members, ROW_NUMBERS).
+    """
+
+    def __init__(
+        self, members: tuple[int, ...], index: int, parts: Sequence[NDArray[np.uint8]], boards: Numbers
+    ) -> None:
+        self.members, self.index = members, index
+        self._parts, self._boards, self._round = list(parts), boards, 0
+
+    def part(self, index: int) -> NDArray[np.uint8]:
+        return self._parts[index]
+
+    def exchange(self, numbers: Sequence[int] | Numbers) -> Numbers:
+        """Write the own row and ticket, wait for the tickets of all members, and return a copy of all rows."""
+        if (count := len(numbers)) > MAX_NUMBERS:
+            raise ValueError(f"{count} numbers do not fit into a row of {MAX_NUMBERS}")
+        self._round += 1
+        rows = self._boards[self._round % BOARDS]
+        rows[self.index, 1 : 1 + count] = numbers
+        self._meet(rows, self._round)
+        seen: Numbers = rows[:, 1 : 1 + count].copy()
+        return seen
+
+    @abstractmethod
+    def _meet(self, rows: Numbers, ticket: int) -> None:
+        """Set the own ticket, the first number of the own row, and wait for those of all members."""
 
 
 def check_sizes(sizes: Sequence[int]) -> None:

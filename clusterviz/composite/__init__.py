@@ -25,19 +25,3 @@ from clusterviz.composite.rounding import as_floats, rounded, rounding_bound
 from clusterviz.composite.schedules.algorithms import ALGORITHMS, check_algorithm
 from clusterviz.composite.schedules.schedule import Schedule
 from clusterviz.composite.tiles import TileCollector
-
-__all__ = [
-    "ALGORITHMS",
-    "CompositeCounters",
-    "Compositor",
-    "OwnedPixels",
-    "Schedule",
-    "TileCollector",
-    "as_floats",
-    "check_algorithm",
-    "collect",
-    "compile_kernels",
-    "composite",
-    "rounded",
-    "rounding_bound",
-]

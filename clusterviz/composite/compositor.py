@@ -149,8 +149,9 @@ class Compositor:
         self, images: Sequence[PartialImage], footprints: Footprints, frame_plan: _FramePlan
     ) -> tuple[OwnedPixels, tuple[StageCounters, ...]]:
         choice, memory = frame_plan.choice, self._memory
-        if choice.transport != "shared":
-            self._prepare_codecs()
+        if choice.transport != "shared" and self._codec != "raw" and not self._has_codecs:
+            messages.compile_codecs(self._channel)
+            self._has_codecs = True
         if frame_plan.traffic:
             own = messages.own_fragments(images, footprints, self._channel.rank)
             return messages.run_messages(own, footprints, frame_plan.traffic, self._channel, self._pack)
@@ -160,11 +161,6 @@ class Compositor:
         assert memory, "only ranks that share memory are given this choice"
         placed = place_images(images, footprints, self._channel, memory)
         return compose_strip(placed, self._nodes, self._channel, memory, choice.algorithm, self._pack)
-
-    def _prepare_codecs(self) -> None:
-        if self._codec != "raw" and not self._has_codecs:
-            messages.compile_codecs(self._channel)
-            self._has_codecs = True
 
     def _plan(self, footprints: Footprints) -> _FramePlan:
         """Return the plan of the last frame if the footprints and the shared memory are the same, else a new one."""

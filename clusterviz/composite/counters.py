@@ -29,8 +29,6 @@ class PeerCounters(_Counters):
 
 @dataclass(frozen=True)
 class StageCounters(_Counters):
-    """Counters of one stage."""
-
     seconds_blend: float = 0.0  # time of unpacking and merging
     peers: tuple[PeerCounters, ...] = ()  # counters of each peer; empty if there are no messages
 

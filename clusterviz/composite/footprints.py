@@ -20,7 +20,7 @@ from clusterviz.composite.fragment import Patch
 from clusterviz.composite.over.blend import DTYPES
 from clusterviz.errors import InputError
 from clusterviz.image.merge import ORDER_FREE, Operator
-from clusterviz.image.partial import EMPTY, PartialImage, Rect
+from clusterviz.image.partial import PartialImage, Rect, bounding_rect
 
 Numbers = NDArray[np.int64]
 # Gathers one row of numbers from each rank on every rank.
@@ -43,8 +43,6 @@ class Footprint:
 
 @dataclass(frozen=True)
 class Footprints:
-    """Footprints of all images."""
-
     canvas: Rect  # smallest rectangle of the screen that contains all images; its pixels are numbered
     dtype: np.dtype[Any]  # pixel type of every image that is not empty
     layers: tuple[Footprint, ...]  # images that are not empty, front to back
@@ -110,13 +108,9 @@ def gather_footprints(
     merge; images of different types, orders that do not name every image of every rank once or that differ between
     ranks.
 
-    Parameters
-    ----------
-    images : this rank's images, front to back
-    order : channel ranks from front to back, one entry for each image of each rank
-    exchange : gathers the numbers, instead of the channel
-    offsets : offset in shared memory of each image
-    operator : merge operator, the same on every rank
+    `images`: this rank's images, front to back; `order`: channel ranks from front to back, one entry for each image of
+    each rank; `exchange`: gathers the numbers, instead of the channel; `offsets`: offset in shared memory of each
+    image; `operator`: merge operator, the same on every rank.
     """
     exchange = exchange or channel.allgather_numbers
     error = _argument_error(images, order, channel)
@@ -128,7 +122,8 @@ def gather_footprints(
     more = [exchange(rows[k] if k < len(rows) else np.zeros_like(rows[0])) for k in range(1, most)]
     table = np.concatenate([first[:, _HEAD:], *more], axis=1)
     layers = _layers(order, table.reshape(len(first), -1, _IMAGE).tolist())
-    return Footprints(_canvas(layers), _dtype(layers, first[:, 1], operator), layers, _order(layers), operator)
+    canvas = bounding_rect(layer.rect for layer in layers)
+    return Footprints(canvas, _dtype(layers, first[:, 1], operator), layers, _order(layers), operator)
 
 
 def _rows(
@@ -161,13 +156,6 @@ def _layers(order: Sequence[int], table: list[list[list[int]]]) -> tuple[Footpri
 
 def _order(layers: Sequence[Footprint]) -> tuple[int, ...]:
     return tuple(dict.fromkeys(layer.rank for layer in layers))
-
-
-def _canvas(layers: Sequence[Footprint]) -> Rect:
-    canvas = EMPTY
-    for layer in layers:
-        canvas = canvas.unite(layer.rect)
-    return canvas
 
 
 def _dtype(layers: Sequence[Footprint], types: Numbers, operator: Operator) -> np.dtype[Any]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.codec.contract import Pixels
-from clusterviz.image.partial import EMPTY, Rect
+from clusterviz.image.partial import EMPTY, Rect, bounding_rect
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,7 @@ class Patch:
 
 def unite(width: int, begin: int, end: int, patches: Sequence[Patch]) -> Patch:
     """Return the smallest patch of the range [begin, end) that contains all patches, on a canvas `width` wide."""
-    rect = EMPTY
-    for patch in patches:
-        rect = rect.unite(patch.rect)
-    return Patch(width, begin, end, rect).cut(begin, end)
+    return Patch(width, begin, end, bounding_rect(patch.rect for patch in patches)).cut(begin, end)
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,8 +69,10 @@ class RangeMerge:
         """Return the merged range, after all layers have arrived."""
         before, behind = self._before.layers(), self._behind.layers()
         layers = [*before, *behind]
-        if len(layers) == 1 and self._is_result(layers[0]):
-            return Fragment(self._result, layers[0].pixels)
+        if len(layers) == 1:
+            only = layers[0]
+            if only.runs is None and only.patch == self._result and only.pixels.dtype == self._dtype:
+                return Fragment(self._result, only.pixels)
         if len(layers) == 2 and (merged := self._in_place(*layers)):
             return merged
         pixels: Any = np.empty((self._result.count, 4), self._dtype)
@@ -83,9 +85,6 @@ class RangeMerge:
             return None
         near, far = Fragment(front.patch, front.pixels), Fragment(back.patch, back.pixels)
         return merge_in_place(near, far, self._result, self._operator)
-
-    def _is_result(self, layer: Layer) -> bool:
-        return layer.runs is None and layer.patch == self._result and layer.pixels.dtype == self._dtype
 
 
 class _OrderedLayers:

@@ -26,10 +26,7 @@ FULL_SCALE = 255
 
 
 def rounded(partial: PartialImage, pixel: str) -> PartialImage:
-    """Return a partial image with its values rounded to nearest.
-
-    `pixel`: pixel type: float32, float16 or uint8.
-    """
+    """Return a partial image with its values rounded to nearest. `pixel`: pixel type: float32, float16 or uint8."""
     if partial.rgba.dtype == pixel:
         return partial
     height, width = partial.rgba.shape[:2]

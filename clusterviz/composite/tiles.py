@@ -22,36 +22,23 @@ from clusterviz.composite.counters import CompositeCounters, StageCounters
 from clusterviz.composite.fragment import Fragment, OwnedPixels, Patch
 from clusterviz.composite.gather import collect
 from clusterviz.composite.messages import CountingPacker, compile_codecs, packer
-from clusterviz.composite.model.network import Network, default_network
+from clusterviz.composite.model.network import default_network
 from clusterviz.image.partial import PartialImage, Rect
 
 
 class TileCollector:
     """Collector of the tiles of all ranks, frame after frame; every method is collective.
 
-    `pixel`: pixel type of the tiles. Raises InputError on every rank for an unknown codec.
-
-    Parameters
-    ----------
-    pixel : pixel type of the tiles: float32, float16 or uint8
-    network : constants for the choice of codecs; if None, those that `clusterviz bench network` saved
+    `pixel`: type of the tiles: float32, float16 or uint8. Raises InputError on every rank for an unknown codec.
     """
 
-    def __init__(
-        self,
-        channel: Channel,
-        size: tuple[int, int],
-        *,
-        codec: str = "auto",
-        pixel: str = "float32",
-        network: Network | None = None,
-    ) -> None:
+    def __init__(self, channel: Channel, size: tuple[int, int], *, codec: str = "auto", pixel: str = "float32") -> None:
         with agreed_errors():
             choose_codec(codec)
         self._channel, self._size, self._codec, self._dtype = channel, size, codec, np.dtype(pixel)
         self.pixel = pixel
         nodes = len(channel.nodes())
-        self._pack = packer(codec, network or default_network(nodes), nodes)
+        self._pack = packer(codec, default_network(nodes), nodes)
         if codec != "raw":
             compile_codecs(channel)
 

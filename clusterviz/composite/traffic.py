@@ -94,17 +94,15 @@ def plan_traffic(
 ) -> tuple[StageTraffic, ...]:
     """Return the messages and merges of one rank, stage by stage.
 
-    Parameters
-    ----------
-    layers : layers of each position; the range of each patch is the whole canvas
-    whole : whether the last merges make all pixels of their ranges, also blank ones, so that the final gather needs
-        no headers
+    `layers`: layers of each position; the range of each patch is the whole canvas. `whole`: whether the last merges
+    make all pixels of their ranges, also blank ones, so that the final gather needs no headers.
     """
     if not schedule.stages and len(layers[rank]) > 1:
         # Nothing is sent, but the rank's own layers have to be merged.
         schedule = Schedule(schedule.ranks, schedule.pixels, (Stage.join(()),))
     concerned = _concerned(schedule, rank)
-    held: dict[int, Held] = {r: (_whole(schedule.pixels, layers[r]),) for r in concerned[0]}
+    there = {r: tuple(part for part in layers[r] if part.patch.count) for r in concerned[0]}
+    held: dict[int, Held] = {r: (Zone(0, schedule.pixels, parts),) for r, parts in there.items()}
     result = []
     for number, stage in enumerate(schedule.stages):
         views = {r: _stage_traffic(stage, r, held, layers[r][0].depth, width) for r in {rank, *concerned[number + 1]}}
@@ -112,10 +110,6 @@ def plan_traffic(
         result.append(_whole_ranges(views[rank], schedule.pixels, width) if last else views[rank])
         held = {r: tuple(merge.merged for merge in views[r].merges) for r in concerned[number + 1]}
     return tuple(result)
-
-
-def _whole(pixels: int, layers: Sequence[Part]) -> Zone:
-    return Zone(0, pixels, tuple(part for part in layers if part.patch.count))
 
 
 def owned_ranges(schedule: Schedule) -> list[tuple[int, int, int]] | None:

@@ -52,11 +52,6 @@ def automatic_scene(scene: Scene, facts: Sequence[Facts]) -> Scene:
     With `automatic: true`, volumes that name no preset get one by the class of their values; light, background, step
     and geometry are chosen too.
 
-    Parameters
-    ----------
-    scene : as a user has written it
-    facts : on its entries
-
     Raises
     ------
     SceneError
@@ -120,7 +115,6 @@ def face_on(infos: Sequence[VolumeInfo], geometry: Sequence[GeometryInfo]) -> di
 
 
 def _with_presets(scene: Scene, names: Sequence[PresetName | None], infos: Sequence[VolumeInfo]) -> Scene:
-    """Return a scene with a preset for each of its volumes; None: its keys stay."""
     each = zip(scene.volumes, names, infos, strict=True)
     volumes = tuple(with_preset(volume, name, info) if name else volume for volume, name, info in each)
     return scene.model_copy(update={"automatic": False, "volumes": volumes})

@@ -31,15 +31,7 @@ class PlacedEntry(ABC, Generic[OwnLayer, Held]):
 
     After a rank has read its bricks it forgets the file, which it reads again if bricks are missing later.
 
-    Parameters
-    ----------
-    section : as in the scene file
-    key : of the entry, such as meshes[0], for errors
-    channel : to the other ranks
-
-    Attributes
-    ----------
-    info : facts on it
+    It has facts, `info`. The section is that of the scene file, the key is for errors.
     """
 
     info: Any
@@ -49,13 +41,7 @@ class PlacedEntry(ABC, Generic[OwnLayer, Held]):
         self._of_bricks: dict[Any, NDArray[Any]] = {}
 
     def read(self, layer: Any, grid: BrickGrid, wanted: Set[Index]) -> dict[Index, Held]:
-        """Return what the entry has in bricks by index, and forget the others; those without anything are left out.
-
-        Parameters
-        ----------
-        layer, grid : of the plan
-        wanted : indices of bricks
-        """
+        """Return what the entry has in some bricks of a plan, but those without anything, and forget the others."""
         with agree(self._channel, 0, "load"):
             some = sorted(index for index in wanted if layer.in_bricks[0][index])
         most = self._channel.maximum(len(some))
@@ -63,14 +49,14 @@ class PlacedEntry(ABC, Generic[OwnLayer, Held]):
         self._forget()
         return found
 
-    def _counted(self, section: Placed, grid: BrickGrid) -> NDArray[np.int64]:
+    def _counted(self, section: Any, grid: BrickGrid) -> NDArray[np.int64]:
         """Return members and positions of each brick, int64 (2, bz, by, bx)."""
         return self._in_all_bricks("counts", section, grid, lambda drawn, members: members.counted(drawn))
 
     def _in_all_bricks(
         self,
         name: str,
-        section: Placed,
+        section: Any,
         grid: BrickGrid,
         measure: Callable[[DrawnPrimitives, BrickMembers], NDArray[Any]],
     ) -> NDArray[Any]:
@@ -84,7 +70,7 @@ class PlacedEntry(ABC, Generic[OwnLayer, Held]):
         return self._of_bricks[key]
 
     @abstractmethod
-    def _kept_members(self, section: Placed, grid: BrickGrid) -> tuple[DrawnPrimitives, BrickMembers]:
+    def _kept_members(self, section: Any, grid: BrickGrid) -> tuple[DrawnPrimitives, BrickMembers]:
         """Return the primitives of the bricks r, r + n, r + 2 n, … on rank r of n, and which each has; collective."""
 
     @abstractmethod

@@ -24,10 +24,7 @@ def complete_scene(scene: Scene, infos: Sequence[Facts] | Facts) -> Scene:
 
     The function is pure: ranks with equal information get equal scenes.
 
-    Parameters
-    ----------
-    scene : values that are set are kept
-    infos : facts on each entry in the order of `content.table.entries_of`, with those that flows become
+    Values that are set are kept. Facts are in the order of `content.table.entries_of`, with those that flows become.
 
     Returns
     -------
@@ -49,7 +46,6 @@ def complete_scene(scene: Scene, infos: Sequence[Facts] | Facts) -> Scene:
 
 
 def _with_camera(scene: Scene, entries: Sequence[Entry]) -> Scene:
-    """Return a scene whose camera shows all that is visible of its entries."""
     boxes = [entry.kind.corners(entry.section, entry.info) for entry in entries]
     seen = [entry.kind.visible(entry.section, entry.info) for entry in entries]
     if scene.annotations.outline or scene.annotations.axes or not any(map(len, seen)):

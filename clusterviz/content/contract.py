@@ -16,6 +16,8 @@ has for them:
 - `complete` fills the keys that drawing needs from facts. It is pure and idempotent: ranks with equal facts get equal
   entries, and completed entries stay as they are.
 - `corners` and `visible` are the boxes that the camera fits and annotations show.
+- What stages ask of an entry beside this is said by its section, a `ContentSection`: what rays collect of it, for
+  example.
 - The others describe entries to people: `summary` to readers of the terminal, `legend` to those of the picture, `panel`
   to the viewer, `warnings` to those who see less than they expect.
 
@@ -32,7 +34,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.content.facts import Facts
+from clusterviz.content.facts import Facts, bounds, box_corners
 from clusterviz.scene.transfer import TransferFunction
 from clusterviz.scene.transfer_2d import TransferTable
 
@@ -113,12 +115,12 @@ class Kind:
     facts: type[Facts]
     open: Callable[[Run, Scene, Sequence[tuple[str, Any]], Sequence[Any]], Sequence[Any]]
     complete: Callable[[Any, Any], Any]
-    corners: Callable[[Any, Any], Corners]
-    visible: Callable[[Any, Any], Corners]
     summary: Callable[[str, Any], str]
     legend: Callable[[Any], LegendEntry]
-    panel: Callable[[Any, Any], Mapping[str, Any]]
     warnings: Callable[[str, Any, Any, Sequence[Corners]], Mapping[str, str]]
+    corners: Callable[[Any, Any], Corners] = lambda section, info: box_corners(info.grown_box(section))
+    visible: Callable[[Any, Any], Corners] = lambda section, info: box_corners(info.grown_box(section))
+    panel: Callable[[Any, Any], Mapping[str, Any]] = lambda _, info: {"bounds": bounds(info.box)}
     blank: Callable[[Any, Any], str] = lambda *_: "check opacity, culling and clip"
     opened: tuple[str, ...] = ()
     changing: tuple[str, ...] = ()

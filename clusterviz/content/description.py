@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -35,13 +35,7 @@ def name_of(section: Any) -> str:
 def legend_of(
     section: Any, name: str, by: str, opacity: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 ) -> LegendEntry:
-    """Return how a section of one colour, of directions, or of scalars with a colour map is listed.
-
-    Parameters
-    ----------
-    by : what gives the colour: direction, color, or scalars
-    opacity : scalars and opacities; None: all is visible
-    """
+    """Return how a section is listed, coloured by direction, color, or scalars; without opacities all is visible."""
     if by == "direction":
         return LegendEntry(name, np.eye(3))
     if by == "color" or section.clim is None:
@@ -98,19 +92,28 @@ def unseen_scalars(section: Any, low: float, high: float, has_surfaces: bool = F
     return f"{where}: all of it has one colour" if beyond and follows_clim(section.cmap or "") else ""
 
 
-def apart(key: str, name: str, mine: Corners, others: Sequence[Corners]) -> dict[str, str]:
-    """Return a warning if an entry is farther from all others than it is long; nothing else."""
+def placed_warnings(
+    key: str, section: Any, info: Any, mine: Corners, others: Sequence[Corners], left_out: str, more: str = ""
+) -> dict[str, str]:
+    """Return what cannot be drawn of an entry with primitives or cells, and whether its box is apart from all others.
+
+    `left_out` says what is, and why, and `more` is said where nothing is drawn.
+    """
+    name, found = key if section.path == key else f"{key} ({PurePath(section.path).name})", dict[str, str]()
+    if info.left_out:
+        found[f"{key}: left out"] = f"{name}: {info.left_out} of {info.left_out + info.drawn} {left_out}"
+    if not info.count:
+        return found | {key: f"{name}: nothing is drawn{more}"}
+    return found | _apart(key, name, mine, others)
+
+
+def _apart(key: str, name: str, mine: Corners, others: Sequence[Corners]) -> dict[str, str]:
     low, high = mine.min(axis=0), mine.max(axis=0)
     boxes = [(other.min(axis=0), other.max(axis=0)) for other in others if len(other)]
     gaps = [np.linalg.norm(np.maximum(0, np.maximum(low - box[1], box[0] - high))) for box in boxes]
     if not gaps or min(gaps) <= np.linalg.norm(high - low):
         return {}
     return {key: f"{name}: {box_text(mine)} lies apart from all other content: check the units (mm or m) and transform"}
-
-
-def bounds(box: Corners) -> list[list[float]]:
-    """Return the low and high corner of a box as JSON; zeros of no box."""
-    return np.asarray(box).tolist() if len(box) else [[0.0] * 3, [0.0] * 3]
 
 
 def span(low: float, high: float) -> str:

@@ -53,7 +53,6 @@ def check_same_volume(first: Scene, scene: Scene) -> None:
 
 
 def _shared_entries(scene: Scene) -> dict[str, list[tuple[Section, list[str]]]]:
-    """Return the entries of each list of a scene, with the keys that all frames share."""
     found: dict[str, list[tuple[Section, list[str]]]] = {name: [] for kind in KINDS for name in kind.sections}
     for entry in entries_of(scene):
         kind, known = entry.kind, type(entry.section).model_fields

@@ -37,6 +37,11 @@ def box_corners(box: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
+def bounds(box: NDArray[np.float64]) -> list[list[float]]:
+    """Return the low and high corner of a box as JSON; zeros of no box."""
+    return np.asarray(box).tolist() if len(box) else [[0.0] * 3, [0.0] * 3]
+
+
 def range_around(value: float) -> tuple[float, float]:
     """Return value ± 0.5, or value ± 2⁻²⁰ value if that is larger."""
     half = max(0.5, abs(value) * 2.0**-20)

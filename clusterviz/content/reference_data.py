@@ -18,7 +18,7 @@ class ReferenceData(NamedTuple):
 
     grids: list[Any]
     voxels: list[Any]
-    more: dict[str, list[Any]]
+    more: dict[str, Any]
 
 
 def why_unchecked(scene: Scene) -> str:

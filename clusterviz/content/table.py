@@ -18,12 +18,7 @@ KINDS: tuple[Kind, ...] = (VOLUME, GEOMETRY, GRID, FLOW)
 
 
 def entries_of(scene: Scene, infos: Sequence[Facts] | None = None) -> list[Entry]:
-    """Return the entries of a scene, in the order of the kinds.
-
-    Parameters
-    ----------
-    infos : facts on each entry in this order; None: nothing is known of them
-    """
+    """Return the entries of a scene, in the order of the kinds, with the facts on them, which have this order."""
     kinds = {name: kind for kind in KINDS for name in kind.sections}
     found = [Entry(kinds[key.partition("[")[0]], key, section) for key, section in scene.entries.items()]
     if infos is None:

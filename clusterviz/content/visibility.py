@@ -21,8 +21,6 @@ def visibility_warnings(scene: Scene, infos: Sequence[Facts], is_blank: bool) ->
 
     Parameters
     ----------
-    scene : a completed scene
-    infos : facts on its entries
     is_blank : whether all pixels of the picture are transparent
 
     Returns

@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from math import prod
 from typing import Any, Literal, TypeVar
 
-import numpy as np
-
 from clusterviz.content.volume.section import Scattered
 from clusterviz.data.header import check_shape
 from clusterviz.data.source import Index
@@ -38,7 +36,6 @@ class Choice:
     noun: str
 
     def __str__(self) -> str:
-        """Return the choice, and how many there are."""
         names = f" ({listed(self.parts)})" if isinstance(self.parts[0], str) else ""
         return f"{self.noun} {self.parts[0]} of {len(self.parts)}{names}"
 
@@ -145,7 +142,6 @@ class Hyperslab:
 
     @property
     def samples(self) -> int:
-        """Number of samples in the whole array."""
         return prod(self.shape)
 
     @property
@@ -170,26 +166,6 @@ class Hyperslab:
         kept = [stride for stride, i in zip(strides, self.index, strict=True) if i is None]
         z, y, x = [itemsize * self.samples] * (3 - len(kept)) + kept
         return offset, (z, y, x)
-
-
-@dataclass(frozen=True)
-class DerivedSource:
-    """Base of volumes that are made of another one: their name, type and part of a file are that one's."""
-
-    source: Any
-
-    @property
-    def name(self) -> str:
-        return str(self.source.name)
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        found: np.dtype[Any] = self.source.dtype
-        return found
-
-    @property
-    def slab(self) -> Hyperslab | None:
-        return getattr(self.source, "slab", None)
 
 
 def select(shape: Sequence[int], axes: str, subset: Subset, where: str, channel_names: Sequence[str] = ()) -> Hyperslab:

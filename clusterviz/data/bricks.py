@@ -47,7 +47,6 @@ class BrickLayout:
 
     @property
     def counts_zyx(self) -> Index:
-        """Bricks along each axis."""
         if self.edges_zyx is None:  # without a list of the borders, of which there may be too many
             z, y, x = (-(-cells // self.brick) for cells in self.cells_zyx)
         else:
@@ -66,12 +65,10 @@ class BrickLayout:
 
     @property
     def sides_zyx(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Cells of the bricks along each axis."""
         z, y, x = map(np.diff, self.borders_zyx)
         return z, y, x
 
     def cell_box(self, index_zyx: Index) -> Box:
-        """Return the brick's cells, half-open."""
         z, y, x = index_zyx
         return self.cells_of(index_zyx, (z + 1, y + 1, x + 1))
 
@@ -116,13 +113,9 @@ class Boxes(Protocol):
     @property
     def margin(self) -> int: ...
 
-    def cell_box(self, index_zyx: Index, /) -> Box:
-        """Return a brick's cells, half-open."""
-        ...
+    def cell_box(self, index_zyx: Index, /) -> Box: ...
 
-    def sample_box(self, index_zyx: Index, /) -> Box:
-        """Return a brick's samples inside the volume, half-open."""
-        ...
+    def sample_box(self, index_zyx: Index, /) -> Box: ...
 
 
 def read_bricks(source: Source, layout: Boxes, wanted: Iterable[Index]) -> Iterator[tuple[Index, NDArray[Any]]]:

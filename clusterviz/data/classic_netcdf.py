@@ -61,10 +61,6 @@ class ClassicVariable:
     dims: list[ClassicDimension] = field(default_factory=list)
     chunks: None = None
 
-    @property
-    def ndim(self) -> int:
-        return len(self.shape)
-
     def __getitem__(self, box: Any) -> NDArray[Any]:
         with readable(self.path):
             content = np.memmap(self.path, np.uint8, "r")

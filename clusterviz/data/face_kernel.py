@@ -11,7 +11,7 @@ from typing import Any
 import numba
 
 NONE = 0xFFFFFFFF
-SMALL = 48  # half-faces of a bucket that are sorted by insertion
+SMALL = 48  # half-faces of a bucket that are sorted by insertion alone
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 _inline = numba.njit(inline="always", **_OPTIONS)
@@ -86,10 +86,7 @@ def match_half_faces(ends, first, last, keys, numbers, neighbours):  # type: ign
     boundary, crowded = 0, 0
     for bucket in range(first, last):
         begin, end = ends[bucket - 1] if bucket else 0, ends[bucket]
-        if end - begin <= SMALL:
-            _insertion_sort(keys, numbers, begin, end)
-        else:
-            _heap_sort(keys, numbers, begin, end)
+        _sort(keys, numbers, begin, end)
         while begin < end:
             key, even, odd, run, odds = keys[begin], begin, begin, begin, 0
             while run < end and keys[run] == key:
@@ -171,44 +168,19 @@ def write_faces(tetrahedra, neighbours, corners, sides):  # type: ignore[no-unty
             face += 1
 
 
-@_inline
-def _is_before(keys, numbers, i, j):  # type: ignore[no-untyped-def]
-    return keys[i] < keys[j] or (keys[i] == keys[j] and numbers[i] < numbers[j])
-
-
-@_inline
-def _swap(keys, numbers, i, j):  # type: ignore[no-untyped-def]
-    keys[i], keys[j] = keys[j], keys[i]
-    numbers[i], numbers[j] = numbers[j], numbers[i]
-
-
 @_function
-def _insertion_sort(keys, numbers, begin, end):  # type: ignore[no-untyped-def]
-    for n in range(begin + 1, end):
-        key, number, at = keys[n], numbers[n], n
-        while at > begin and (keys[at - 1] > key or (keys[at - 1] == key and numbers[at - 1] > number)):
-            keys[at], numbers[at] = keys[at - 1], numbers[at - 1]
-            at -= 1
-        keys[at], numbers[at] = key, number
-
-
-@_function
-def _heap_sort(keys, numbers, begin, end):  # type: ignore[no-untyped-def]
-    size = end - begin
-    for n in range(size // 2 - 1, -1, -1):
-        _sift(keys, numbers, begin, n, size)
-    for n in range(size - 1, 0, -1):
-        _swap(keys, numbers, begin, begin + n)
-        _sift(keys, numbers, begin, 0, n)
-
-
-@_function
-def _sift(keys, numbers, begin, node, size):  # type: ignore[no-untyped-def]
-    while 2 * node + 1 < size:
-        child = 2 * node + 1
-        if child + 1 < size and _is_before(keys, numbers, begin + child, begin + child + 1):
-            child += 1
-        if not _is_before(keys, numbers, begin + node, begin + child):
-            return
-        _swap(keys, numbers, begin + node, begin + child)
-        node = child
+def _sort(keys, numbers, begin, end):  # type: ignore[no-untyped-def]
+    """Sort a bucket by insertion; first, in a large one, half-faces that lie far apart (Shell's sort)."""
+    apart = 1
+    while SMALL * apart < end - begin:
+        apart = 3 * apart + 1
+    while apart > 0:
+        for n in range(begin + apart, end):
+            key, number, at = keys[n], numbers[n], n
+            while at >= begin + apart and (
+                keys[at - apart] > key or (keys[at - apart] == key and numbers[at - apart] > number)
+            ):
+                keys[at], numbers[at] = keys[at - apart], numbers[at - apart]
+                at -= apart
+            keys[at], numbers[at] = key, number
+        apart //= 3

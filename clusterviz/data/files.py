@@ -1,14 +1,14 @@
-"""Checks of a data file before its format's reader opens it."""
+"""Checks of a data file before its format's reader opens it, and formats that are known but not read."""
 
 from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 from xml.etree import ElementTree
 
 from clusterviz.errors import DataError, installation
@@ -73,7 +73,6 @@ def kind_of(start: bytes) -> str:
 
 
 def start_of(path: Path) -> bytes:
-    """Return the first bytes of an existing file."""
     with path.open("rb") as file:
         return file.read(START_BYTES)
 
@@ -118,13 +117,10 @@ def read_file(path: Path) -> bytes:
 
 
 def read_xml(path: Path, allowed: str) -> ElementTree.Element:
-    """Return the root of a file of XML."""
     content = read_file(path)
-    try:
+    found = kind_of(content[:START_BYTES])
+    with explained("truncated or damaged XML", path, ElementTree.ParseError, found=found, allowed=allowed):
         return ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
-        found = kind_of(content[:START_BYTES])
-        raise DataError(f"truncated or damaged XML: {error}", where=str(path), found=found, allowed=allowed) from error
 
 
 def library(name: str, extra: str, where: str) -> Any:
@@ -133,6 +129,18 @@ def library(name: str, extra: str, where: str) -> Any:
         return import_module(name)
     except ImportError as error:
         raise DataError(f"needs the {name} package", where=where, allowed=installation(extra)) from error
+
+
+@contextmanager
+def explained(what: str, where: object, *kinds: type[Exception], **more: Any) -> Iterator[None]:
+    """Context that turns errors of a library, by default of all kinds, into a `DataError` that says what failed."""
+    kinds = kinds or (Exception,)
+    try:
+        yield
+    except DataError:
+        raise
+    except kinds as error:
+        raise DataError(f"{what}: {' '.join(str(error).split())}", where=str(where), **more) from error
 
 
 @contextmanager
@@ -150,7 +158,7 @@ def readable(path: _Named) -> Iterator[None]:
 
 def _remedy(path: _Named) -> str | None:
     """Return the option that sets the path of sample data, which examples name by the sample's name alone."""
-    from clusterviz.data.samples import SAMPLES
+    from clusterviz.data.samples import SAMPLES  # slow to import
 
     name = path.name.split(".")[0]
     return f"-D volumes.0.path=$(clusterviz samples {name})" if name in SAMPLES else None
@@ -160,3 +168,64 @@ def refuse_array(array: str | None, path: Path) -> None:
     """Check that no array is named, for formats whose files hold one unnamed array."""
     if array is not None:
         raise DataError("no such array", where=str(path), found=array, allowed="none: the file holds one unnamed array")
+
+
+class UnreadFormat(NamedTuple):
+    """Format that is not read."""
+
+    name: str
+    extensions: tuple[str, ...]
+    remedy: str
+
+
+PARAVIEW = "what ParaView saves it as"
+UNREAD = (
+    UnreadFormat("EnSight", (".case", ".encas"), f"{PARAVIEW}: .vtu, .pvtu"),
+    UnreadFormat("VTK's structured grid", (".vts", ".pvts"), f"{PARAVIEW} after Append Datasets: .vtu"),
+    UnreadFormat("VTK's multi-block data", (".vtm", ".vtmb"), f"its parts, or {PARAVIEW} after Merge Blocks: .vtu"),
+    UnreadFormat("VTK's AMR", (".vth", ".vthb"), f"{PARAVIEW}: .vtkhdf"),
+    UnreadFormat("Tecplot", (".plt", ".szplt", ".tec"), f"{PARAVIEW}: .vtu"),
+    UnreadFormat("LAS", (".las", ".laz"), "what pdal translate makes of it: .ply, .csv"),
+    UnreadFormat("E57 or PCD", (".e57", ".pcd"), "what CloudCompare saves it as: .ply"),
+    UnreadFormat("OpenVDB", (".vdb", ".nvdb"), "a grid that Python's openvdb copies to an array, as .npy"),
+    UnreadFormat("MINC", (".mnc", ".mnc.gz"), "what mnc2nii makes of it: .nii"),
+    UnreadFormat("AFNI", (".head", ".brik", ".brik.gz"), "what 3dAFNItoNIFTI makes of it: .nii.gz"),
+    UnreadFormat("Philips PAR/REC", (".par",), "what dcm2niix makes of it: .nii.gz"),
+    UnreadFormat("Analyze, or NIfTI in two files", (".hdr", ".img"), "what nibabel or dcm2niix makes of it: .nii.gz"),
+    UnreadFormat("Parquet", (".parquet", ".feather"), "what pandas makes of it by to_csv: .csv"),
+    UnreadFormat("GRIB", (".grib", ".grib2", ".grb", ".grb2"), "what cdo -f nc copy makes of it: .nc"),
+    UnreadFormat("FITS", (".fits", ".fits.gz"), "an array that astropy reads, as .npy"),
+    UnreadFormat("MATLAB's data", (".mat",), "an array that scipy reads, as .npy"),
+    UnreadFormat(
+        "a microscope's own format", (".czi", ".lif", ".nd2", ".oib", ".vsi"), "what bioformats2raw makes of it"
+    ),
+    UnreadFormat("FBX, Collada or USD", (".fbx", ".dae", ".usd", ".usdz"), "what Blender saves it as: .glb"),
+    UnreadFormat("CAD", (".step", ".stp", ".iges", ".igs", ".brep"), "a mesh that gmsh makes of it: .stl"),
+    UnreadFormat("bzip2", (".bz2",), "what bunzip2 makes of it"),
+    UnreadFormat("xz or zstd", (".xz", ".zst"), "what unxz or unzstd makes of it"),
+    UnreadFormat("an archive", (".zip", ".tar", ".tgz", ".tar.gz", ".7z"), "the files in it"),
+)
+"""The table."""
+AMREX, GADGET = "AMReX's plotfile", "Gadget"
+FOLDERS = {b"HyperCLaw": AMREX, b"NavierStokes": AMREX}
+"""Formats of folders by the first bytes of a file in it, Header."""
+
+
+def unknown_file(path: Path, read: Iterable[str], others: str = "") -> DataError:
+    """Return the error about a file of no extension that is read: its format's name and what to do, if it is known."""
+    require_file(path)
+    name = path.name.lower()
+    for each in UNREAD:
+        if name.endswith(each.extensions):
+            return DataError(f"{each.name} is not read", where=str(path), allowed=each.remedy)
+    found = f"{path.suffix or 'none'}, {kind_of(start_of(path))}"
+    return DataError("unknown extension", where=str(path), found=found, allowed=", ".join(read) + others)
+
+
+def check_folder(path: Path) -> None:
+    header = path / "Header"
+    start = start_of(header) if header.is_file() else b""
+    for magic, name in FOLDERS.items():
+        if start.startswith(magic):
+            allowed = f"{PARAVIEW} or yt: .vtkhdf, .npy"
+            raise DataError(f"{name} is not read", where=str(path), allowed=allowed)

@@ -81,7 +81,6 @@ class Mesh:
 
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
-        """Which vertices have finite positions, bool (n,)."""
         found: NDArray[np.bool_] = np.isfinite(self.vertices).all(axis=1)
         return found
 
@@ -137,13 +136,11 @@ class Lines:
 
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
-        """Which points have finite positions, bool (n,)."""
         found: NDArray[np.bool_] = np.isfinite(self.points).all(axis=1)
         return found
 
     @property
     def bounds(self) -> Bounds | None:
-        """Corners of the axis-aligned box around the finite points; None if there are none."""
         return bounds_of(self.points[self.finite])
 
 
@@ -172,13 +169,11 @@ class Points:
 
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
-        """Which points have finite positions, bool (n,)."""
         found: NDArray[np.bool_] = np.isfinite(self.positions).all(axis=1)
         return found
 
     @property
     def bounds(self) -> Bounds | None:
-        """Corners of the axis-aligned box around the centres that are finite; None if there are none."""
         return bounds_of(self.positions[self.finite])
 
 
@@ -295,7 +290,6 @@ def scaled_colours(colours: NDArray[Any]) -> NDArray[Any]:
 
 
 def check_indices(indices: NDArray[np.integer[Any]], count: int, where: str) -> None:
-    """Check that indices of vertices lie in [0, count)."""
     if indices.size and (indices.min() < 0 or indices.max() >= count):
         wrong = indices[(indices < 0) | (indices >= count)].ravel()[0]
         allowed = f"0 to {count - 1}" if count else "none: there are no vertices"
@@ -349,7 +343,6 @@ def as_geometry(given: Any, section: str, where: str) -> Geometry:
 
 
 def positions_of(given: Any) -> NDArray[Any]:
-    """Return positions as an array (n, 3), float32 or float64."""
     array = np.ascontiguousarray(given)
     return array.astype(np.promote_types(array.dtype, np.float32), copy=False).reshape(-1, 3)
 
@@ -380,7 +373,6 @@ def named_arrays(given: Any, noun: str, count: int) -> dict[str, NDArray[Any]]:
 
 
 def check_positions(positions: NDArray[Any], where: str) -> None:
-    """Check the shape and type of positions (n, 3)."""
     if positions.ndim != 2 or positions.shape[1] != 3 or positions.dtype not in (np.float32, np.float64):
         found = f"{positions.dtype} {positions.shape}"
         raise DataError("not positions", where=where, found=found, allowed="float32 or float64 (n, 3)")

@@ -18,7 +18,7 @@ from clusterviz.data.axes import Choice, Subset, first_parts, warn_of_choices
 from clusterviz.data.geometry import Geometry, Lines, Points, as_geometry
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.objects import open_object
-from clusterviz.data.outside import has_scalars, outside_of
+from clusterviz.data.tetrahedra import has_scalars, outside_of
 from clusterviz.data.vectors import VectorArray, VectorSource
 from clusterviz.data.vtk_cells import as_grid, is_grid
 from clusterviz.errors import DataError, InputError
@@ -60,7 +60,8 @@ def given_scene(
     named, in_memory = _named_objects(dict(settings))
     scene = with_settings(scene, named)
     each = sources if isinstance(sources, list) else [sources] * (sources is not None)
-    if any(v.time is not None or v.channel is not None for v in scene.volumes) and any(map(_is_whole, each)):
+    volumes: Any = _entries(scene)["volumes"]
+    if any(v.time is not None or v.channel is not None for v in volumes) and any(map(_is_whole, each)):
         allowed = "array[time], array[..., channel]"
         raise InputError("only files have time steps and channels", where=where, allowed=allowed)
     return scene, _joined_sources(scene, sources, in_memory) if in_memory else sources
@@ -121,7 +122,6 @@ def _one(given: Any, grid: Any, where: str) -> tuple[Scene, Any]:
 
 
 def _count(given: Any, attribute: str) -> int:
-    """Return the length of an attribute; 0 if it is None, or missing."""
     found = getattr(given, attribute, None)
     return 0 if found is None else len(found)
 
@@ -137,7 +137,6 @@ def _is_indexed(given: Any, count: int) -> bool:
 
 
 def _several(given: Sequence[Any], grids: Any, where: str, subset: Subset) -> tuple[Scene, Any, list[Choice]]:
-    """Return the scene of several volumes, their sources, and choices; of the first a subset may name a part."""
     each = [None] * len(given) if grids is None else list(grids)
     if len(each) != len(given):
         raise InputError("not one for each volume", where=f"{where}: grid", found=len(each), allowed=len(given))
@@ -148,7 +147,7 @@ def _several(given: Sequence[Any], grids: Any, where: str, subset: Subset) -> tu
     if not parts or any(source is None or isinstance(source, list) for source in sources):
         allowed = "arrays, or objects with name, grid, dtype and read; files go into a scene"
         raise InputError("not data", where=where, found="a list of other things", allowed=allowed)
-    volumes = tuple(volume for scene, _, _ in parts for volume in scene.volumes)
+    volumes = tuple(Volume(path=source.name) for source in sources)
     return Scene(volumes=volumes, automatic=True), sources, [each for _, _, choices in parts for each in choices]
 
 
@@ -174,7 +173,6 @@ def _named_objects(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 
 def _object(given: Any, section: str, key: str) -> Any:
-    """Return an object in memory in the form of its section's entries."""
     if section == "grids":
         return as_grid(given, key)
     return as_vectors(given, key) if section == "flows" else as_geometry(given, section, key)
@@ -197,12 +195,16 @@ def as_vectors(given: Any, where: str) -> VectorSource:
 
 def _joined_sources(scene: Scene, source: Any, in_memory: dict[str, list[Any]]) -> list[Any]:
     """Return what is given for each volume, entry of geometry, grid and flow of a scene; None: the file is read."""
-    given = list(source) if isinstance(source, list) else [source] * len(scene.volumes)
-    joined, rest = given[: len(scene.volumes)], given[len(scene.volumes) :]
-    for name in LISTED_SECTIONS:
-        count = len(getattr(scene, name))
+    counts, joined = {name: len(entries) for name, entries in _entries(scene).items()}, list[Any]()
+    given = list(source) if isinstance(source, list) else [source] * counts["volumes"]
+    for name, count in counts.items():
         if name in in_memory:
             joined += in_memory[name]
         else:  # as the scene was given: in memory, or files
-            joined += rest[:1] * count if rest else [None] * count
+            joined += [*given[:count], *[None] * count][:count]
+            del given[:count]
     return joined
+
+
+def _entries(scene: Scene) -> dict[str, tuple[Section, ...]]:
+    return {name: getattr(scene, name) for name in CONTENT_SECTIONS}

@@ -82,7 +82,6 @@ def arrows(
 
 
 def _array(points: Points, name: str, components: int, where: str) -> Floats:
-    """Return an array of the points in float64, (n,) or (n, 3)."""
     known = {n: 1 if array.ndim == 1 else array.shape[1] for n, array in points.attributes.items()}
     if known.get(name) != components:
         found = f"{name}, {known[name]} components" if name in known else name
@@ -94,12 +93,10 @@ def _array(points: Points, name: str, components: int, where: str) -> Floats:
 
 
 def _of_each(points: Points, given: float | str, where: str) -> Floats:
-    """Return a number for each point, from an array or the same for all, float64 (n,)."""
     return _array(points, given, 1, where) if isinstance(given, str) else np.full(len(points.positions), given)
 
 
 def _placed(positions: NDArray[np.floating], axes: Floats, lengths: Floats, radii: Floats) -> tuple[Floats, Floats]:
-    """Return vertices and their normals, float64 (n · vertices of an arrow, 3)."""
     across = np.cross(axes, np.eye(3)[np.abs(axes).argmin(axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     up = np.cross(axes, across)

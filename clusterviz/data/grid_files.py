@@ -39,7 +39,6 @@ class GridFile:
 
     @property
     def size(self) -> int:
-        """Bytes of the file, at least 1."""
         return max(1, self.path.stat().st_size) if self.path.exists() else 1
 
 
@@ -93,13 +92,11 @@ def _pieces(path: Path) -> list[Path]:
 
 
 def _pvd_steps(path: Path) -> dict[float, list[str]]:
-    """Return the files of each time of a .pvd file."""
     listed = [(each.get("timestep", "0"), each.get("file", "")) for each in _tags(path, "Collection", "DataSet")]
     return _steps(listed, path)
 
 
 def _series_steps(path: Path) -> dict[float, list[str]]:
-    """Return the file of each time of ParaView's list of a file series."""
     content = read_file(path)
     try:
         files = json.loads(content)["files"]
@@ -126,7 +123,6 @@ def _steps(listed: Sequence[tuple[Any, Any]], path: Path) -> dict[float, list[st
 
 
 def _tags(path: Path, kind: str, tag: str) -> list[dict[str, str]]:
-    """Return the attributes of all tags of a name in a small file of VTK's XML."""
     root = read_xml(path, "VTK's XML")
     if root.tag != "VTKFile" or root.get("type") != kind:
         raise DataError("not a VTK file of this type", where=str(path), found=root.get("type", root.tag), allowed=kind)

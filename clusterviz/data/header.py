@@ -1,4 +1,4 @@
-"""Checks of header contents that all formats share: dtype, shape, sizes and grid."""
+"""Checks of header contents that all formats share: dtype, shape, sizes, grid and units."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid, Index, Triple, as_index
-from clusterviz.errors import DataError
+from clusterviz.errors import DataError, warn_of_data
 
 MIN_DETERMINANT = 1e-6  # |det| of the unit axes, below which a placement counts as singular
 # Upper bounds, by the format of deflate and LZ4, generous for the others.
@@ -41,9 +41,8 @@ def check_shape(shape: Sequence[int], where: str) -> Index:
 def check_size(found: int, needed: int, where: str, exact: bool = False) -> None:
     """Check that the file has the bytes that its header requires, and with `exact` no more."""
     if found < needed:
-        raise DataError(
-            "truncated, or the header lies about its size", where=where, found=f"{found} bytes", allowed=f"{needed}"
-        )
+        what = "truncated, or the header lies about its size"
+        raise DataError(what, where=where, found=f"{found} bytes", allowed=f"{needed}")
     if exact and found > needed:
         raise DataError("longer than the header says", where=where, found=f"{found} bytes", allowed=f"{needed}")
 
@@ -56,16 +55,11 @@ def check_packed(packed: int, needed: int, packing: str, where: str) -> None:
     packing : a key of `MAX_COMPRESSION_RATIO`
     """
     if packed * MAX_COMPRESSION_RATIO[packing] < needed:
-        raise DataError(
-            "truncated, or the header lies about its size",
-            where=where,
-            found=f"{packed} bytes, {packing}",
-            allowed=f"enough to hold {needed} bytes",
-        )
+        found, allowed = f"{packed} bytes, {packing}", f"enough to hold {needed} bytes"
+        raise DataError("truncated, or the header lies about its size", where=where, found=found, allowed=allowed)
 
 
 def triple(numbers: Sequence[float] | NDArray[Any], where: str) -> Triple:
-    """Return three finite numbers (x, y, z)."""
     try:
         values = np.asarray(numbers, float)
     except (TypeError, ValueError):
@@ -104,9 +98,8 @@ def make_grid(shape_zyx: Index, steps: NDArray[np.float64], origin: Sequence[flo
         raise DataError("singular placement", where=where, found=f"spacing {spacing}", allowed="finite and above 0")
     direction = np.asarray(steps, float) / spacing
     if abs(np.linalg.det(direction)) < MIN_DETERMINANT:
-        raise DataError(
-            "singular placement", where=where, found=f"axes {direction.tolist()}", allowed="an invertible matrix"
-        )
+        found = f"axes {direction.tolist()}"
+        raise DataError("singular placement", where=where, found=found, allowed="an invertible matrix")
     x, y, z = (triple(row, where) for row in direction)
     return Grid(shape_zyx, triple(spacing, where), triple(origin, where), (x, y, z))
 
@@ -125,8 +118,39 @@ def check_box(begin_zyx: Index, end_zyx: Index, shape_zyx: Index) -> Index:
 
 
 def check_step(step: int, times: Sequence[float], where: str) -> int:
-    """Return the number of a time step."""
     if not 0 <= step < max(1, len(times)):
         allowed = f"0 to {len(times) - 1}" if times else "0: the vectors have no time steps"
         raise DataError("no such time step", where=where, found=step, allowed=allowed)
     return step
+
+
+METRES = {"angstrom": 1e-10, "\u00c5": 1e-10, "\u212b": 1e-10, "picometer": 1e-12, "pm": 1e-12, "nanometer": 1e-9}
+METRES |= {"nm": 1e-9, **dict.fromkeys(("micrometer", "micron", "\u00b5m", "\u03bcm", "um"), 1e-6), "millimeter": 1e-3}
+METRES |= {"mm": 1e-3, "centimeter": 1e-2, "cm": 1e-2, "decimeter": 0.1, "dm": 0.1, "meter": 1.0, "m": 1.0}
+METRES |= {"kilometer": 1e3, "km": 1e3, "inch": 0.0254, "in": 0.0254, "foot": 0.3048, "ft": 0.3048}
+"""Lengths of units; micro and ångström have several characters."""
+SPACING = "spacing: [x, y, z] of the volume"
+"""Key of a scene that replaces what a file says."""
+
+
+def unit_factors(units: Sequence[str]) -> list[float] | None:
+    """Return the factor of each unit to the first one that is not empty; 1 for empty ones.
+
+    None: units differ, and one of them is not known. Plurals and British spelling are known.
+    """
+    named = [unit for unit in units if unit]
+    if len(set(named)) < 2:
+        return [1.0] * len(units)
+    metres = {unit: METRES.get(unit.removesuffix("s").replace("metre", "meter"), 0.0) for unit in named}
+    if not all(metres.values()):
+        return None
+    return [metres[unit] / metres[named[0]] if unit else 1.0 for unit in units]
+
+
+def axis_factors(units: Sequence[str], where: str) -> list[float]:
+    """Return the factors of the units of x, y and z to one unit; warn of those that are not known, and return 1."""
+    found = unit_factors(units)
+    if found is None:
+        what = "the axes have different units, whose numbers are taken as they are: the picture may be flat or long"
+        warn_of_data(what, where=where, found=", ".join(unit or "none" for unit in units), allowed=SPACING)
+    return found or [1.0] * len(units)

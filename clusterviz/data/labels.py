@@ -46,11 +46,9 @@ class LabelSource:
 
     @property
     def version(self) -> str:
-        """Tells the data from what is there after a change, if the format can; else empty."""
         return getattr(self.stored, "version", "")
 
     def at_time(self, time: int) -> LabelSource | None:
-        """Return the volume at another time step; None if the stored one is no `SeriesSource`."""
         found = getattr(self.stored, "at_time", lambda step: None)(time)
         return replace(self, stored=found) if found is not None else None
 

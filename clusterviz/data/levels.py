@@ -50,7 +50,6 @@ class LevelMap:
 
     @cached_property
     def is_uniform(self) -> bool:
-        """Whether all bricks have one level."""
         return bool((self.levels == self.levels.flat[0]).all())
 
     def around(self, box: Box, level: int) -> NDArray[np.uint8]:
@@ -72,7 +71,6 @@ class LevelMap:
                 yield z, y, x
 
     def _bricks(self, box: Box, level: int) -> list[tuple[int, int]]:
-        """Return the first and last brick along each axis."""
         return [
             (min(max(0, -(-(b << level) // self.brick) - 1), count - 1), min((e - 1 << level) // self.brick, count - 1))
             for b, e, count in zip(*box, self.levels.shape, strict=True)

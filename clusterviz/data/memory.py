@@ -30,23 +30,10 @@ class ArraySource:
         shape_zyx = check_shape(array.shape, name)
         if grid is not None and grid.shape_zyx != shape_zyx:
             raise DataError("the grid does not fit the array", where=name, found=grid.shape_zyx, allowed=shape_zyx)
-        self._array = array.reshape(shape_zyx)
-        self._grid, self._name = grid or Grid(shape_zyx), name
-        self._dtype = check_dtype(array.dtype, name)
-
-    @property
-    def name(self) -> str:
-        return self._name
-
-    @property
-    def grid(self) -> Grid:
-        return self._grid
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return self._dtype
+        self._array, self.grid, self.name = array.reshape(shape_zyx), grid or Grid(shape_zyx), name
+        self.dtype = check_dtype(array.dtype, name)
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
-        check_box(begin_zyx, end_zyx, self._grid.shape_zyx)
+        check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         (z, y, x), (z_end, y_end, x_end) = begin_zyx, end_zyx
-        return np.array(self._array[z:z_end, y:y_end, x:x_end], self._dtype, order="C", copy=True)
+        return np.array(self._array[z:z_end, y:y_end, x:x_end], self.dtype, order="C", copy=True)

@@ -49,7 +49,6 @@ class ObjectSource:
 
 
 def open_object(given: Any, subset: Subset, where: str) -> Source | None:
-    """Return a volume of another library as a source; None if the object is none."""
     for attributes, opener in LIBRARIES:
         if all(hasattr(given, name) for name in attributes):
             return opener(given, subset, where)

@@ -43,16 +43,19 @@ def keys_of(samples: NDArray[Any]) -> Keys:
     return bits ^ sign if samples.dtype.kind == "i" else bits
 
 
-def values_of(keys: Keys, dtype: np.dtype[Any]) -> NDArray[np.float64]:
-    """Return the samples of keys, the inverse of `keys_of`, as float64."""
-    unsigned = np.dtype(f"u{dtype.itemsize}")
-    bits = keys.astype(unsigned)
-    sign = unsigned.type(1 << (8 * dtype.itemsize - 1))
+def samples_of(keys: Keys, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return the samples of keys, the inverse of `keys_of`, in place."""
+    bits = 8 * dtype.itemsize
+    sign = keys.dtype.type(1 << (bits - 1))
     if dtype.kind == "f":
-        bits = np.where(bits & sign, bits ^ sign, ~bits)
+        keys ^= ~(keys.view(f"i{dtype.itemsize}") >> (bits - 1)).view(keys.dtype) | sign
     elif dtype.kind == "i":
-        bits = bits ^ sign
-    return bits.view(dtype).astype(np.float64)
+        keys ^= sign
+    return keys.view(dtype)
+
+
+def values_of(keys: Keys, dtype: np.dtype[Any]) -> NDArray[np.float64]:
+    return samples_of(keys.astype(f"u{dtype.itemsize}"), dtype).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,6 @@ class RadixSelection:
 
 
 def begin_selection(ranks: Sequence[int]) -> RadixSelection:
-    """Return the selection before any digit is counted."""
     return RadixSelection(np.zeros(len(ranks), np.uint64), np.array(ranks, np.int64))
 
 

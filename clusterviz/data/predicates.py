@@ -62,7 +62,6 @@ def _signs(ends: list[Floats], begins: list[Floats | None]) -> NDArray[np.int8]:
 
 
 def _determinant(a: Any, b: Any, c: Any) -> Any:
-    """Return determinants of rows (3, n)."""
     return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
 
 

@@ -192,7 +192,6 @@ def vertex_normals(
 
 
 def _linear(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Return a matrix (3, 4) of three columns, without translation."""
     return np.stack([a, b, c, np.zeros(3)], axis=1)
 
 
@@ -210,7 +209,6 @@ class BrickMembers:
     numbers: NDArray[np.uint32]
 
     def of(self, brick: int) -> NDArray[np.uint32]:
-        """Return the numbers of a brick's primitives, ascending."""
         return self.numbers[self.begins[brick] : self.begins[brick + 1]]
 
     def counted(self, drawn: DrawnPrimitives) -> NDArray[np.int64]:
@@ -239,7 +237,6 @@ class DistinctRows:
         return np.asarray(self._last[flat] == order)
 
     def count(self, corners: NDArray[np.integer[Any]]) -> int:
-        """Return the number of distinct rows."""
         return int(np.count_nonzero(self._is_last(corners)))
 
     def renumber(self, corners: NDArray[np.integer[Any]]) -> tuple[NDArray[np.integer[Any]], NDArray[np.uint32]]:
@@ -319,12 +316,8 @@ def brick_keys(drawn: DrawnPrimitives, numbers: NDArray[np.int64], boxes: BrickB
             # They are joined, sorted and sent.
             held += KEYS_AT_ONCE * found.nbytes
             if 0 < free < held:
-                raise InputError(
-                    "primitives lie in too many bricks for the memory that is free",
-                    where="cluster.brick",
-                    found=f"more than {held} bytes of {free}",
-                    allowed="larger bricks",
-                )
+                what, there = "primitives lie in too many bricks for the memory that is free", f"{held} bytes of {free}"
+                raise InputError(what, where="cluster.brick", found=f"more than {there}", allowed="larger bricks")
     joined = np.concatenate(keys)
     del keys
     joined.sort()

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import DerivedSource
+from clusterviz.data.derived import DerivedSource
 from clusterviz.data.header import check_box, make_grid
 from clusterviz.data.source import Grid, Index, as_index
 from clusterviz.errors import DataError
@@ -47,7 +47,6 @@ class Line:
 
 
 def even_line(count: int, first: float = 0.0, step: float = 1.0) -> Line:
-    """Return an axis all of whose samples are stored."""
     return Line(first, step, np.arange(count, dtype=np.int64))
 
 

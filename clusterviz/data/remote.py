@@ -68,17 +68,14 @@ class RemotePath:
         return public_address(self.url)
 
     def joinpath(self, *names: str) -> RemotePath:
-        """Return the path of a file below this one."""
         return self / "/".join(names)
 
     @property
     def name(self) -> str:
-        """Last part of the path."""
         return self.url.rstrip("/").rpartition("/")[2]
 
     @property
     def parent(self) -> RemotePath:
-        """Folder that holds it."""
         return replace(self, url=self.url.rstrip("/").rpartition("/")[0])
 
 
@@ -99,12 +96,10 @@ class Version:
 
 
 def is_url(text: str) -> bool:
-    """Return whether the path of data is a URL."""
     return _URL.match(text) is not None
 
 
 def remote_path(text: str) -> RemotePath:
-    """Return the path of a URL."""
     url, mark, query = text.partition("?")
     return RemotePath(url.rstrip("/"), mark + query)
 
@@ -120,11 +115,6 @@ def read_range(
     count : bytes; None: to the end of the file. Fewer are returned at its end.
     version : that the file must have
     most : bytes that may be read; by default `count`, and of a whole file `WHOLE_FILE_BYTES`
-
-    Raises
-    ------
-    DataError
-        Missing, unreadable, too large, not of the version, or the server does not send it.
     """
     found = find_range(path, begin, count, version, most=most)
     if found is None:
@@ -270,15 +260,8 @@ def _fetch_http(path: RemotePath, part: _Part) -> tuple[bytes, Version] | None:
 def _answer(address: str, headers: Mapping[str, str]) -> Any:
     """Return the answer to a request, after redirections; only its headers are read."""
     for _ in range(REDIRECTIONS + 1):
-        answer = _pool(_proxy(address)).request(
-            "GET",
-            address,
-            headers=headers,
-            preload_content=False,
-            decode_content=False,
-            redirect=False,
-            timeout=TIMEOUT_SECONDS,
-        )
+        options: dict[str, Any] = {"headers": headers, "timeout": TIMEOUT_SECONDS, "redirect": False}
+        answer = _pool(_proxy(address)).request("GET", address, preload_content=False, decode_content=False, **options)
         # urllib3 would read all of an answer that redirects, however long it is.
         location = answer.get_redirect_location()
         if not location:
@@ -341,7 +324,6 @@ def _read_body(answer: Any, most: int, began: float) -> bytes | None:
 
 
 def _described(error: Exception) -> str:
-    """Return a failure of a request in a few words."""
     names = {
         "ConnectTimeoutError": f"no connection within {TIMEOUT_SECONDS:g} s",
         "ReadTimeoutError": f"no answer within {TIMEOUT_SECONDS:g} s",
@@ -357,7 +339,6 @@ def _described(error: Exception) -> str:
 
 
 def _proxy(address: str) -> str | None:
-    """Return the proxy of a URL by the environment."""
     from urllib.request import getproxies, proxy_bypass  # slow to import
 
     parts = urlsplit(address)
@@ -366,7 +347,7 @@ def _proxy(address: str) -> str | None:
 
 @cache
 def _pool(proxy: str | None) -> Any:
-    import urllib3
+    import urllib3  # which may be missing
 
     options: dict[str, Any] = {"retries": False, "maxsize": CONNECTIONS}
     pool: Any = urllib3.ProxyManager(proxy, **options) if proxy else urllib3.PoolManager(**options)

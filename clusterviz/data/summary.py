@@ -242,7 +242,6 @@ def block_sides(shape_zyx: Index) -> Index:
 
 
 def block_counts(shape_zyx: Index) -> Index:
-    """Return the blocks of a volume along each axis."""
     return as_index(-(-max(1, n - 1) // side) for n, side in zip(shape_zyx, block_sides(shape_zyx), strict=True))
 
 
@@ -283,7 +282,6 @@ def _update_blocks(
 def _reduce(
     extreme: Callable[..., NDArray[Any]], samples: NDArray[Any], axis: int, layers: Sequence[slice]
 ) -> NDArray[Any]:
-    """Reduce each of the layers along an axis to one sample."""
     before = (slice(None),) * axis
     return np.stack([extreme(samples[(*before, part)], axis=axis) for part in layers], axis=axis)
 
@@ -346,7 +344,6 @@ def _owned(layout: BrickLayout, index: Index, samples: NDArray[Any]) -> NDArray[
 
 
 def _finite(samples: NDArray[Any]) -> NDArray[Any]:
-    """Return the finite samples, (n,)."""
     if samples.dtype.kind != "f":
         return samples.ravel()
     if samples.size and np.isfinite(samples.min()) and np.isfinite(samples.max()):  # NaN spreads to both
@@ -391,7 +388,6 @@ def _linear_bins(samples: NDArray[Any], value_range: tuple[float, float], bins: 
 
 
 def _rebinned(counts: Counts, dtype: np.dtype[Any], value_range: tuple[float, float], bins: int) -> Counts:
-    """Return the linear histogram from the counts of all values."""
     keys = np.flatnonzero(counts)
     histogram = np.zeros(bins, np.int64)
     np.add.at(histogram, _linear_bins(values_of(keys, dtype), value_range, bins), counts[keys])

@@ -18,13 +18,14 @@ International Meshing Roundtable, 1999. (Their rule; hexahedra are never cut int
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.geometry import STEP, Bounds, bounds_of, merge_equal
+from clusterviz.data.faces import NONE, find_neighbours
+from clusterviz.data.geometry import STEP, Bounds, Geometry, Mesh, Points, bounds_of, merge_equal
 from clusterviz.data.predicates import orientation
 from clusterviz.data.unstructured import CORNERS, FACES, UnstructuredGrid, check_volume
 from clusterviz.errors import DataError
@@ -77,7 +78,6 @@ COUNTS = {
 
 
 def make_tetrahedra(grid: UnstructuredGrid, array: str | None = None) -> Tetrahedra:
-    """Return the tetrahedra of a grid with one of its arrays."""
     check_volume(grid)
     values, on_cells, name = grid.array(array)
     values = values.astype(np.float32 if values.dtype.itemsize <= 2 or values.dtype == np.float32 else np.float64)
@@ -176,3 +176,26 @@ def _compact(
     used[row[used]], used[row != np.arange(len(points))] = True, False
     number = np.cumsum(used, dtype=np.uint32) - np.uint32(1)
     return np.flatnonzero(used), number[row][corners]
+
+
+def has_scalars(grid: UnstructuredGrid) -> bool:
+    """Return whether a grid is drawn as a volume: it has cells with a volume, and an array of one number each."""
+    arrays = (*grid.point_arrays.values(), *grid.cell_arrays.values())
+    return grid.count > 0 and any(array.size == len(array) for array in arrays)
+
+
+def outside_of(grid: UnstructuredGrid) -> Geometry:
+    """Return the surface that a grid is, its points if it has neither faces nor volumes, or the faces around its cells.
+
+    Arrays of points are kept, of a surface those of cells too.
+    """
+    if not grid.count:
+        points = None if grid.surface else Points(grid.name, grid.points, grid.point_arrays)
+        return Geometry(mesh=grid.surface, points=points)
+    blank = {"any": np.zeros(len(grid.points), np.float32)}
+    cut = make_tetrahedra(replace(grid, point_arrays=blank, cell_arrays={}))
+    faces = find_neighbours(cut.corners, len(cut.points)).faces()
+    corners, sides = faces.corners[faces.is_boundary], faces.sides[faces.is_boundary]
+    inward = sides[:, 0] == NONE  # normals point to the second side
+    corners[inward] = corners[inward][:, ::-1]
+    return Geometry(Mesh(grid.name, cut.points, corners, {n: a[cut.rows] for n, a in grid.point_arrays.items()}))

@@ -263,6 +263,12 @@ FLAT_SIDES = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4}
 """Corners of flat cells, which come before their nodes of higher order; a polygon has any number."""
 
 
+def nodes_of(kind: str) -> int:
+    """Return the number of nodes of a cell by meshio's name of its kind; 0 if it may have any."""
+    linear = kind.rstrip("0123456789")
+    return int(kind.removeprefix(linear) or (FLAT_SIDES | CORNERS).get(linear, 0))
+
+
 @dataclass(frozen=True, eq=False)
 class Polyhedra:
     """Cells between polygons.
@@ -400,7 +406,6 @@ class _SecondOrder:
     def with_nodes(
         self, points: NDArray[Any], of_points: Attributes, corners: NDArray[np.integer[Any]]
     ) -> tuple[NDArray[Any], Attributes, NDArray[np.int64]]:
-        """Return points and their arrays with the nodes that files lack, and all nodes of the cells (m, nodes)."""
         corners = corners.astype(np.int64)
         nodes, more = [corners], {name: [array] for name, array in {"": points, **of_points}.items()}
         for node in self.added:

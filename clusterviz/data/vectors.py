@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data import open_source
 from clusterviz.data.axes import Subset, first_parts
+from clusterviz.data.field import open_vector_field
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.header import check_box, check_dtype, check_step
 from clusterviz.data.series import check_same, files_of_pattern
@@ -62,9 +63,7 @@ class VectorSource(Protocol):
         """
         ...
 
-    def at_time(self, step: int) -> VectorSource:
-        """Return the vectors at a time step."""
-        ...
+    def at_time(self, step: int) -> VectorSource: ...
 
 
 def index_from_world_vectors(vectors: NDArray[Any], grid: Grid) -> NDArray[Any]:
@@ -202,8 +201,6 @@ def open_vectors(
     text = str(path)
     check_components(text, order, scale, interval)
     if text.startswith("field:"):
-        from clusterviz.data.vector_field import open_vector_field
-
         return open_vector_field(text, scale).at_time(time or 0)
     files = files_of_pattern(text)
     numbers = _step_numbers(files, text)
@@ -252,7 +249,6 @@ def _parts(path: str, array: str | None, time: int | None) -> tuple[str | None, 
 
 
 def _components(path: str, array: str | None, time: int | None) -> list[Source | None]:
-    """Return the three components of an array of vectors."""
     first, subset = _at_first_step(path, Subset(array, time, channel=0, vectors=True))
     slab = getattr(first, "slab", None)
     channels = slab.channels if slab else 1

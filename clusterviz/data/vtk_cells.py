@@ -15,31 +15,16 @@ from clusterviz.data.geometry import (
     triangulate,
     triangulate_strips,
 )
-from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, grid_of_blocks, linearised
-from clusterviz.data.vtk_ghosts import HIDDEN_POINT, UNDRAWN_CELLS, drawn_cells, some_cells, split_ghosts
+from clusterviz.data.unstructured import FACES, Polyhedra, UnstructuredGrid, grid_of_blocks, linearised, nodes_of
+from clusterviz.data.vtk_image import HIDDEN_POINT, UNDRAWN_CELLS, drawn_cells, some_cells, split_ghosts
 from clusterviz.errors import DataError
 
-KINDS = {
-    **dict.fromkeys((1, 2), "vertex"),
-    **dict.fromkeys((3, 4, 21), "line"),
-    **dict.fromkeys((5, 6, 22, 34), "triangle"),
-    **dict.fromkeys((8, 9, 23, 28, 30), "quad"),
-    7: "polygon",
-    10: "tetra",
-    11: "hexahedron",
-    12: "hexahedron",
-    13: "wedge",
-    14: "pyramid",
-    24: "tetra10",
-    25: "hexahedron20",
-    26: "wedge15",
-    27: "pyramid13",
-    29: "hexahedron27",
-    32: "wedge18",
-    37: "pyramid14",
-}
+KINDS = {1: "vertex", 2: "vertex", 3: "line", 4: "line", 5: "triangle", 6: "triangle", 7: "polygon", 8: "quad"}
+KINDS |= {9: "quad", 10: "tetra", 11: "hexahedron", 12: "hexahedron", 13: "wedge", 14: "pyramid", 21: "line"}
+KINDS |= {22: "triangle", 23: "quad", 24: "tetra10", 25: "hexahedron20", 26: "wedge15", 27: "pyramid13", 28: "quad"}
+KINDS |= {29: "hexahedron27", 30: "quad", 32: "wedge18", 34: "triangle", 37: "pyramid14"}
 """Names of VTK's types of cells."""
-NODES = {10: 4, 11: 8, 12: 8, 13: 6, 14: 5, 24: 10, 25: 20, 26: 15, 27: 13, 29: 27, 32: 18, 37: 14}
+NODES = {kind: nodes_of(name) for kind, name in KINDS.items() if name.startswith(tuple(FACES))}
 VOXEL, POLYHEDRON, STRIP, PIXEL = 11, 42, 6, 8
 FLAT = {"triangle": 3, "quad": 4, "polygon": None}
 """Corners of flat cells with an area; None: any number."""
@@ -129,7 +114,6 @@ def _visible(
 def _flat_cells(
     kind: int, rows: NDArray[np.int64], offsets: NDArray[np.int64], corners: NDArray[np.int64], where: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the triangles (m, 3) of some flat cells of one of VTK's types, and the cell of each."""
     found, sides = np.diff(offsets)[rows], FLAT[KINDS[kind]]
     if sides is not None and kind != STRIP and (found < sides).any():
         raise DataError("a cell has an impossible length", where=where, found=f"{found.min()} points", allowed=sides)

@@ -15,21 +15,22 @@ from __future__ import annotations
 
 import base64
 import binascii
+import lzma
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
+import lz4.block  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import kind_of, readable, require_file, start_of
+from clusterviz.data.files import explained, kind_of, readable, require_file, start_of
 from clusterviz.data.header import check_packed, check_size
-from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
+from clusterviz.data.storage import FileBytes, FileRange, Storage, numbers_in_text
 from clusterviz.data.vtk_image import ImageArray
 from clusterviz.errors import DataError
 
@@ -144,9 +145,8 @@ def scan_xml(path: Path, kind: str) -> XmlLayout:
             scan.layout.appended_begin = _after_underscore(file, scan.layout.appended_begin, path)
         except expat.ExpatError as error:
             found = kind_of(start_of(path))
-            raise DataError(
-                f"truncated or damaged XML: {error}", where=str(path), found=found, allowed="VTK's XML"
-            ) from error
+            what = f"truncated or damaged XML: {error}"
+            raise DataError(what, where=str(path), found=found, allowed="VTK's XML") from error
         finally:
             layout = scan.layout
             scan.parser.StartElementHandler = scan.parser.EndElementHandler = None  # no reference cycle stays
@@ -181,10 +181,8 @@ class Base64Bytes:
     def read_at(self, offset: int, count: int) -> bytes:
         first, last = offset // 3, -(-(offset + count) // 3)
         characters = self.text.read_at(self.begin + 4 * first, 4 * (last - first))
-        try:
+        with explained("damaged base64 text", self.where, binascii.Error):
             decoded = base64.b64decode(characters, validate=True)
-        except binascii.Error as error:
-            raise DataError(f"damaged base64 text: {error}", where=self.where) from error
         part = decoded[offset - 3 * first : offset - 3 * first + count]
         if len(part) != count:
             raise DataError(f"the base64 text ends {count - len(part)} bytes early", where=self.where)
@@ -227,14 +225,11 @@ class BlockBytes:
         begin, end = self._begins[number : number + 2]
         expected = min(self._block_bytes, self._total_bytes - number * self._block_bytes)
         packed = bytes(self._packed.read_at(begin, end - begin))
-        try:
+        with explained(f"block {number} is damaged", self._where):
             block = self._decompress(packed, expected)
-        except Exception as error:  # libraries raise many kinds
-            raise DataError(f"block {number} is damaged: {error}", where=self._where) from error
         if len(block) != expected:
-            raise DataError(
-                f"block {number} is damaged", where=self._where, found=f"{len(block)} bytes", allowed=expected
-            )
+            what, found = f"block {number} is damaged", f"{len(block)} bytes"
+            raise DataError(what, where=self._where, found=found, allowed=expected)
         self._held = number, block
         return block
 
@@ -245,15 +240,9 @@ def decompressor(name: str, where: str) -> Callable[[bytes, int], bytes]:
     if name == "vtkZLibDataCompressor":
         return lambda packed, expected: zlib.decompressobj().decompress(packed, expected + 1)
     if name == "vtkLZMADataCompressor":
-        import lzma
-
         return lambda packed, expected: lzma.LZMADecompressor().decompress(packed, expected + 1)
     if name == "vtkLZ4DataCompressor":
-        try:
-            lz4_block = import_module("lz4.block")
-        except ImportError as error:
-            raise DataError("LZ4 compression needs the lz4 package", where=where) from error
-        return lambda packed, expected: bytes(lz4_block.decompress(packed, uncompressed_size=expected))
+        return lambda packed, expected: lz4.block.decompress(packed, uncompressed_size=expected)
     raise DataError("unsupported compressor", where=where, found=name, allowed=", ".join(PACKINGS))
 
 
@@ -306,9 +295,8 @@ def _after_header(file: Storage, encoded: Storage, begin: int, text: bool, heade
 
 def _check_total(found: int, total: int, where: str) -> None:
     if found != total:
-        raise DataError(
-            "the array's size is not the dataset's", where=where, found=f"{found} bytes", allowed=f"{total}"
-        )
+        what = "the array's size is not the dataset's"
+        raise DataError(what, where=where, found=f"{found} bytes", allowed=f"{total}")
 
 
 TYPES = {
@@ -320,7 +308,6 @@ BLANKS = b" \t\r\n"
 
 
 def stored_dtype(layout: XmlLayout, chosen: XmlArray, where: str) -> np.dtype[Any]:
-    """Return the dtype of an array in the file."""
     kind = chosen.attributes.get("type", "")
     if kind not in TYPES:
         raise DataError("not numbers", where=where, found=f"type {kind}", allowed=", ".join(TYPES))
@@ -342,9 +329,7 @@ def storage_of(
     file = FileBytes([FileRange(path, 0, size)])
     total = count * stored.itemsize
     if form == "ascii":
-        begin, end = chosen.text_begin, chosen.text_end
-        check_packed(end - begin, count, "text", where)
-        return LoadedBytes(lambda: numbers_from_text(file.read_at(begin, end - begin), stored, count, where), where), 0
+        return numbers_in_text(path, chosen.text_begin, chosen.text_end, stored, count, where), 0
     kind = layout.file.get("header_type", "UInt32")
     if kind not in ("UInt32", "UInt64"):
         raise DataError("impossible header_type", where=where, found=kind, allowed="UInt32, UInt64")
@@ -359,7 +344,6 @@ def storage_of(
 
 
 def _begin_of(path: Path, layout: XmlLayout, chosen: XmlArray, form: str, where: str) -> tuple[int, bool]:
-    """Return the offset of the array in the file, and whether it is base64 text."""
     if form == "binary":
         return _first_character(path, chosen.text_begin), True
     if form != "appended":
@@ -413,7 +397,6 @@ class XmlPiece:
         return total
 
     def points(self) -> NDArray[Any]:
-        """Return the positions of the points, (n, 3)."""
         found, count = self._find("Points"), self.count("NumberOfPoints")
         if count and (not found or found[0].components != 3):
             raise DataError("a piece has no points", where=str(self.path), allowed="Points of three components")
@@ -429,18 +412,15 @@ class XmlPiece:
         return offsets, self.array(section, "connectivity", int(offsets[-1])).astype(np.int64).reshape(-1)
 
     def array(self, section: str, name: str, tuples: int) -> NDArray[Any]:
-        """Return one array of the cells, of so many tuples."""
         found = self._find(section, name)
         if not found:
             raise DataError(f"{section} lack an array", where=str(self.path), allowed="connectivity and offsets")
         return self._load(found[0], tuples)
 
     def has(self, section: str, name: str) -> bool:
-        """Return whether a section has an array."""
         return bool(self._find(section, name))
 
     def arrays(self, section: str, tuples: int) -> dict[str, NDArray[Any]]:
-        """Return the arrays of numbers of PointData or CellData."""
         numbers = [each for each in self._find(section) if each.attributes.get("type") in TYPES and each.components]
         return {each.name or f"array {number}": self._load(each, tuples) for number, each in enumerate(numbers)}
 

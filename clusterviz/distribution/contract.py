@@ -16,7 +16,7 @@ from clusterviz.distribution.sort_first import SortFirst, TileSettings
 from clusterviz.distribution.static import Coherent, Interleaved, Replicated
 from clusterviz.errors import InputError
 from clusterviz.frame.run import Run
-from clusterviz.frame.work import Mode, RankWork
+from clusterviz.frame.work import DrawnFrame, Mode, Planning, RankWork
 from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece
 from clusterviz.partition.screen import rank_groups
@@ -46,7 +46,7 @@ class Distribution(Protocol):
 class DistributionHooks(Protocol):
     """Hooks of a distribution in the frame loop, kept from frame to frame; every method is collective."""
 
-    def prepare(self, run: Run, scene: Scene, plan: Plan) -> None:
+    def prepare(self, run: Run, scene: Scene, plan: Plan) -> Planning[None]:
         """Prepare the assignment of a frame, by a pre-pass for example."""
 
     def before(self, run: Run, work: RankWork) -> Iterable[Rect] | None:
@@ -59,7 +59,7 @@ class DistributionHooks(Protocol):
     def counted(self, counts: RankFrame) -> RankFrame:
         """Add the hooks' own counts to those of a frame."""
 
-    def after(self, run: Run, work: RankWork, costs: Sequence[RankFrame]) -> None:
+    def after(self, run: Run, drawn: DrawnFrame, costs: Sequence[RankFrame]) -> None:
         """Use the costs of a drawn frame, one for each rank."""
 
     def close(self) -> None:

@@ -19,16 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import InputError
-from clusterviz.frame.residency import least_bytes
 from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.plan import Plan
 from clusterviz.render.choice import brick_bytes
+from clusterviz.render.storage import slot_of
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, LARGEST_SHARE_OF_MEMORY, memory
 from clusterviz.scene.values import Cluster
 
 if TYPE_CHECKING:
     from clusterviz.frame.run import Run
 
+READING = 2
+"""Bytes for a byte of samples that is read: the box that spans several bricks lies beside these."""
 Shares = Callable[[int], NDArray[np.int64]]
 """Bytes of bricks that each of a number of ranks would hold, int64 (ranks,)."""
 
@@ -69,7 +71,8 @@ def check_memory(
 
 def check_passes(plan: Plan, brick_bytes: NDArray[np.int64], limit_bytes: int | None) -> None:
     """Raise InputError if a limit is below what the largest brick takes while it is loaded."""
-    if limit_bytes is not None and (least := least_bytes(brick_bytes, plan)) > limit_bytes:
+    least = int(brick_bytes.max()) + READING * slot_of(plan).sample_bytes if brick_bytes.any() else 0
+    if limit_bytes is not None and least > limit_bytes:
         text = f"a brick takes {least} bytes while it is loaded, which no number of ranks changes"
         allowed = f"{least} bytes a rank, or smaller bricks"
         raise InputError(text, where="cluster.memory_limit", found=f"{limit_bytes} bytes a rank", allowed=allowed)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from clusterviz.data.source import Index
 from clusterviz.distribution.brick_cost import expected_samples, measure, predict, rank_costs, unmeasured
 from clusterviz.distribution.memory_budget import MemoryBudget, check_passes
-from clusterviz.frame.residency import has_passes
 from clusterviz.frame.work import Mode
 from clusterviz.partition import (
     BspTree,
@@ -78,7 +77,7 @@ class StaticDistribution(Generic[Assigned]):
         """
         if self._current is None or shows_more(plan, self._current[1]):
             cost, sizes = plan.cost, self._budget.brick_bytes(plan)
-            if has_passes(plan):
+            if plan.has_passes:
                 check_passes(plan, sizes, self._budget.limit_bytes)
             else:
                 self._budget.check(lambda n: self._sums(self._assign(cost, n), sizes), self._ranks, sizes)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.data.field import VECTOR_FIELDS, VectorField
 from clusterviz.data.source import Grid, Index
-from clusterviz.data.vector_field import VECTOR_FIELDS, VectorField
 from clusterviz.data.vectors import VectorSource, index_from_world, index_from_world_vectors, world_from_index
 from clusterviz.errors import DataError
 from clusterviz.flow.cells import Cells

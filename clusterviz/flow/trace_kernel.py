@@ -14,7 +14,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 
 from clusterviz.codec.intrinsics import intrinsic, lane_indices
-from clusterviz.data.vector_field import abc, hill_vortex, rotation
+from clusterviz.data.field import abc, hill_vortex, rotation
 from clusterviz.flow import state as key
 
 _OPTIONS: dict[str, Any] = {

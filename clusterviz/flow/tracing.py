@@ -34,7 +34,7 @@ from clusterviz.comm.agree import abort_on_failure, agree
 from clusterviz.comm.channel import Channel, all_to_all
 from clusterviz.comm.loopback import LoopbackChannel
 from clusterviz.content.flow.section import Seeds, Trace
-from clusterviz.data import vector_field
+from clusterviz.data import field as fields
 from clusterviz.data.geometry import Lines
 from clusterviz.data.source import Index
 from clusterviz.data.vectors import VectorSource
@@ -81,7 +81,7 @@ _TAG = 7400
 @cache
 def kernel() -> CompiledKernel:
     """Return the kernel that advances particles."""
-    sources = [Path(str(module.__file__)) for module in (trace_kernel, intrinsics, key, vector_field)]
+    sources = [Path(str(module.__file__)) for module in (trace_kernel, intrinsics, key, fields)]
     mesh = "float64[::1]; int64[::1]; int64[::1]; int64[::1]; int64[::1]"
     rest = "int64[::1]; float64[::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; float64[:,::1]; int64[::1]"
     arguments = f"float32[::1]; float32[::1]; {mesh}; {rest}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Set
 
-from clusterviz.content.volume.opening import OpenedVolume
 from clusterviz.data.source import Index, levels_of
 from clusterviz.data.store.cache import CACHE
 from clusterviz.frame.opening import Opened
@@ -16,28 +15,19 @@ from clusterviz.plan.plan import Plan
 class BrickReader:
     """Bricks of this rank in main memory, and reading of those that are missing.
 
-    Parameters
-    ----------
-    opened : content; None: there is nothing to read
-    bricks : that have been read
-
     Attributes
     ----------
     bricks_read, bytes_read : bricks that were read so far, and bytes: encoded ones of stores, else those of samples
     """
 
-    def __init__(self, opened: Opened | None, bricks: Bricks) -> None:
+    def __init__(self, opened: Opened, bricks: Bricks) -> None:
         self._opened, self._held = opened, bricks
         self.bricks_read = self.bytes_read = 0
 
     def load(self, run: Run, plan: Plan, wanted: Set[Index], holds: Set[Index] = frozenset()) -> Bricks:
         """Return bricks of this rank; those that are not in memory are read.
 
-        Parameters
-        ----------
-        plan : of the frame
-        wanted : indices of the bricks to return
-        holds : bricks that may be needed again; `Options.keep_bricks` keeps them in memory
+        `Options.keep_bricks` keeps those in memory that this rank `holds`, which may be needed again.
         """
         with run.local("load", "load"):
             held = plan.content.suiting(self._held)
@@ -55,19 +45,12 @@ class BrickReader:
         return set(self._held)
 
     def replace(self, opened: Opened, changed: Set[Index], bricks: Bricks) -> None:
-        """Read from other time steps.
-
-        Parameters
-        ----------
-        changed : bricks in memory that may differ
-        bricks : of the other time steps that have been read
-        """
+        """Read from other time steps, of which some bricks have been read; those in memory that may differ go."""
         self._opened = opened
         self._held = {index: brick for index, brick in self._held.items() if index not in changed} | bricks
 
     def read(self, plan: Plan, wanted: Set[Index], stops: Callable[[], bool] = lambda: False) -> Bricks:
         """Read bricks, in any thread; what was read of them if `stops` says so."""
-        assert self._opened is not None, "only a scene with content has a plan"
         found, encoded = Bricks(), CACHE.bytes_read
         for index, brick in self._opened.read(plan, wanted):
             found[index] = brick
@@ -80,16 +63,12 @@ class BrickReader:
     @property
     def decodes(self) -> bool:
         """Whether bricks of stores are decoded."""
-        return any(levels_of(volume.source) is not None for volume in self._volumes)
+        return any(levels_of(volume.source) is not None for volume in self._opened.volumes)
 
     @property
     def itemsize(self) -> int:
         """Bytes of a sample as it is read, at most."""
-        return max((volume.source.dtype.itemsize for volume in self._volumes), default=1)
-
-    @property
-    def _volumes(self) -> tuple[OpenedVolume, ...]:
-        return self._opened.volumes if self._opened else ()
+        return max((volume.source.dtype.itemsize for volume in self._opened.volumes), default=1)
 
     def taken(self) -> Bricks:
         """Return the bricks in memory, which are no longer kept here."""

@@ -41,8 +41,8 @@ from clusterviz.image.picture import Image as Picture
 from clusterviz.image.picture import layers_of
 from clusterviz.render.crossing import named_layers
 from clusterviz.render.render_result import finish_projection
+from clusterviz.report.counts import all_counts
 from clusterviz.report.decisions import Change
-from clusterviz.report.early_discarding import all_counts
 from clusterviz.report.provenance import Provenance
 from clusterviz.report.statistics import FrameStatistics, RankFrame, peak_memory_bytes
 from clusterviz.report.trace import composition_spans
@@ -53,12 +53,7 @@ ROW = "compositing"
 
 
 class Compositing:
-    """Compositor of a loop; its buffers are made for the first frame and kept.
-
-    Parameters
-    ----------
-    several : True if more than one frame may come
-    """
+    """Compositor of a loop; its buffers are made for the first frame and kept, if several frames may come."""
 
     def __init__(self, several: bool) -> None:
         self._several = several
@@ -145,7 +140,6 @@ class Compositing:
         return image, counts
 
     def _warn_of_change(self, run: Run, asked: str, counters: CompositeCounters) -> None:
-        """Warn on rank 0, once a run, if another algorithm ran than the scene names."""
         used = counters.algorithm
         if asked in ("auto", used) or counters.transport == "shared" or "compositing" in self._warned:
             return
@@ -259,7 +253,6 @@ def _finished(run: Run, work: RankWork, composed: NDArray[Any] | None) -> Image 
 
 
 def _annotated(image: Image, drawn: DrawnFrame) -> Image:
-    """Return the picture with the annotations of its scene; other layers stay as they are."""
     if drawn.work.scene.annotations.is_empty:
         return image
     from clusterviz.annotations import annotated
@@ -286,7 +279,6 @@ def _check(
 
 
 def _provenance(run: Run, drawn: DrawnFrame) -> Provenance:
-    """Return how a frame was made; on rank 0."""
     work, counts = drawn.work, drawn.counts
     rounding = rounding_bound(work.scene.quality.pixel, max(1, len(work.order)))
     detail = work.plan.detail if work.plan else ()
@@ -305,11 +297,8 @@ def _canvas_size(work: RankWork) -> tuple[int, int]:
 class AsyncCompositing:
     """Compositing thread of this rank, which holds at most one frame.
 
-    All ranks learn of a failure when they take that frame. A failure in the thread of a single rank ends the job.
-
-    Parameters
-    ----------
-    channel : to the other ranks, used by the compositing thread only
+    All ranks learn of a failure when they take that frame. A failure in the thread of a single rank ends the job. Only
+    this thread uses the channel.
     """
 
     def __init__(self, channel: Channel) -> None:

@@ -15,15 +15,14 @@ from clusterviz.comm import abort_on_failure
 from clusterviz.composite.opacity_in_front import opacity_in_front
 from clusterviz.data.source import Index
 from clusterviz.frame.brick_reader import BrickReader
-from clusterviz.frame.residency import Residency, has_passes
+from clusterviz.frame.residency import Residency
 from clusterviz.frame.run import Options, Run
-from clusterviz.frame.work import RankWork
+from clusterviz.frame.work import RankWork, SampleCounts
 from clusterviz.gl.devices import prefers_cpu
 from clusterviz.image.partial import PartialImage, Rect, joined
 from clusterviz.partition import Piece
 from clusterviz.render.stored_brick import stamp_of
-from clusterviz.report.early_discarding import all_counts
-from clusterviz.report.frame_coherence import together
+from clusterviz.report.counts import all_counts
 from clusterviz.report.machine import HELD_SHARE_OF_MEMORY, memory
 from clusterviz.report.statistics import RankFrame
 
@@ -38,20 +37,16 @@ if TYPE_CHECKING:
 class Drawing:
     """Renderer of this rank, kept from frame to frame; a rank without bricks opens no OpenGL context.
 
-    Parameters
-    ----------
-    reader : of this rank's bricks
-
     Attributes
     ----------
-    sample_counts : for each piece drawn last its rectangle, and its samples as `RenderResult.work`
+    sample_counts : of each piece drawn last
     fragments : for each piece drawn last, as `RenderResult.fragments`
     """
 
     def __init__(self, reader: BrickReader) -> None:
         self._reader = reader
         self._renderers: RendererCache | None = None
-        self.sample_counts: list[tuple[Rect, NDArray[np.uint32]]] = []
+        self.sample_counts: list[SampleCounts] = []
         self.fragments: list[NDArray[np.int32]] = []
         self._received: dict[Index, tuple[int, Stored]] = {}
         self._pieces: list[Piece] = []
@@ -129,8 +124,6 @@ class Drawing:
 
         Parameters
         ----------
-        run : of the frame
-        work : whose bricks are loaded
         tiles : parts of the picture in which all pieces are drawn, one after the other, as from a work queue; None: the
             rectangles of the pieces
 
@@ -167,13 +160,7 @@ class Drawing:
     def find_layers(self, run: Run, work: RankWork, partials: Sequence[PartialImage]) -> list[FoundLayers]:
         """Find where the opacity of pixels passes one half, in the pieces drawn last; collective.
 
-        Parameters
-        ----------
-        work, partials : as drawn
-
-        Returns
-        -------
-        found : for each piece with pixels, see `as_partials`; empty if the scene has no layers
+        It is that of each piece with pixels, see `as_partials`; nothing if the scene has no layers.
         """
         if work.plan is None or not work.plan.layers:
             return []
@@ -204,7 +191,7 @@ class Drawing:
             with abort_on_failure(run.channel, run.frame, "load"):
                 local_size = run.channel.placement().local_size
             self._most_bytes = int(HELD_SHARE_OF_MEMORY * memory().available_bytes / local_size)
-        if plan is None or cluster.distribution == "dynamic" or not has_passes(plan):
+        if plan is None or cluster.distribution == "dynamic" or not plan.has_passes:
             return None
         if work.mode != "sort-last" and plan.refraction is None:
             return None
@@ -213,7 +200,6 @@ class Drawing:
         return self._residency.prepare(plan, work.holds, limit, self._most_bytes or 0)
 
     def _in_tiles(self, run: Run, pieces: Sequence[Piece], tiles: Iterable[Rect]) -> Iterator[Piece]:
-        """Yield all pieces of each tile, and keep those that were drawn."""
         for tile in tiles:
             run.options.poll()
             for piece in pieces:
@@ -243,7 +229,7 @@ class Drawing:
         occluded = sum(each.occluded for each in drawn)
         bricks, samples = sum(each.bricks for each in drawn), sum(each.samples for each in drawn)
         read = [each for each in drawn if each.bytes_read]
-        frame_coherence = together(each.frame_coherence for each in drawn)
+        frame_coherence = all_counts(each.frame_coherence for each in drawn)
         return RankFrame(
             {},
             **held,
@@ -260,6 +246,5 @@ class Drawing:
 
 
 def _report(options: Options, done: float) -> None:
-    """Report the progress of drawing, which may end it."""
     options.progress("render", done)
     options.poll()

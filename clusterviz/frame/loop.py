@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,17 @@ from clusterviz.frame.driver import with_right_device
 from clusterviz.frame.opening import Given, Opened, open_content, open_time_steps
 from clusterviz.frame.planning import FramePlanner
 from clusterviz.frame.run import STEPS, Image, Options, Progress, Run
-from clusterviz.frame.work import DrawnFrame, RankWork, Rendered, check_consistency, check_cover
+from clusterviz.frame.work import (
+    DrawingRequest,
+    DrawingResult,
+    DrawnFrame,
+    Planning,
+    RankWork,
+    Rendered,
+    T,
+    check_consistency,
+    check_cover,
+)
 from clusterviz.gl.devices import prefers_cpu
 from clusterviz.plan.content import Bricks
 from clusterviz.plan.plan import changed_settings
@@ -64,12 +75,7 @@ def render_frame(scene: Scene, channel: Channel, source: Given = None, options: 
 
 
 def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bricks]:
-    """Do all stages before drawing: read the data, complete the scene, plan the frame, assign bricks; collective.
-
-    Returns
-    -------
-    work : of this rank
-    bricks : that its work needs
+    """Do all stages before drawing; return the work of this rank, and the bricks that it needs; collective.
 
     Raises
     ------
@@ -86,9 +92,34 @@ def prepare(run: Run, scene: Scene, source: Given = None) -> tuple[RankWork, Bri
     scene, opened, bricks = open_content(run, scene, source)
     reader = BrickReader(opened, bricks)
     drawing = Drawing(reader)
-    work = FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene)
+    work = planned(drawing, FramePlanner(run, drawing, opened, scene, several=False).plan(run, scene))
     drawing.release()
     return work, reader.load(run, work.plan, work.holds) if work.plan else {}
+
+
+def planned(drawing: Drawing, planning: Planning[T]) -> T:
+    """Draw what a planning asks for, and return its decision; collective."""
+    found: DrawingResult | None = None
+    while True:
+        try:
+            request = planning.send(found)  # type: ignore[arg-type]  # None begins
+        except StopIteration as decided:
+            decision: T = decided.value
+            return decision
+        found = _found(drawing, request)
+
+
+def _found(drawing: Drawing, request: DrawingRequest) -> DrawingResult:
+    run, work = request.run, request.work
+    if request.loads:
+        drawing.load(run, request.loads)
+    with run.unreported(request.stage) if request.stage else nullcontext(run) as timed:
+        before = timed.clock.seconds.get("render", 0.0)
+        partials, counts = drawing.draw(timed, work)
+        seconds, image = timed.clock.seconds.get("render", 0.0) - before, None
+    if request.composited:
+        image, counts = Compositing(several=False).picture(run, work, partials, counts)
+    return DrawingResult(partials, counts, drawing.sample_counts, seconds, image)
 
 
 class FrameLoop:
@@ -127,8 +158,7 @@ class FrameLoop:
                 run = with_right_device(run, scene, None, "open")
             self.scene, opened, bricks = open_content(run, scene, source)
             run = self._run = with_right_device(run, self.scene, opened, "plan")
-            self._painter = opened.painter(run, self.scene) if opened else None
-        self._infos = opened.infos if opened else ()
+            self._painter = opened.painter(run, self.scene)
         self._opened, self._is_given = opened, source is not None
         self._reader = BrickReader(opened, bricks)
         self._drawing = Drawing(self._reader)
@@ -166,7 +196,7 @@ class FrameLoop:
             self._drawing.forget()
             raise
         rendered = compositing.gather(run, drawn, image, counts)
-        self._planner.auto_mode.learn(self._run, drawn.work, rendered.statistics.per_rank)
+        self._planner.auto_mode.learn(self._run, drawn, rendered.statistics.per_rank)
         return rendered
 
     def frames(self, scenes: Iterable[tuple[int, Scene]]) -> Iterator[Rendered]:
@@ -187,7 +217,7 @@ class FrameLoop:
                 with run.clock.stage("total", f"frame {number}"):
                     drawn = self._draw(run, self._completed(run, scene))
                     costs = run.channel.allgather(replace(drawn.counts, seconds=run.clock.seconds))
-                    self._planner.auto_mode.learn(run, drawn.work, costs)
+                    self._planner.auto_mode.learn(run, drawn, costs)
                     with run.clock.stage("wait"):
                         before = async_compositing.take()
                 async_compositing.put(run, drawn)
@@ -199,23 +229,24 @@ class FrameLoop:
                 yield last
 
     @property
-    def opened(self) -> Opened | None:
-        """The content; None if the scene has none."""
+    def opened(self) -> Opened:
+        """The content."""
         return self._opened
 
     def suits(self, scene: Scene) -> bool:
         """Return whether a frame may show a completed scene; if not, its content has to be opened anew."""
-        return is_same_volume(self.scene, scene) and (self._opened is None or self._opened.suits(scene))
+        return is_same_volume(self.scene, scene) and self._opened.suits(scene)
 
     def _completed(self, run: Run, scene: Scene) -> Scene:
         """Complete a scene by what is known of the content, which is the same at all time steps."""
         with run.local("plan", "plan"):
-            return scene if scene is self.scene else complete_scene(scene, self._infos)
+            return scene if scene is self.scene else complete_scene(scene, self._opened.infos)
 
     def _draw(self, run: Run, scene: Scene) -> DrawnFrame:
         """Open what a completed scene shows anew, plan its frame, and draw this rank's part."""
         self._open_time_steps(run, scene)
-        work, hooks = self._planner.plan(run, scene), self._planner.auto_mode.hooks
+        work = planned(self._drawing, self._planner.plan(run, scene))
+        hooks = self._planner.auto_mode.hooks
         if run.options.check:
             check_cover(run, work)
         self._drawing.load(run, work)
@@ -229,18 +260,11 @@ class FrameLoop:
         counts = hooks.counted(counts) if hooks else counts
         if not self._several:
             self._drawing.release()
-        found = self._infos, self._changes(run, work), layers, self._drawing.fragments
-        return DrawnFrame(run.frame, work, partials, counts, *found, painted)
+        found = self._opened.infos, self._changes(run, work), layers, self._drawing.fragments
+        return DrawnFrame(run.frame, work, partials, counts, *found, painted, self._drawing.sample_counts)
 
     def _averaged(self, run: Run, scene: Scene, compositing: Compositing) -> tuple[DrawnFrame, Image | None, RankFrame]:
-        """Draw and composite a frame once for each eye point of its lens; return the mean on rank 0.
-
-        Returns
-        -------
-        drawn : of the last eye point, with the scene of the lens
-        image : the mean, on rank 0
-        counts : costs of all
-        """
+        """Draw a frame once for each eye point of its lens; return the last one, the mean on rank 0, and all costs."""
         count = scene.quality.lens.eye_points or 1
         total: NDArray[np.float64] | None = None
         counts = list[RankFrame]()
@@ -260,7 +284,7 @@ class FrameLoop:
             with run.local("open"):  # all ranks see it, and may go on with another scene
                 raise problem
         before, plan = self._opened, self._planner.last_plan
-        if before is None or not before.shows_other_times(scene):
+        if not before.shows_other_times(scene):
             return
         if self._is_given:
             with run.local("open"):
@@ -274,7 +298,6 @@ class FrameLoop:
             self._drawing.drop(changed)
 
     def _changes(self, run: Run, work: RankWork) -> tuple[Change, ...]:
-        """Return settings of a frame that are not used as given; rank 0 warns of each once."""
         on_cpu = work.scene.quality.filter == "hardware" and prefers_cpu(run.options.device)
         changes = changed_settings(work.scene, run.channel.size, on_cpu)
         for change in changes:
@@ -290,7 +313,6 @@ class FrameLoop:
         self._drawing.release()
         # After a failure other ranks may never reach a collective call.
         if kind is None:
-            if self._opened is not None:
-                self._opened.free()
+            self._opened.free()
             self._compositing.close()
             self._planner.auto_mode.close()

@@ -21,13 +21,7 @@ from clusterviz.content.facts import Facts
 from clusterviz.content.flow.expansion import without_flows
 from clusterviz.content.table import KINDS, entries_of
 from clusterviz.content.volume import opening as volumes_opening
-from clusterviz.content.volume.opening import (
-    OpenedVolume,
-    is_brick_same,
-    read_layer,
-    times_of,
-    with_larger_bricks,
-)
+from clusterviz.content.volume.opening import OpenedVolume, is_brick_same, read_layer, times_of, with_larger_bricks
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.source import Index, Source
 from clusterviz.data.unstructured import UnstructuredGrid
@@ -50,13 +44,7 @@ unstructured grid and flow, in this order; None: the file is read."""
 
 @dataclass(frozen=True)
 class Opened:
-    """Opened content of a scene.
-
-    Attributes
-    ----------
-    entries : by the name of a kind, its opened entries, in the order of the scene; what others are drawn as included
-    ranks : that draw
-    """
+    """Opened content of a scene, which may be none: entries by the name of their kind, what others become included."""
 
     entries: Mapping[str, tuple[Any, ...]]
     ranks: int = 1
@@ -89,15 +77,14 @@ class Opened:
         """Return whether the bricks suit a scene: those of mixed content are read with the margins of each plan."""
         return is_mixed(scene) or self.volumes[0].has_margin_for(scene)
 
-    def plan(self, scene: Scene) -> Plan:
-        """Plan a frame; collective with geometry or grids, of which the ranks look for what each brick holds."""
-        known, placed = (
-            [volume.known for volume in self.volumes],
-            list(zip(self.placed, _placed_in(scene), strict=True)),
-        )
-        bricks = domain_bricks(scene, known, [(section, one.info) for one, section in placed])
+    def plan(self, scene: Scene) -> Plan | None:
+        """Plan a frame, None without content; collective where ranks look for what each brick holds."""
+        if not self.infos:
+            return None
+        placed = list(zip(self.placed, scene.drawn_as("fragments", "segments").values(), strict=True))
+        bricks = domain_bricks(scene, self.volumes, [(section, one.info) for one, section in placed])
         layers = [one.layer(section, scene.lights, bricks) for one, section in placed]
-        return self.with_detail(make_plan(scene, known, bricks, layers), scene)
+        return self.with_detail(make_plan(scene, self.volumes, bricks, layers), scene)
 
     def with_detail(self, plan: Plan, scene: Scene) -> Plan:
         """Return a plan with the levels of volumes that its view needs, and the bounds of their errors."""
@@ -152,47 +139,33 @@ class Opened:
         return self.with_volumes(replace(volume, read_bricks={}) for volume in self.volumes), bricks
 
 
-def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened | None, Bricks]:
+def open_content(run: Run, scene: Scene, source: Given = None) -> tuple[Scene, Opened, Bricks]:
     """Open the entries of a scene, each rank its share of them, and complete the scene; collective.
-
-    Parameters
-    ----------
-    source : replaces the files of the scene
 
     Returns
     -------
     scene : completed
-    opened : its content; None if the scene has none
+    opened : its content
     bricks : that were read and can be drawn: those of a single volume with bricks of one size
     """
     with run.local("open", "load"):
         _check_picture(scene)
     asked, scene = scene, without_flows(scene)
-    if not scene.has_content:
-        with run.local("plan", "plan"):
-            return complete_scene(scene, ()), None, {}
     with run.local("open", "load"):
-        given = _given_by_key(scene, source)
+        given = _given_by_key(scene, source) if scene.has_content else {}
     scene, opened = _opened(run, scene, given)
     with run.local("plan", "plan"):
         scene = complete_scene(scene, opened.infos)
         labelled = with_chosen_labels(asked, scene)
         if labelled is None and not is_mixed(scene):
-            opened = opened.with_volumes([with_larger_bricks(*opened.volumes, scene, run.channel.size)])
+            opened = opened.with_volumes([with_larger_bricks(opened.volumes[0], scene, run.channel.size)])
     return open_content(run, labelled, source) if labelled else (scene, *opened.taken(scene))
 
 
 def _opened(run: Run, scene: Scene, given: dict[str, Any]) -> tuple[Scene, Opened]:
-    """Open all entries, those first that are drawn as entries of other kinds; collective.
+    """Open all entries, those first that are drawn as entries of other kinds, which then are in the scene, too.
 
-    Parameters
-    ----------
-    given : by key, what replaces the file of an entry
-
-    Returns
-    -------
-    scene : with the entries that others are drawn as
-    opened : all of them
+    `given` has by key what replaces the file of an entry. Collective.
     """
     found = dict[str, tuple[Any, ...]]()
     for kind in reversed(KINDS):
@@ -208,12 +181,7 @@ def _opened(run: Run, scene: Scene, given: dict[str, Any]) -> tuple[Scene, Opene
 
 
 def open_time_steps(run: Run, scene: Scene, opened: Opened) -> tuple[Opened, Bricks]:
-    """Open those volumes of a scene whose time steps differ from the opened ones; collective.
-
-    Returns
-    -------
-    opened : the same content if no time step differs
-    bricks : that were read and can be drawn, as of `open_content`
+    """Open those volumes of a scene whose time steps differ; return the content, and bricks as of `open_content`.
 
     Raises
     ------
@@ -224,13 +192,7 @@ def open_time_steps(run: Run, scene: Scene, opened: Opened) -> tuple[Opened, Bri
     return opened.with_volumes(volumes).taken(scene)
 
 
-def _placed_in(scene: Scene) -> list[Any]:
-    """Return the sections of the entries whose members lie in bricks of the domain."""
-    return [entry.section for entry in entries_of(scene) if entry.kind.must_fit]
-
-
 def _owners(cost: NDArray[np.float64], ranks: int) -> NDArray[np.int64]:
-    """Return the rank of each brick in a coherent distribution, int64 (bz, by, bx)."""
     tree, found = build_tree(cost, ranks), np.zeros(cost.shape, np.int64)
     for rank in range(ranks):
         found[tuple(bricks_of(tree, rank, cost).T)] = rank
@@ -238,7 +200,6 @@ def _owners(cost: NDArray[np.float64], ranks: int) -> NDArray[np.int64]:
 
 
 def _check_picture(scene: Scene) -> None:
-    """Refuse a picture that no rank could hold."""
     width, height = scene.image.size
     needed, there = PIXEL_BYTES * width * height, memory().total_bytes
     if 0 < there < needed:
@@ -252,7 +213,6 @@ def _given_by_key(scene: Scene, given: Given) -> dict[str, Any]:
         return {}
     each = list(given) if isinstance(given, Sequence) else [given]
     entries = entries_of(scene)
-    volumes = sum(entry.kind is KINDS[0] for entry in entries)
-    if len(each) not in (len(entries), volumes):
+    if len(each) not in (len(entries), len(scene.drawn_as("samples"))):
         raise InputError("not one for each volume", where="sources", found=len(each), allowed=len(entries))
     return {entry.key: one for entry, one in zip(entries, each, strict=False)}

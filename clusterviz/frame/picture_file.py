@@ -33,11 +33,6 @@ PARTS = ("versions", "data", "error")
 def write_picture(path: str | os.PathLike[str], image: Pixels, scene: Scene, made: Provenance) -> None:
     """Write a picture in the format of its extension; a .png holds its scene and its record.
 
-    Parameters
-    ----------
-    scene : completed
-    made : how the picture was made
-
     Raises
     ------
     OutputError

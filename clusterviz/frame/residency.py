@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
 from clusterviz.data.store.cache import CACHE, CACHE_BYTES
+from clusterviz.distribution.memory_budget import READING
 from clusterviz.frame.brick_reader import BrickReader
 from clusterviz.partition import BrickBox, Piece, bounding_box, build_tree, front_to_back
 from clusterviz.plan.content import Bricks
@@ -41,25 +42,7 @@ if TYPE_CHECKING:
 
 SLOTS, DECODED = 3 / 8, 1 / 4
 """Shares of a limit, if not all bricks fit; the rest is for samples. Without stores nothing is decoded."""
-READING = 2
-"""Bytes for a byte of samples that is read: the box that spans several bricks lies beside these."""
 Batch = tuple[Future[Bricks], frozenset[Index], int]
-
-
-def has_passes(plan: Plan) -> bool:
-    """Return True if bricks of a plan may be drawn in passes: those of volumes only, and each ray once."""
-    march = plan.march
-    return not plan.content.layers and march.frame_coherence is None and march.discard_margin is None
-
-
-def least_bytes(sizes: NDArray[np.int64], plan: Plan) -> int:
-    """Return the least limit with which bricks can be drawn in passes: that of a single brick.
-
-    Parameters
-    ----------
-    sizes : int64 (bz, by, bx), bytes of their slots
-    """
-    return int(sizes.max()) + READING * slot_of(plan).sample_bytes if sizes.any() else 0
 
 
 @dataclass(frozen=True)
@@ -72,14 +55,7 @@ class Shares:
 
     @classmethod
     def of(cls, limit: int, total: int, largest: int, sample: int, decodes: bool) -> Shares:
-        """Divide a limit.
-
-        Parameters
-        ----------
-        total, largest : bytes of the slots of all bricks, and of the largest one
-        sample : bytes of the samples of a brick, at most
-        decodes : bricks of stores are decoded
-        """
+        """Divide a limit by the bytes of the slots of all bricks, of the largest one, and of its samples at most."""
         decoded, reading = int(DECODED * limit * decodes), READING * sample
         if total + reading + decoded // 4 <= limit:
             decoded = min(decoded, limit - total - reading)
@@ -92,11 +68,7 @@ class Shares:
 class Residency:
     """Loading of a rank's bricks part by part, for `Passes`.
 
-    Parameters
-    ----------
-    reader : of the bricks; those that it has read are taken over
-    renderers : where bricks are loaded
-    on_cpu : whether the CPU ray caster draws
+    The bricks that the reader has read are taken over.
 
     Attributes
     ----------
@@ -122,10 +94,7 @@ class Residency:
     def prepare(self, plan: Plan, holds: Set[Index], limit: int | None, most: int) -> Residency | None:
         """Drop bricks that do not suit a plan, and return this; None if all bricks may be loaded at once.
 
-        Parameters
-        ----------
-        holds : bricks that this rank may draw
-        limit : bytes of bricks in memory; None: `most` limits them if they take more
+        Those that this rank `holds` may take `limit` bytes in memory; where that is None, `most`.
         """
         self._sizes = brick_bytes(plan, self._on_cpu)
         if limit is None and sum(int(self._sizes[index]) for index in holds) <= most:
@@ -237,14 +206,12 @@ class Residency:
         return [piece.part(one + box.begin_zyx) for one in found if len(one)]
 
     def _distance(self, index: Index) -> int:
-        """Return the parts between now and the next use of a brick."""
         if index in self._missing:
             return -1
         count = len(self._bricks)
         return (self._order[index] - self._now - 1) % count if index in self._order else count
 
     def _make_slots(self, missing: Set[Index], keep: Collection[Index]) -> None:
-        """Drop bricks from slots until others fit."""
         there = self._renderers.bricks
         used = sum(self._slot_bytes.get(index, 0) for index in there)
         need = used + sum(int(self._sizes[index]) for index in missing) - self._shares.slots
@@ -298,7 +265,6 @@ class Residency:
         return bricks
 
     def _reading(self, batch: Sequence[Index]) -> int:
-        """Return the bytes that reading bricks takes: their samples, and the box around them."""
         around = bounding_box(np.array(batch, np.int64)).bricks
         return (len(batch) + around * (READING - 1)) * self._sample
 
@@ -312,13 +278,11 @@ class Residency:
             wait = False
 
     def _take(self, bricks: Bricks) -> None:
-        """Keep samples, instead of those of the same bricks."""
         self.drop(bricks.keys())
         self._samples |= bricks
         self._held_bytes += sum(brick.nbytes for brick in bricks.values())
 
     def _note(self) -> None:
-        """Note the memory that is taken."""
         samples = self._held_bytes + sum(size for *_, size in self._batches)
         self.most_bytes = max(self.most_bytes, self._renderers.held.get("voxel_bytes", 0) + samples + CACHE.bytes)
 

@@ -71,15 +71,7 @@ class Options:
 
 
 class Run:
-    """Context of the stages of one frame: the channel, the options, the frame's number, and this rank's clock.
-
-    Attributes
-    ----------
-    channel : to the other ranks
-    options : of the run
-    frame : number of the frame, for errors
-    clock : of this rank
-    """
+    """Context of the stages of one frame: the channel, the options, the frame's number, and this rank's clock."""
 
     def __init__(self, channel: Channel, options: Options, frame: int = 0, clock: Clock | None = None) -> None:
         self.channel, self.options, self.frame = channel, options, frame

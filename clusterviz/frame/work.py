@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ from clusterviz.report.statistics import FrameStatistics, RankFrame
 from clusterviz.report.trace import Span
 from clusterviz.scene.values import Scene
 
+T = TypeVar("T")
+SampleCounts = tuple[Rect, NDArray[np.uint32]]
+"""Rectangle of a piece, and its samples as `RenderResult.work`."""
 Mode = Literal["sort-last", "sort-first", "hybrid"]
 REMEDY = "all ranks need the same files, libraries and kind of CPU"
 
@@ -69,6 +72,48 @@ class RankWork:
 
 
 @dataclass(frozen=True)
+class DrawingRequest:
+    """Drawing that planning asks for before it decides; what is found is not shown.
+
+    Attributes
+    ----------
+    run : of the planning
+    work : to draw
+    loads : work whose bricks are loaded first; None: they are there
+    stage : whose time all of the drawing is; "": it is timed like that of frames
+    composited : whether the picture is asked for, too
+    """
+
+    run: Run
+    work: RankWork
+    loads: RankWork | None = None
+    stage: str = ""
+    composited: bool = False
+
+
+@dataclass(frozen=True)
+class DrawingResult:
+    """What a rank has found as it drew what planning asked for.
+
+    Attributes
+    ----------
+    sample_counts : of each piece
+    seconds : of drawing
+    image : on rank 0, if it is asked for
+    """
+
+    partials: list[PartialImage]
+    counts: RankFrame
+    sample_counts: list[SampleCounts]
+    seconds: float
+    image: Image | None = None
+
+
+Planning = Generator[DrawingRequest, DrawingResult, T]
+"""Planning that yields what is to be drawn, on all ranks alike, is sent what was found, and returns its decision."""
+
+
+@dataclass(frozen=True)
 class DrawnFrame:
     """Frame of one rank before compositing.
 
@@ -82,6 +127,7 @@ class DrawnFrame:
     changes : settings that are not used as given
     layers : what this rank found for other layers, see `Drawing.find_layers`
     fragments : of each partial image, as `RenderResult.fragments`
+    sample_counts : of each piece
     painted : what a `Painter` adds to the picture, float32 (h, w, 4); None without it, and on ranks other than 0
     """
 
@@ -94,6 +140,7 @@ class DrawnFrame:
     layers: Sequence[FoundLayers] = ()
     fragments: Sequence[NDArray[np.int32]] = ()
     painted: Image | None = None
+    sample_counts: Sequence[SampleCounts] = ()
 
 
 @dataclass(frozen=True)
@@ -170,11 +217,7 @@ def check_cover(run: Run, work: RankWork) -> None:
 
 
 def check_equal(run: Run, checksums: Mapping[str, Sequence[int]]) -> None:
-    """Refuse checksums that are not equal on all ranks.
-
-    Parameters
-    ----------
-    checksums : one for each rank, the same on every rank, by the name of the decision
+    """Refuse checksums, one for each rank by the name of a decision, that are not equal on all ranks.
 
     Raises
     ------

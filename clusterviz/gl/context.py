@@ -21,6 +21,8 @@ from clusterviz.gl.devices import choose_device, egl_devices
 from clusterviz.spmd.source import ShaderSource
 
 _DRAW, _READ = 0x3059, 0x305A  # surfaces of EGL
+LLVMPIPE_ITERATIONS = 65535
+"""Iterations of all loops of an invocation together, after which llvmpipe leaves loops without a message."""
 HINT = "install Mesa's EGL driver (Debian, Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri) or a driver with EGL"
 
 

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 
 COLUMNS = {("f", 4): "vec4", ("f", 8): "dvec4", ("i", 4): "ivec4", ("u", 4): "uvec4"}
+Constant = bool | int | tuple[int, int, int]
+"""Value of a constant of GLSL."""
 SCALARS = {("f", 4): "float", ("i", 4): "int", ("u", 4): "uint"}
 
 
@@ -51,6 +53,19 @@ def glsl_array(name: str, binding: int, dtype: np.dtype[np.void], count: int) ->
         lines.append(f"    {_glsl_type(member, kind, offset)} {member};")
     block = f"layout(std140, binding = {binding}) uniform {name}Block {{ {name}Record {name}[{count}]; }};"
     return "\n".join([*lines, "};", block, ""])
+
+
+def glsl_constants(values: Mapping[str, Constant]) -> str:
+    """Return the GLSL text of constants: of type bool, int or ivec3, as in Python."""
+    lines = []
+    for name, value in values.items():
+        if isinstance(value, tuple):
+            lines.append(f"const ivec3 {name} = ivec3{value};\n")
+        elif isinstance(value, bool):
+            lines.append(f"const bool {name} = {str(value).lower()};\n")
+        else:
+            lines.append(f"const int {name} = {value};\n")
+    return "".join(lines)
 
 
 def _glsl_type(member: str, kind: np.dtype[np.generic], offset: int) -> str:

@@ -17,6 +17,10 @@ from clusterviz.spmd.source import ShaderSource
 
 INCLUDE = re.compile(r'^\s*#include\s+(?:"(?P<file>[^"]+)"|<(?P<slot>\w+)>)\s*$')
 
+FUNCTION = re.compile(r"(?:\w+ )+(?P<name>\w+)\(.*\) \{|struct (?P<struct>\w+)")
+VARIABLES = re.compile(r"(?:const )?\w+ (?P<names>\w+(?:\[.*\])?(?:,| =|;).*)")
+NESTED = re.compile(r"\([^()]*\)|\[[^\[\]]*\]")
+
 
 @cache
 def shader_folder() -> Path:
@@ -84,6 +88,25 @@ def shader_file(name: str) -> Path:
     """Return the path of a shader file, in whichever folder of `shader_folder` it lies; names are unique."""
     folder = shader_folder()
     return _files(folder).get(name, folder / name)
+
+
+@cache
+def defined_names(*files: str) -> tuple[str, ...]:
+    """Return the names that shader files define outside of functions: functions with a body, structs and variables.
+
+    A definition begins a line; what is only declared, and blocks, do not count.
+    """
+    found = dict[str, None]()
+    for line in (line for name in files for line in _read(name, "").splitlines()):
+        text = line.partition("//")[0].rstrip(" ;")
+        if match := FUNCTION.match(text):
+            found[match["name"] or match["struct"]] = None
+        elif match := VARIABLES.match(f"{text};"):
+            declared = match["names"].rstrip(";")
+            while NESTED.search(declared):  # values and sizes, in which there may be commas
+                declared = NESTED.sub("", declared)
+            found |= {part.split("=")[0].strip(): None for part in declared.split(",")}
+    return tuple(found)
 
 
 def _read(name: str, where: str) -> str:

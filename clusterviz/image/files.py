@@ -188,9 +188,9 @@ def _write_bytes(path: Path, rgba: Pixels, background: Colour | None, text: Mapp
     for key, each in text.items():
         if each:
             chunks.add_itxt(key, each, zip=True)
-    settings: dict[str, Any] = {"png": {"pnginfo": chunks}, "jpeg": {"quality": JPEG_QUALITY}, "gif": {}}[kind]
+    settings: dict[str, dict[str, Any]] = {"png": {"pnginfo": chunks}, "jpeg": {"quality": JPEG_QUALITY}, "gif": {}}
     with path.open("wb") as file:
-        Image.fromarray(finish(rgba, background)).save(file, format=kind, **settings)
+        Image.fromarray(finish(rgba, background)).save(file, format=kind, **settings[kind])
 
 
 def _write_npz(path: Path, rgba: Pixels, background: Colour | None, layers: Layers) -> None:

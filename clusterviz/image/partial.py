@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,11 @@ class Rect:
 EMPTY = Rect(0, 0, 0, 0)
 
 
+def bounding_rect(rects: Iterable[Rect]) -> Rect:
+    """Return the smallest rectangle that contains all rectangles; an empty one of none."""
+    return reduce(Rect.unite, rects, EMPTY)
+
+
 @dataclass(frozen=True)
 class PartialImage:
     """Pixels that one rank drew; everything outside `rect` is fully transparent.
@@ -84,9 +90,7 @@ def blank() -> PartialImage:
 
 def joined(parts: Sequence[PartialImage]) -> PartialImage:
     """Return partial images that do not overlap as one of the first one's type, transparent between them."""
-    rect = EMPTY
-    for part in parts:
-        rect = rect.unite(part.rect)
+    rect = bounding_rect(part.rect for part in parts)
     if len(parts) == 1 or rect.pixels == 0:
         return parts[0] if parts else blank()
     rgba = np.zeros((rect.height, rect.width, 4), parts[0].rgba.dtype)

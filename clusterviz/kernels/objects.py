@@ -16,6 +16,7 @@ import stat
 import tempfile
 from collections.abc import Callable, Iterable
 from functools import cache
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -37,14 +38,17 @@ on_compiling: Callable[[str], None] = _ignore
 """Called with the name of a kernel before it is compiled; commands may set it."""
 
 
+@cache
+def _llvm() -> Any:
+    """Return LLVM; what compiles and loads nothing need not wait for it, a tenth of a second."""
+    return import_module("llvmlite.binding")
+
+
 def function_address(name: str, sources: Iterable[bytes], make: Callable[[], bytes]) -> int:
     """Return the address of a function, from its object file.
 
-    Parameters
-    ----------
-    name : name of the function, and of its file
-    sources : sources of the code
-    make : compiles an object file with the function; called only if no file is found
+    `name`: name of the function, and of its file. `sources`: sources of the code. `make`: compiles an object file with
+    the function; called only if no file is found.
     """
 
     def compile_it() -> bytes:
@@ -65,8 +69,7 @@ def kept(file: str, make: Callable[[], bytes]) -> bytes:
 
 def load_function(code: bytes, name: str) -> int:
     """Load an object file for the life of the process; return the address of one of its functions."""
-    import llvmlite.binding as llvm  # type: ignore[import-untyped]
-
+    llvm = _llvm()
     engine = _engine()
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
@@ -77,8 +80,7 @@ def load_function(code: bytes, name: str) -> int:
 
 def optimized_object(text: str) -> bytes:
     """Return an object file for this CPU from LLVM IR as text."""
-    import llvmlite.binding as llvm
-
+    llvm = _llvm()
     target = machine(3 if optimizes() else 0)
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = target.triple, str(target.target_data)
@@ -104,8 +106,7 @@ def optimizes() -> bool:
 @cache
 def machine(effort: int = 3) -> Any:
     """Return the LLVM target machine of this CPU, for code of an effort from 0, soon compiled, to 3, fast."""
-    import llvmlite.binding as llvm
-
+    llvm = _llvm()
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_default_triple()
@@ -119,8 +120,7 @@ def cpu() -> tuple[str, str]:
 
     Raises InputError: CLUSTERVIZ_CPU is neither "generic", nor "native" or empty.
     """
-    import llvmlite.binding as llvm
-
+    llvm = _llvm()
     asked = os.environ.get(CPU_VARIABLE, "").strip()
     if asked == "generic":
         return asked, ""
@@ -181,8 +181,7 @@ def is_trusted(path: Path) -> bool:
 
 
 def _engine() -> Any:
-    import llvmlite.binding as llvm
-
+    llvm = _llvm()
     module = llvm.parse_assembly("")
     module.triple = machine().triple
     return llvm.create_mcjit_compiler(module, machine())

@@ -61,11 +61,8 @@ def count_digit(items, shift, counts):  # type: ignore[no-untyped-def]
 def scatter_keys(keys, signed, first, shift, places, target):  # type: ignore[no-untyped-def]
     """Make items of keys, and write them in the order of a digit.
 
-    Parameters
-    ----------
-    first : number of the first key
-    places : uint64 (256,), the next place of each digit; raised
-    target : uint64 (whole,)
+    `first`: number of the first key. `places`: uint64 (256,), the next place of each digit; raised. `target`: uint64
+    (whole,).
     """
     shift = _u64(shift)
     for n in range(len(keys)):

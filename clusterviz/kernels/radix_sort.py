@@ -38,10 +38,8 @@ _NUMBERS = _kernel("scatter_numbers", "uint64[::1]; int64; uint64[::1]; uint32[:
 def sorted_order(keys: NDArray[Any], threads: int = 1) -> NDArray[np.uint32]:
     """Return the order that sorts keys, uint32 (n,); equal keys keep their order.
 
-    Parameters
-    ----------
-    keys : float32 or uint32 (n,), n < 2³²; −0 is less than 0, and NaN is beyond all numbers, on the side of its sign
-    threads : of the work; the order does not depend on them
+    `keys`: float32 or uint32 (n,), n < 2³²; −0 is less than 0, and NaN is beyond all numbers, on the side of its sign.
+    `threads`: of the work; the order does not depend on them.
     """
     count = max(1, min(threads, len(keys) // LEAST))
     with ThreadPoolExecutor(count) as pool:

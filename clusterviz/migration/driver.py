@@ -6,15 +6,14 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
-from typing import Any
+from typing import Any, Protocol
 
 from clusterviz.comm import abort_on_failure
 from clusterviz.data.source import Index
 from clusterviz.distribution.dynamic import Dynamic
 from clusterviz.distribution.flights import Flight
-from clusterviz.frame.drawing import Drawing
 from clusterviz.frame.run import Run
-from clusterviz.frame.work import RankWork, check_equal
+from clusterviz.frame.work import DrawnFrame, Planning, RankWork, check_equal
 from clusterviz.migration.time_budget import TimeBudget
 from clusterviz.migration.transfer import BrickTransfer
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
@@ -24,17 +23,27 @@ from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.values import Scene
 
 
+class BrickStore(Protocol):
+    """Bricks of a rank as its renderer stores them."""
+
+    def stored(self, bricks: Sequence[Index]) -> dict[Index, Stored]:
+        """Return bricks of this rank, as they lie in GPU memory."""
+
+    def take(self, plan: Plan, brick: Index, stored: Stored) -> None:
+        """Store a brick from another rank."""
+
+
 class MigrationDriver:
     """Hooks of the dynamic distribution: they send and receive its flights; every method is collective.
 
     Parameters
     ----------
     distribution : that plans flights
-    drawing : that stores bricks
+    bricks : of this rank
     """
 
-    def __init__(self, distribution: Dynamic, drawing: Drawing) -> None:
-        self._distribution, self._drawing = distribution, drawing
+    def __init__(self, distribution: Dynamic, bricks: BrickStore) -> None:
+        self._distribution, self._bricks = distribution, bricks
         self._time_budget = TimeBudget(distribution.migration_share)
         self._transfer: BrickTransfer | None = None
         self._flying: dict[int, Index] = {}
@@ -46,8 +55,9 @@ class MigrationDriver:
         self._plan: Plan | None = None
         self._sums: dict[str, int] = {}
 
-    def prepare(self, run: Run, scene: Scene, plan: Plan) -> None:
-        """Do nothing: bricks are assigned by the costs of earlier frames."""
+    def prepare(self, run: Run, scene: Scene, plan: Plan) -> Planning[None]:
+        """Ask for nothing: bricks are assigned by the costs of earlier frames."""
+        yield from ()
 
     def before(self, run: Run, work: RankWork) -> None:
         """Send bricks of planned flights while there is time."""
@@ -66,10 +76,10 @@ class MigrationDriver:
             self._sums = now
         return replace(counts, balance=self._counts | found)
 
-    def after(self, run: Run, work: RankWork, costs: Sequence[RankFrame]) -> None:
+    def after(self, run: Run, drawn: DrawnFrame, costs: Sequence[RankFrame]) -> None:
         """Gather which bricks have arrived or were lost, and begin the next frame's time budget."""
         check_equal(run, {"which bricks fly": [int(rank.balance.get("planned", 0)) for rank in costs]})
-        if work.plan is None:
+        if drawn.work.plan is None:
             return
         # The first frame also sets things up, so only its time of drawing counts.
         drawing = max(rank.seconds.get("render", 0.0) for rank in costs)
@@ -115,7 +125,7 @@ class MigrationDriver:
         self._under_way.update(numbers)
 
         def read(brick: Index, wanted: WireFormat) -> Stored | None:
-            return self._drawing.stored([brick])[brick] if brick in holds and wanted == wire_format.of(brick) else None
+            return self._bricks.stored([brick])[brick] if brick in holds and wanted == wire_format.of(brick) else None
 
         transfer.send(read)
 
@@ -138,7 +148,7 @@ class MigrationDriver:
         """Store a received brick; False if it is in another storage format than the current plan's."""
         if self._plan is None or stamp != stamp_of(self._plan):
             return False
-        self._drawing.take(self._plan, brick, stored)
+        self._bricks.take(self._plan, brick, stored)
         return True
 
     def _known(self, numbers: list[int]) -> list[Index]:

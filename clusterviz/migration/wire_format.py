@@ -20,8 +20,9 @@ from clusterviz.codec.message import unpack
 from clusterviz.data.source import Index
 from clusterviz.plan.geometry import Layer, Members
 from clusterviz.plan.plan import Plan
+from clusterviz.render.content_bricks import pack_parts, parts_of
 from clusterviz.render.storage import STORED_TYPE, Slot, slot_of
-from clusterviz.render.stored_brick import Stored, stamp_of
+from clusterviz.render.stored_brick import Part, Stored, stamp_of
 
 Pack = Callable[[Pixels, Rows], Bytes]
 HEADER = np.dtype([("checksum", "<u4"), ("stamp", "<u4"), ("voxels", "<i8"), ("brick", "<i4", 3), ("number", "<i4")])
@@ -79,10 +80,11 @@ class WireFormat:
         found = np.zeros(self.stream_bytes, np.uint8)
         samples = self._samples(found)
         if self.slot.mixed:
-            samples[:] = stored.samples
+            samples[:] = pack_parts(stored.parts, self.slot)
         else:
-            z, y, x = stored.samples.shape
-            samples[:z, :y, :x] = stored.samples
+            own: NDArray[Any] = stored.parts[0].samples  # type: ignore[union-attr]
+            z, y, x = own.shape
+            samples[:z, :y, :x] = own
             # The last samples of a smaller brick are repeated.
             samples[z:, :y, :x] = samples[z - 1 : z, :y, :x]
             samples[:, y:, :x] = samples[:, y - 1 : y, :x]
@@ -122,7 +124,9 @@ class WireFormat:
         side = 8 * int(np.prod(shape))
         low, high = (ranges[begin : begin + side].copy().view(np.float64).reshape(shape) for begin in (0, side))
         bend = ranges[2 * side :].copy().view(np.float32).reshape(2, *groups) if self.slot.adaptive else None
-        return Stored(self._samples(stream), low, high, voxels, bend, tuple(self._members(stream)))
+        samples = self._samples(stream)
+        parts = parts_of(samples, self.slot) if self.slot.mixed else [Part(samples)]
+        return Stored(parts, low, high, voxels, bend, tuple(self._members(stream)))
 
     def _members(self, stream: Bytes) -> Iterator[Members | None]:
         """Yield what the brick has of each layer, copied from a stream; None where there is nothing."""

@@ -31,15 +31,9 @@ FILTERS = {
 def replacing_folder(path: str | os.PathLike[str], known_by: str) -> Iterator[Path]:
     """Yield a temporary folder beside `path`; it replaces `path` when the block succeeds, else it is removed.
 
-    Parameters
-    ----------
-    path : the output folder; an empty folder or an older report is replaced
-    known_by : the file that identifies an older report
-
-    Raises
-    ------
-    OutputError
-        `path` is something else, or the folder cannot be made, written (any OSError of the block) or renamed.
+    `path`: the output folder; an empty folder or an older report is replaced. `known_by`: the file that identifies an
+    older report. Raises OutputError: `path` is something else, or the folder cannot be made, written (any OSError of
+    the block) or renamed.
     """
     target = behind_links(Path(path).absolute())
     temporary = _create(target, known_by)
@@ -53,13 +47,7 @@ def replacing_folder(path: str | os.PathLike[str], known_by: str) -> Iterator[Pa
 
 
 def check_folder(path: str | os.PathLike[str], known_by: str) -> None:
-    """Check before measuring that `replacing_folder` can begin.
-
-    Raises
-    ------
-    OutputError
-        See `replacing_folder`.
-    """
+    """Check before measuring that `replacing_folder` can begin. Raises OutputError: see `replacing_folder`."""
     remove_temporary(_create(behind_links(Path(path).absolute()), known_by))
 
 
@@ -97,10 +85,7 @@ def _rename(temporary: Path, target: Path) -> None:
 def check_libraries() -> None:
     """Check before measuring that the libraries of pages are installed.
 
-    Raises
-    ------
-    ClustervizError
-        matplotlib or Jinja2 is not installed.
+    Raises ClustervizError: matplotlib or Jinja2 is not installed.
     """
     try:
         import jinja2  # noqa: F401
@@ -117,10 +102,8 @@ def numbers_of(scene: Scene, **found: Any) -> dict[str, Any]:
 def write_page(folder: Path, kind: str, numbers: Mapping[str, Any], scene: Scene, /, **values: Any) -> None:
     """Write the numbers of a report, and its page.
 
-    Parameters
-    ----------
-    kind : folder of the template, which extends `base.html`, and name of the JSON file
-    values : of the template, beside those that all pages have
+    `kind`: folder of the template, which extends `base.html`, and name of the JSON file. `values`: of the template,
+    beside those that all pages have.
     """
     json_name = f"{kind}.json"
     (folder / json_name).write_text(json.dumps(numbers, indent=2) + "\n")

@@ -34,10 +34,8 @@ def build_tree(cost: Costs, ranks: int) -> BspTree:
     Reference: M. Berger, S. Bokhari: A partitioning strategy for nonuniform problems on multiprocessors, IEEE
     Transactions on Computers 36(5), 1987 (binary decomposition).
 
-    Parameters
-    ----------
-    cost : float64 (bz, by, bx), finite, not negative: cost of each brick; 0 for one that is not drawn
-    ranks : number of leaves; above the number of bricks some leaves are empty
+    `cost`: float64 (bz, by, bx), finite, not negative: cost of each brick; 0 for one that is not drawn. `ranks`: number
+    of leaves; above the number of bricks some leaves are empty.
     """
     z, y, x = cost.shape
     return BspTree((z, y, x), ranks, _grow(np.asarray(cost, np.float64), BrickBox((0, 0, 0), (z, y, x)), 0, ranks))

@@ -21,8 +21,7 @@ Edges = tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
 def refined_edges(tree: BspTree, coarsest: int = 8, fine: int = 2) -> Edges:
     """Fine near the planes of a tree, coarse between them and towards the borders.
 
-    Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010,
-    section 5.3.6 and figure 5.10 (bricks closer to a node transition are smaller).
+    Reference: M. Strengert 2010, section 5.3.6 and figure 5.10 (bricks closer to a node transition are smaller).
 
     `tree`: where planes are now, or where an estimate puts them; `coarsest`: the longest side of a unit, in bricks;
     `fine`: units of each length on either side of a plane: of one brick, then of two, of four, … of `coarsest`.

@@ -40,13 +40,11 @@ def front_owners(tree: BspTree, cost: Costs, eye: RayOrigin = PARALLEL_ORIGIN) -
     the cost of a brick. From an eye outside the volume's extent along all axes, such as that of parallel rays, whole
     ranks can be ordered; from others some ranks need a few more images.
 
-    Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010,
-    section 5.3.6: the transfer of complete fronts of bricks is the drawback that non-uniform bricks reduce there.
+    Reference: M. Strengert 2010, section 5.3.6: the transfer of complete fronts of bricks is the drawback that
+    non-uniform bricks reduce there.
 
-    Parameters
-    ----------
-    tree : tree whose axes and ranks are used; its planes are not
-    eye : ray origin for which the number of images is small; their order is right for every origin
+    `tree`: tree whose axes and ranks are used; its planes are not. `eye`: ray origin for which the number of images is
+    small; their order is right for every origin.
     """
     owner = np.empty(cost.size, np.int32)
     index = np.indices(cost.shape).reshape(3, -1)

@@ -17,14 +17,11 @@ def interleave(cost: Costs, ranks: int, block: int = 1) -> Owners:
 
     Returns blocks with a cost, assigned round robin along a Z curve; numbers of blocks differ by at most one.
 
-    Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010,
-    section 5.3.6, static - interleaved; P. Campbell et al.: Dynamic octree load balancing using space-filling curves,
-    Williams College CS-03-01, 2003.
+    Reference: M. Strengert 2010, section 5.3.6, static - interleaved; P. Campbell et al.: Dynamic octree load balancing
+    using space-filling curves, Williams College CS-03-01, 2003.
 
-    Parameters
-    ----------
-    cost : float64 (bz, by, bx); bricks of cost 0 are not assigned
-    block : side of the assigned blocks, in bricks; larger blocks make fewer images, and balance less well
+    `cost`: float64 (bz, by, bx); bricks of cost 0 are not assigned. `block`: side of the assigned blocks, in bricks;
+    larger blocks make fewer images, and balance less well.
     """
     drawn = np.argwhere(cost > 0)
     keys = _z_curve(drawn // block)

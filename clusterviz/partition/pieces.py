@@ -43,10 +43,8 @@ def visible_groups(owners: Owners, eye_brick: Vector | None, direction_index: Ve
     can be ordered, as those of a tree can, there is one group per rank; else few, not always the fewest. A rank's
     images are its groups in this order; ranks may have none. Errors as of `front_to_back`.
 
-    Parameters
-    ----------
-    owners : rank of each brick; bricks that are `UNASSIGNED` are ignored
-    eye_brick, direction_index : as in `front_to_back`
+    `owners`: rank of each brick; bricks that are `UNASSIGNED` are ignored. `eye_brick`, `direction_index`: as in
+    `front_to_back`.
 
     Notes
     -----

@@ -58,10 +58,11 @@ VERIFIED_SAFETY, VERIFIED_FINEST = 2.0, FINEST + 1
 or colour jump, or nearly so, single pixels have far larger errors than all others, which a sample of pixels misses.
 Then an estimate needs a picture one level finer, and every view is verified."""
 WITNESS = 4
-"""Level down to which a first view is drawn for that where something jumps: longer steps may all miss a feature that is
-thin along one ray. So it is where a pixel is the colour of one scalar: a ray that crosses a corner of the volume within
-the shortest step has one sample at all of them. Elsewhere it is drawn down to the first level between whose samples
-little can hide, but not beyond this one. Later views are verified by steps around their own."""
+"""Level down to which a first view is drawn for that where planes or faces cut, or where a pixel is the colour of one
+scalar: a ray that crosses a corner of the volume within the shortest step has one sample at all of them. Elsewhere it
+is drawn down to the first level between whose samples little can hide, but not beyond this one, or with jumps not
+beyond `VERIFIED_FINEST`: longer steps may all miss a feature that is thin along one ray. Later views are verified by
+steps around their own."""
 STEEP = 8.0
 """Slope of opacity or colour, in full scales over the range of clim, above which a transfer function counts as a
 jump."""
@@ -172,30 +173,35 @@ def make_aim(scene: Scene, spacing: float) -> Aim:
     """
     bound = scene.quality.max_error
     assert bound is not None, "no bound was asked for"
-    scalars = [volume for volume in scene.volumes if not BLEND_MODES[volume.blending].composited]
-    for volume in filter(_is_steep, scalars):
-        raise _of_one_scalar(bound, volume)
-    both = all(is_preintegrated(volume, "pre-integrated") for volume in scene.volumes)
-    steep = any(map(_is_steep, scene.volumes))
+    volumes = [*scene.drawn_as("samples").values()]
+    scalars = [volume for volume in volumes if not BLEND_MODES[volume.blending].composited]
+    # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
+    clipped = bool(scene.clip.planes) or scene.clip.box is not None
+    for volume in scalars:
+        if clipped or _is_steep(volume):
+            raise _of_one_scalar(bound, volume, clipped)
+    both = all(is_preintegrated(volume, "pre-integrated") for volume in volumes)
+    steep = any(map(_is_steep, volumes))
     classifications: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
     if steep and both:  # between two samples, slabs that are integrated before miss nothing that is thin
         classifications = ("pre-integrated",)
-    # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
-    cut = len(scene.volumes) > 1 or bool(scene.clip.planes) or scene.clip.box is not None
-    jumps = [_jump_of(volume) * spacing for volume in scene.volumes]
-    few = cut or steep or bool(scalars)
-    witness = WITNESS if few else max(_witness(volume, spacing, bound) for volume in scene.volumes)
+    cut = clipped or len(volumes) > 1
+    jumps = [_jump_of(volume) * spacing for volume in volumes]
+    witness = max(WITNESS * (cut or bool(scalars)), *(_witness(volume, spacing, bound) for volume in volumes))
     aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars), max(jumps), witness)
     least = aim.grazed(VERIFIED_FINEST) / (1 - TERMINATION)
     if least > bound:
-        raise _of_a_jump(bound, least, scene.volumes[int(np.argmax(jumps))])
+        raise _of_a_jump(bound, least, volumes[int(np.argmax(jumps))])
     return aim
 
 
-def _of_one_scalar(bound: float, volume: Volume) -> SceneError:
-    """Return the error of a pixel with the colour of one scalar, which may be on either side of a jump."""
+def _of_one_scalar(bound: float, volume: Volume, clipped: bool) -> SceneError:
+    """Return the error of a pixel with the colour of one scalar, which no step is short enough to find for certain."""
     found = f"{volume.blending}, whose pixels may be on either side of a jump of opacity or colour"
     allowed = f"changes of at most {STEEP:.3g} full scales over clim, a composited mode, or null"
+    if clipped:
+        found = f"{volume.blending}, of which a ray across a clipped corner may have no sample"
+        allowed = "no clip, a composited mode, or null"
     return SceneError(f"{bound:.3g} is out of reach", where="quality.max_error", found=found, allowed=allowed)
 
 
@@ -221,13 +227,16 @@ def _jump_of(volume: Volume) -> float:
 
 def _witness(volume: Volume, spacing: float, bound: float) -> int:
     """Return the first level whose samples hide no more than the bound of a field that changes by clim in a voxel."""
+    if volume.interpolation == "nearest":
+        return WITNESS
     transfer, places = transfer_function(volume), np.linspace(0.0, 1.0, PLACES)
-    for level in range(FIRST, WITNESS):
+    deepest = VERIFIED_FINEST if _is_steep(volume) else WITNESS
+    for level in range(FIRST, deepest):
         half = math.exp2(-level) / 2  # a peak between two samples is no farther away, and this long in the mean
         sides = (rescale(np.clip(places + move, 0.0, 1.0), transfer.domain) for move in (0.0, half))
         if -math.expm1(-_largest_change(transfer, *sides) * half * spacing) <= bound:
             return level
-    return WITNESS
+    return deepest
 
 
 def _largest_change(transfer: TransferFunction, one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
@@ -318,10 +327,12 @@ def verified(pictures: Sequence[NDArray[Any]], aim: Aim, level: float, coarser: 
     # The largest changes of two halvings are in different pixels, so that their ratio is no order of convergence: a
     # narrow peak that both missed appears later. So each pixel has an order of its own, that of jumps where anything
     # jumps, and no error is expected to fall faster than without jumps.
-    shares = SLOWEST if aim.jumps else np.clip(last / np.maximum(earlier, 1e-30), FASTEST, SLOWEST)
+    # So is the order of one scalar, since the sample next to an end of the ray moves by half a step.
+    slow = aim.jumps or aim.of_one_scalar
+    shares = SLOWEST if slow else np.clip(last / np.maximum(earlier, 1e-30), FASTEST, SLOWEST)
     missing = float((last * shares / (1 - shares)).max())
     least = FASTEST * float(earlier.max())
-    missing = max(missing, least if aim.jumps else still_missing(least, 4 * least))
+    missing = max(missing, least if slow else still_missing(least, 4 * least))
     moved = float(difference(finest, pictures[-1 - coarser]).max())
     return VERIFIED_SAFETY * missing + moved + aim.residual + aim.grazed(level)
 

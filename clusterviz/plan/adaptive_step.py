@@ -48,31 +48,20 @@ CAUTION = 1 / 16
 
 @dataclass(frozen=True)
 class AdaptiveStep:
-    """Bound on the error, and the lengths from which the adaptive step follows.
+    """Bound on the error, and the lengths from which the adaptive step follows."""
 
-    Attributes
-    ----------
-    bound : largest error of a pixel
-    step_voxels : length of a slab in units of the smallest spacing
-    slab_units : length of a slab in opacity unit distances
-    diagonal_units : diagonal of the volume, the longest ray, in opacity unit distances
-    """
-
-    bound: float
-    step_voxels: float
-    slab_units: float
-    diagonal_units: float
+    bound: float  # largest error of a pixel
+    step_voxels: float  # length of a slab in units of the smallest spacing
+    slab_units: float  # length of a slab in opacity unit distances
+    diagonal_units: float  # diagonal of the volume, the longest ray, in opacity unit distances
 
     def doublings(
         self, transfer: TransferFunction, low: Floats, high: Floats, steep: Floats, bend: Floats
     ) -> NDArray[np.uint8]:
         """Return how often slabs may be doubled in groups of cells, 0 to LONGEST.
 
-        Parameters
-        ----------
-        transfer : the transfer function
-        low, high : float64 (n,), data values; NaN where a voxel has none
-        steep, bend : float64 (n,), data values per voxel and per voxel squared; NaN likewise
+        `transfer`: the transfer function. `low`, `high`: float64 (n,), data values; NaN where a voxel has none.
+        `steep`, `bend`: float64 (n,), data values per voxel and per voxel squared; NaN likewise.
         """
         known = np.isfinite(low) & np.isfinite(high) & np.isfinite(bend) & np.isfinite(steep) & (low <= high)
         found = np.zeros(low.shape, np.uint8)
@@ -95,10 +84,7 @@ class AdaptiveStep:
 def make_adaptive_step(volume: Volume, quality: Quality, grid: Grid, transfer: TransferFunction) -> AdaptiveStep | None:
     """Return the adaptive step of `quality.adaptive`; None if it is 0.
 
-    Raises
-    ------
-    SceneError
-        The error has no bound, since the volume is lit, for example, or not composited.
+    Raises SceneError: the error has no bound, since the volume is lit, for example, or not composited.
     """
     if not quality.adaptive:
         return None
@@ -129,9 +115,7 @@ def what_has_no_bound(volume: Volume, quality: Quality) -> str:
 class _Terms:
     """Bounds of the transfer function over intervals of scalars.
 
-    Attributes
-    ----------
-    least, most : float64 (n,), extinction per unit distance
+    `least`, `most`: float64 (n,), extinction per unit distance.
     """
 
     def __init__(self, transfer: TransferFunction, low: Floats, high: Floats) -> None:
@@ -140,20 +124,18 @@ class _Terms:
         self._width = float(grid[1] - grid[0])
         lowest, highest = _extremes(transfer, distinct(knots, grid), grid)
         self._first, self._last = (np.searchsorted(grid, values, side="right") for values in (low, high))
-        self.least = _least(lowest[:, :1], self._first, self._last)[:, 0]
-        self.most = -_least(-highest[:, :1], self._first, self._last)[:, 0]
+        self.least = column_minima(lowest[:, :1], self._first, self._last)[:, 0]
+        self.most = -column_minima(-highest[:, :1], self._first, self._last)[:, 0]
         self._slopes = lowest[:, 1:], highest[:, 1:]
-        lows, highs = (_least(side, self._first, self._last) for side in (self._slopes[0], -self._slopes[1]))
+        lows, highs = (column_minima(side, self._first, self._last) for side in (self._slopes[0], -self._slopes[1]))
         self._ranges = -(lows + highs)
-        self._steepest = -_least(-np.maximum(np.abs(lowest), np.abs(highest))[:, 1:], self._first, self._last)
+        self._steepest = -column_minima(-np.maximum(np.abs(lowest), np.abs(highest))[:, 1:], self._first, self._last)
 
     def errors(self, away: Floats, passed: Floats) -> tuple[Floats, Floats]:
         """Return the error of extinction and emission together, and the change of the colour, float64 (n,).
 
-        Parameters
-        ----------
-        away : float64 (n,), largest error of the scalar
-        passed : float64 (n,), change of the scalar along a long slab
+        `away`: float64 (n,), largest error of the scalar. `passed`: float64 (n,), change of the scalar along a long
+        slab.
         """
         with np.errstate(invalid="ignore"):
             found = self._steepest * away[:, None] + self._bent(passed) * passed[:, None] / 8
@@ -172,7 +154,7 @@ class _Terms:
                 lowest, highest = _paired(lowest, reach), _paired(highest, reach)
             # Parts inside the interval; the whole interval if it is shorter than a part.
             first, last = self._first[some], self._last[some] - (1 << doubling) + 1
-            parts = -_least(lowest + highest, first, np.maximum(first, last))
+            parts = -column_minima(lowest + highest, first, np.maximum(first, last))
             found[some] = np.where((last < first)[:, None], self._ranges[some], parts)
         return found
 
@@ -180,9 +162,7 @@ class _Terms:
 def _extremes(transfer: TransferFunction, edges: Floats, grid: Floats) -> tuple[Floats, Floats]:
     """Return extremes of extinction per unit distance, and of the slopes of it, of emission (3) and of colour (3).
 
-    Returns
-    -------
-    lowest, highest : float64 (bins, 8): below the grid, in each of its bins, and above it
+    Returns float64 (bins, 8): below the grid, in each of its bins, and above it.
     """
     below = np.nextafter(edges, -np.inf)
     front, back = _values(transfer, edges[:-1]), _values(transfer, below[1:])
@@ -216,7 +196,7 @@ def _paired(rows: Floats, reach: int) -> Floats:
     return less
 
 
-def _least(rows: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> Floats:
+def column_minima(rows: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> Floats:
     """Return column minima over rows `first` to `last`, by tables of spans of 1, 2, 4, … rows."""
     found = np.empty((len(first), rows.shape[1]))
     doublings = np.frexp(last - first + 1)[1] - 1

@@ -26,46 +26,26 @@ LONGEST_SLAB = 2.0
 
 @dataclass(frozen=True)
 class Surface:
-    """An isosurface.
+    """An isosurface."""
 
-    Attributes
-    ----------
-    value : isovalue in data values
-    units : isovalue in units of clim
-    colour : straight (r, g, b)
-    opacity : opacity of the surface, whatever the step
-    number : its number in the volume's list, from 1
-    """
-
-    value: float
-    units: float
-    colour: tuple[float, float, float]
-    opacity: float
-    number: int = 1
+    value: float  # isovalue in data values
+    units: float  # isovalue in units of clim
+    colour: tuple[float, float, float]  # straight (r, g, b)
+    opacity: float  # opacity of the surface, whatever the step
+    number: int = 1  # its number in the volume's list, from 1
 
 
 @dataclass(frozen=True)
 class BlendMode:
-    """Blend mode of a volume, with its lighting and isosurfaces.
+    """Blend mode of a volume, with its lighting and isosurfaces."""
 
-    Attributes
-    ----------
-    blending : as in the scene
-    threshold : least scalar of the run of a local maximum, in units of clim
-    shading : lighting; None if the volume is not lit
-    surfaces : isosurfaces that are not wholly transparent, by ascending value
-    grading : dependence of opacity on the gradient's magnitude; None if there is none
-    smooth : gradients are those of cubic B-splines, with any interpolation
-    of_lines : opacity and light depend on vectors, whose components are the three volumes before
-    """
-
-    blending: Blending = DEFAULT_BLENDING
-    threshold: float = 0.0
-    shading: Shading | None = None
-    surfaces: tuple[Surface, ...] = ()
-    grading: Grading | None = None
-    smooth: bool = False
-    of_lines: bool = False
+    blending: Blending = DEFAULT_BLENDING  # as in the scene
+    threshold: float = 0.0  # least scalar of the run of a local maximum, in units of clim
+    shading: Shading | None = None  # lighting; None if the volume is not lit
+    surfaces: tuple[Surface, ...] = ()  # isosurfaces that are not wholly transparent, by ascending value
+    grading: Grading | None = None  # dependence of opacity on the gradient's magnitude; None if there is none
+    smooth: bool = False  # gradients are those of cubic B-splines, with any interpolation
+    of_lines: bool = False  # opacity and light depend on vectors, whose components are the three volumes before
 
     @property
     def traits(self) -> BlendModeTraits:
@@ -80,13 +60,8 @@ class BlendMode:
     def hides(self, transfer: TransferFunction, low: ArrayLike, high: ArrayLike) -> NDArray[np.bool_]:
         """Return True where samples in a closed interval do not affect the picture.
 
-        Parameters
-        ----------
-        low, high : (…) data values; an interval with low > high holds no sample
-
-        Returns
-        -------
-        hidden : bool (…), by the mode's `skip`
+        `low`, `high`: (…) data values; an interval with low > high holds no sample. Returns bool (…), by the mode's
+        `skip`.
         """
         low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
         hidden = low > high
@@ -172,10 +147,7 @@ def margin_of(
 ) -> int:
     """Return the samples that a brick needs beyond its cells on every side: one for its reach, one for a kernel.
 
-    Parameters
-    ----------
-    has_layers : the picture has other layers than the colours
-    around : see `occlusion_reach`
+    `has_layers`: the picture has other layers than the colours. `around`: see `occlusion_reach`.
     """
     kernel = has_layers or is_lit(volume) or is_graded(volume) or volume.refracts or volume.interpolation == "cubic"
     return reach_of(volume, classification, borders) + kernel + around

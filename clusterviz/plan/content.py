@@ -19,7 +19,7 @@ from clusterviz.content.grid.section import KBuffer
 from clusterviz.content.transfer import transfer_function
 from clusterviz.data.bricks import Boxes, BrickLayout
 from clusterviz.data.levels import LevelMap, mixed_type
-from clusterviz.data.source import Grid, Index, MultilevelSource
+from clusterviz.data.source import Grid, Index, Source, levels_of
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError, SceneError
 from clusterviz.plan.blend_mode import (
@@ -89,21 +89,23 @@ def bricks_of_volume(layout: BrickLayout, samples: Iterable[tuple[Index, NDArray
 
 @dataclass(frozen=True, eq=False)
 class KnownVolume:
-    """Metadata of a volume that planning needs.
+    """A volume as planning needs it; all but the source is the same on every rank.
 
     Attributes
     ----------
-    grid, dtype : grid and dtype of its voxels
+    source : of its voxels
     layout : bricks of the volume itself, which the summary describes; their margin is at least `margin_of`'s
     summary : extremes of its bricks, and its histogram
-    source : its data if they have levels
     """
 
-    grid: Grid
-    dtype: np.dtype[Any]
+    source: Source
     layout: BrickLayout
     summary: VolumeSummary
-    source: MultilevelSource | None = None
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the voxels."""
+        return self.source.grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +176,6 @@ class VolumeLayer:
 
     @cached_property
     def _cuts(self) -> list[Cut]:
-        """Cuts of the levels."""
         coarsest = 0 if self.brick_levels is None else int(self.brick_levels.max())
         return [self.cut.at(level) for level in range(coarsest + 1)]
 
@@ -262,11 +263,8 @@ class Content:
 
 def is_mixed(scene: Scene) -> bool:
     """Return whether the content of a scene is mixed: it is unless there is one volume, without levels, and no more."""
-    return (
-        len(scene.volumes) != 1
-        or bool(scene.geometry or scene.grids or scene.flows)
-        or scene.volumes[0].detail != "full"
-    )
+    sampled = [*scene.drawn_as("samples").values()]
+    return len(scene.entries) != 1 or not sampled or sampled[0].detail != "full"
 
 
 def brick_cost(layout: BrickLayout, hidden: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -304,9 +302,11 @@ def make_content(
         The margin of a volume alone is too small, so that pictures would depend on the bricks; or as `choose_levels`.
     """
     mixed, cost, volume_layers = is_mixed(scene), np.zeros(bricks.layout.counts_zyx), list[VolumeLayer]()
-    for number, known in enumerate(volumes):
-        part = _mixed_layer(scene, number, known, bricks, step_world) if mixed else None
-        part = part or _lone_layer(scene, known, bricks, step_world, spectrum)
+    for (key, volume), known in zip(scene.drawn_as("samples").items(), volumes, strict=True):
+        if mixed:
+            part = _mixed_layer(scene, key, volume, known, bricks, step_world)
+        else:
+            part = _lone_layer(scene, volume, known, bricks, step_world, spectrum)
         hidden = part.blend_mode.hides(part.transfer, known.summary.minimum, known.summary.maximum)
         cost += samples_in_bricks(part.cut, known.layout, hidden) if mixed else brick_cost(bricks.layout, hidden)
         volume_layers.append(part)
@@ -322,10 +322,10 @@ def make_content(
 
 
 def _lone_layer(
-    scene: Scene, known: KnownVolume, bricks: BrickGrid, step_world: float, spectrum: Spectrum | None
+    scene: Scene, volume: Volume, known: KnownVolume, bricks: BrickGrid, step_world: float, spectrum: Spectrum | None
 ) -> VolumeLayer:
     """Return the layer of a volume alone, whose own bricks are drawn."""
-    (volume,), quality, layout = scene.volumes, scene.quality, bricks.layout
+    quality, layout = scene.quality, bricks.layout
     how, around = (quality.classification, quality.borders), occlusion_reach(volume, known.grid)
     if layout.margin < (needed := margin_of(volume, *how, scene.needs_layers, around)):
         text = "bricks lack the margin that the blend mode needs"
@@ -340,20 +340,21 @@ def _lone_layer(
     )
 
 
-def _mixed_layer(scene: Scene, number: int, known: KnownVolume, bricks: BrickGrid, step_world: float) -> VolumeLayer:
-    """Return the layer of one of the volumes of mixed content."""
-    volume, key = scene.volumes[number], f"volumes[{number}]"
+def _mixed_layer(
+    scene: Scene, key: str, volume: Volume, known: KnownVolume, bricks: BrickGrid, step_world: float
+) -> VolumeLayer:
     reach, around = reach_of(volume, scene.quality.classification), occlusion_reach(volume, known.grid)
     margin = margin_of(volume, has_layers=scene.needs_layers, around=around) - reach_of(volume)
     cut = make_cut(bricks.domain, bricks.layout, known.grid, margin, reach)
-    levels = choose_levels(volume, known.source, key)
+    levels = choose_levels(volume, levels_of(known.source), key)
     if levels is None:
         return _volume_layer(volume, known, scene, cut, step_world)
     if volume.interpolation == "nearest" and not levels.is_uniform:
         text, allowed = "no levels beside each other", "linear, or detail: {level: n}"
         raise SceneError(text, where=f"{key}.interpolation", found="nearest", allowed=allowed)
-    part = _volume_layer(volume, replace(known, dtype=mixed_type(known.dtype, levels)), scene, cut, step_world)
-    return replace(part, levels=levels, brick_levels=levels_in_bricks(cut, levels))
+    part = _volume_layer(volume, known, scene, cut, step_world)
+    encoding = make_encoding(mixed_type(known.source.dtype, levels), part.transfer.domain)
+    return replace(part, encoding=encoding, levels=levels, brick_levels=levels_in_bricks(cut, levels))
 
 
 def domain_of(volumes: Sequence[KnownVolume], placed: Sequence[tuple[Any, Any]]) -> Domain:
@@ -394,7 +395,7 @@ def _volume_layer(
     return VolumeLayer(
         cut,
         make_blend_mode(volume, transfer, shading, grading),
-        make_encoding(known.dtype, transfer.domain),
+        make_encoding(known.source.dtype, transfer.domain),
         transfer,
         segments,
         volume.interpolation,

@@ -24,17 +24,8 @@ ROUNDING = 1e-6
 def choose_levels(volume: Volume, source: MultilevelSource | None, where: str = "volumes[0]") -> LevelMap | None:
     """Return the level of each brick of a volume; None: the volume is drawn as it is.
 
-    Levels that depend on the view are the finest here, see `refinement.py`.
-
-    Parameters
-    ----------
-    volume : of the scene
-    source : its data; None if they have no levels
-
-    Raises
-    ------
-    SceneError
-        The volume has no levels, or not the one asked for.
+    Levels that depend on the view are the finest here, see `refinement.py`. `volume`: of the scene. `source`: its data;
+    None if they have no levels. Raises SceneError: the volume has no levels, or not the one asked for.
     """
     if volume.detail == "full":
         return None

@@ -76,12 +76,7 @@ class Domain:
 
 
 def make_domain(grids: Sequence[Grid], boxes: Sequence[NDArray[np.float64]] = ()) -> Domain:
-    """Return the domain of volumes and geometry; around nothing at all, a small box.
-
-    Parameters
-    ----------
-    boxes : low and high corners of the boxes around geometry and unstructured grids, float64 (2, 3) or (0, 3)
-    """
+    """Return the domain of volumes and of boxes, low and high corners (2, 3) or (0, 3); a small box around nothing."""
     volumes, geometry = np.concatenate([EMPTY, *(grid.corners for grid in grids)]), np.concatenate([EMPTY, *boxes])
     if not len(volumes) + len(geometry):
         geometry = np.zeros((1, 3))
@@ -156,13 +151,7 @@ def _product(sides: Sequence[float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class BrickGrid:
-    """Bricks in which primitives are looked for.
-
-    Attributes
-    ----------
-    domain, layout : of a plan
-    reach : cells beyond its own in which a brick has primitives
-    """
+    """Bricks of a plan, which have primitives in `reach` cells beyond their own."""
 
     domain: Domain
     layout: BrickLayout
@@ -282,14 +271,7 @@ def make_cut(domain: Domain, layout: BrickLayout, grid: Grid, margin: int, reach
 def samples_in_bricks(cut: Cut, own: BrickLayout, hidden: NDArray[np.bool_]) -> Floats:
     """Return the cost of the volume in each brick of the domain, float64 (bz, by, bx): cells, as in `brick_cost`.
 
-    Parameters
-    ----------
-    own : bricks of the volume itself
-    hidden : bool (bz, by, bx) of these, True if hidden
-
-    Returns
-    -------
-    cost : 0 where everything that a brick may sample is hidden
+    It is 0 where all that a brick may sample is hidden. `hidden` says of the volume's `own` bricks which are.
     """
     begin, end = cut.brick_edges()
     low, high = cut.images(begin, end)

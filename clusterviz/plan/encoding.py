@@ -20,21 +20,13 @@ FINEST, WIDEST = 2.0**-8, 2.0**64
 
 @dataclass(frozen=True)
 class Encoding:
-    """Map from stored voxels to scalars in units of clim.
+    """Map from stored voxels to scalars in units of clim. `scale`, `bias`: scalar = scale · (stored − base) + bias."""
 
-    Attributes
-    ----------
-    kind : the stored type
-    shift : added to signed integers to make them unsigned
-    base : stored integer that the shader subtracts before it interpolates (u16)
-    scale, bias : scalar = scale · (stored − base) + bias
-    """
-
-    kind: VoxelKind
+    kind: VoxelKind  # the stored type
     low: float
     high: float
-    shift: int = 0
-    base: int = 0
+    shift: int = 0  # added to signed integers to make them unsigned
+    base: int = 0  # stored integer that the shader subtracts before it interpolates (u16)
     scale: float = 1.0
     bias: float = 0.0
 

@@ -53,14 +53,8 @@ Pictures = Mapping[Trial, NDArray[Any]]
 def largest(errors: NDArray[Any], pixels: int) -> float:
     """Estimate the largest error of a picture from a sample of its pixels.
 
-    Parameters
-    ----------
-    errors : errors of the sampled pixels, any shape
-    pixels : number of pixels of the whole picture
-
-    Returns
-    -------
-    error : Weissman's estimate from the TAIL largest of the sample, between once and MOST_TAIL times the largest
+    `errors`: errors of the sampled pixels, any shape. `pixels`: number of pixels of the whole picture. Returns
+    Weissman's estimate from the TAIL largest of the sample, between once and MOST_TAIL times the largest.
     """
     top = np.sort(errors.ravel().astype(np.float64))[::-1][: TAIL + 1]
     most = float(top[0])
@@ -108,9 +102,7 @@ def left_of(pictures: Pictures, classification: Classification, levels: list[int
 def still_missing(last: float, earlier: float) -> float:
     """Estimate the error left after two halvings of the step.
 
-    Parameters
-    ----------
-    last, earlier : change by the last halving, and by the one before
+    `last`, `earlier`: change by the last halving, and by the one before.
     """
     share = min(max(last / max(earlier, 1e-30), FASTEST), SLOWEST)
     return last * share / (1 - share)

@@ -8,6 +8,7 @@ half a slab of it, and each fragment counts once on any ranks.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -59,12 +60,17 @@ class Layer:
     position_type: np.dtype[Any]
     in_bricks: NDArray[np.int64]
 
-    holds: ClassVar[type[Members]]
+    holds: ClassVar[Callable[..., Members]]
     """What bricks hold of it; its arrays are keywords."""
 
     @property
     def cost(self) -> Floats:
         """Cost of drawing each brick, float64 (bz, by, bx), in cells of a volume."""
+        raise NotImplementedError
+
+    @property
+    def table_bytes(self) -> NDArray[np.int64]:
+        """Bytes that each brick adds to what is drawn, at most, int64 (bz, by, bx)."""
         raise NotImplementedError
 
     def forms(self, members: int, positions: int) -> Forms:
@@ -78,7 +84,6 @@ class Layer:
         return self._bytes(*(sum(int(np.prod(shape)) * dtype.itemsize for shape, dtype in some) for some in forms))
 
     def _bytes(self, member: int, position: int) -> NDArray[np.int64]:
-        """Return the bytes of each brick by those of a member and of a position."""
         found: NDArray[np.int64] = self.in_bricks[0] * member + self.in_bricks[1] * position
         return found
 

@@ -28,9 +28,7 @@ def make_integration_table(transfer: TransferFunction, longest: float) -> NDArra
     length, the opacity of a segment is off by (κ · longest / 31)² / 8 at most, with κ over the opacity unit distance;
     over scalars, peaks that are narrower than 1/63 of their range may be lost.
 
-    Parameters
-    ----------
-    longest : opacity unit distances, more than 0
+    `longest`: opacity unit distances, more than 0.
     """
     low, high = transfer.domain
     values = np.concatenate([transfer.domain, transfer.colour_values, transfer.opacity_values])

@@ -17,11 +17,9 @@ from clusterviz.scene.values import Scene
 class LayeredContent:
     """A volume or an entry of geometry, as the layers `normal` and `object` show it.
 
-    Attributes
-    ----------
-    normal_from_gradient : float64 (3, 3), maps gradients in index space to normals in the world, of any length; those
-        of geometry are in the world
-    objects : its number in the picture's layer, and those of a volume's visible isosurfaces by ascending value
+    `normal_from_gradient`: float64 (3, 3), maps gradients in index space to normals in the world, of any length; those
+    of geometry are in the world. `objects`: its number in the picture's layer, and those of a volume's visible
+    isosurfaces by ascending value.
     """
 
     normal_from_gradient: NDArray[np.float64]

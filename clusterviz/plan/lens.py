@@ -42,20 +42,12 @@ MARGIN_SHARE = 0.125
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """Sub-images of a plan.
+    """Sub-images of a plan."""
 
-    Attributes
-    ----------
-    depths : float64 (n + 1,), ends of the ranges along the view, ascending, world units
-    radii : float64 (n,), signed radius by which each is blurred, pixels, ascending
-    size : of the picture, without its margin
-    margin : pixels that are drawn on each side, as the lens sees what is beyond the border
-    """
-
-    depths: Floats
-    radii: Floats
-    size: tuple[int, int]
-    margin: int
+    depths: Floats  # float64 (n + 1,), ends of the ranges along the view, ascending, world units
+    radii: Floats  # float64 (n,), signed radius by which each is blurred, pixels, ascending
+    size: tuple[int, int]  # of the picture, without its margin
+    margin: int  # pixels that are drawn on each side, as the lens sees what is beyond the border
 
     @property
     def count(self) -> int:
@@ -87,11 +79,8 @@ class Lens:
 def make_lens(scene: Scene, view: View, extent: tuple[float, float, float]) -> Lens | None:
     """Return the sub-images of a scene; None for a pinhole, and where each eye point is drawn for itself.
 
-    Parameters
-    ----------
-    scene : completed
-    view : of the picture
-    extent : lengths (x, y, z) of the box around all content in index space, where it begins at 0
+    `scene`: completed. `view`: of the picture. `extent`: lengths (x, y, z) of the box around all content in index
+    space, where it begins at 0.
     """
     most = scene.quality.lens.sub_images
     if not scene.camera.aperture or most is None:
@@ -127,13 +116,11 @@ def make_lens(scene: Scene, view: View, extent: tuple[float, float, float]) -> L
 
 
 def _number(radius: float, growth: float) -> float:
-    """Return k of a radius."""
     steps = abs(radius) / SPACING
     return math.copysign(math.log1p(growth * steps) / math.log1p(growth) if growth else steps, radius)
 
 
 def _radius(number: float, growth: float) -> float:
-    """Return r(k)."""
     steps = math.expm1(abs(number) * math.log1p(growth)) / growth if growth else abs(number)
     return math.copysign(steps * SPACING, number)
 

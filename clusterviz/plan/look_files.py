@@ -21,10 +21,7 @@ MOST_BYTES = 1 << 16  # of a file
 def read_look(path: str) -> Look:
     """Return the look of a file.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, or the first mistake in it, with line and column.
+    Raises InputError: the file cannot be read, or the first mistake in it, with line and column.
     """
     with guard(InputError, path):
         require_regular_file(path)

@@ -63,26 +63,21 @@ class March:
 
     Attributes
     ----------
-    step_world : length of a slab in world units
-    residual : a ray ends when its transparency falls to this value
     lattice : where slabs begin: where the ray enters the volume (rays), by a hash of the pixel (jittered), or on planes
         perpendicular to the view direction (slices)
-    adaptive_step : the adaptive step; None: all slabs are equally long
-    split : slabs are cut where they leave a brick
     frame_coherence : slabs between a ray's start and the last frame's hit; None: rays start where they enter the volume
     discard_margin : world units behind the end of a ray of the last frame, beyond which fragments are not stored;
         None: all are stored
-    crossing : only where the opacity of a pixel passes one half is found, see `Plan.crossing`
     """
 
-    step_world: float
-    residual: float
+    step_world: float  # length of a slab in world units
+    residual: float  # a ray ends when its transparency falls to this value
     lattice: Lattice = "rays"
-    adaptive_step: AdaptiveStep | None = None
-    split: bool = False
+    adaptive_step: AdaptiveStep | None = None  # the adaptive step; None: all slabs are equally long
+    split: bool = False  # slabs are cut where they leave a brick
     frame_coherence: int | None = None
     discard_margin: float | None = None
-    crossing: bool = False
+    crossing: bool = False  # only where the opacity of a pixel passes one half is found, see `Plan.crossing`
 
 
 @dataclass(frozen=True)
@@ -91,30 +86,22 @@ class Plan:
 
     Attributes
     ----------
-    view : the camera in index space
-    march : the sampling of rays
-    content : what is drawn, in whose domain are index space and bricks
-    clip : float64 (n, 4), planes in index space, see `clip_planes`
-    cost : float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
-    times : time steps of the volumes
-    detail : levels of the volumes that are drawn by those of a store
     spectrum : wavelengths of a volume with optics, whose first one is that of its segments; else None
     lens : sub-images of a thin lens, whose planes are the last two of `clip`, and whose margin is in `view`; else None
-    refraction : how rays bend; None: they are straight
     layers : its volumes, if other layers are wanted beside the colours; then what `crossing` plans is drawn, too
     """
 
-    view: View
-    march: March
-    content: Content
-    clip: NDArray[np.float64]
-    cost: NDArray[np.float64]
+    view: View  # the camera in index space
+    march: March  # the sampling of rays
+    content: Content  # what is drawn, in whose domain are index space and bricks
+    clip: NDArray[np.float64]  # float64 (n, 4), planes in index space, see `clip_planes`
+    cost: NDArray[np.float64]  # float64 (bz, by, bx): cost of drawing each brick in cells; 0 for hidden bricks
     layers: tuple[LayeredContent, ...] = ()
-    times: tuple[int | str | None, ...] = ()
-    detail: tuple[Detail, ...] = ()
+    times: tuple[int | str | None, ...] = ()  # time steps of the volumes
+    detail: tuple[Detail, ...] = ()  # levels of the volumes that are drawn by those of a store
     spectrum: Spectrum | None = None
     lens: Lens | None = None
-    refraction: Refraction | None = None
+    refraction: Refraction | None = None  # how rays bend; None: they are straight
 
     @property
     def layout(self) -> BrickLayout:
@@ -136,6 +123,12 @@ class Plan:
     def filter(self) -> Filter:
         """Filter of the volume that is drawn alone; of mixed content linear interpolation, which most volumes have."""
         return "linear" if self.content.mixed else self.volume.filter
+
+    @property
+    def has_passes(self) -> bool:
+        """Whether its bricks may be drawn in passes: those of volumes only, and each ray once."""
+        march = self.march
+        return not self.content.layers and march.frame_coherence is None and march.discard_margin is None
 
     @property
     def pictures(self) -> int:
@@ -219,9 +212,7 @@ class Plan:
 def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
     """Return True if a plan shows a brick that was hidden when bricks were assigned to ranks.
 
-    Parameters
-    ----------
-    assigned_cost : the cost of bricks by which they were assigned; 0 for a hidden one; None: all were hidden
+    `assigned_cost`: the cost of bricks by which they were assigned; 0 for a hidden one; None: all were hidden.
     """
     return assigned_cost is None or bool(np.any((plan.cost > 0) & (assigned_cost == 0)))
 
@@ -229,15 +220,8 @@ def shows_more(plan: Plan, assigned_cost: NDArray[np.float64] | None) -> bool:
 def domain_bricks(scene: Scene, volumes: Sequence[KnownVolume], placed: Sequence[tuple[Any, Any]] = ()) -> BrickGrid:
     """Return the bricks of a completed scene, in which the primitives of its geometry and grids are then looked for.
 
-    Parameters
-    ----------
-    volumes : their metadata, in the order of the scene
-    placed : sections and facts of meshes, lines, points and unstructured grids
-
-    Raises
-    ------
-    InputError
-        The domain would have too many bricks, or a ray too many slabs.
+    `volumes`: their metadata, in the order of the scene. `placed`: sections and facts of meshes, lines, points and
+    unstructured grids. Raises InputError: the domain would have too many bricks, or a ray too many slabs.
     """
     domain = domain_of(volumes, placed)
     layout = layout_of(scene, domain, volumes, placed)
@@ -327,11 +311,7 @@ def _behind_lens(plan: Plan, scene: Scene) -> Plan:
 def changed_settings(scene: Scene, ranks: int, on_cpu: bool = False) -> tuple[Change, ...]:
     """Return all settings of a scene that are not used as given.
 
-    Parameters
-    ----------
-    scene : completed, all settings chosen
-    ranks : that draw
-    on_cpu : the CPU ray caster draws
+    `scene`: completed, all settings chosen. `ranks`: that draw. `on_cpu`: the CPU ray caster draws.
     """
     found: list[Change] = []
     sampled, quality = scene.drawn_as("samples"), scene.quality

@@ -87,7 +87,6 @@ def segment_sums(slabs: NDArray[np.void]) -> Floats:
 
 
 def _from_pivot(steps: Floats, pivot: int) -> Floats:
-    """Return prefix sums of the steps, 0 at the pivot."""
     sums = np.zeros(steps.shape)
     sums[pivot + 1 :] = np.cumsum(steps[pivot:-1], axis=0)
     sums[:pivot] = -np.cumsum(steps[:pivot][::-1], axis=0)[::-1]

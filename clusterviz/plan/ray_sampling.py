@@ -56,9 +56,7 @@ def slab_units(step_world: float, unit_distance: float) -> float:
 def clip_planes(clip: Clip, grid: Grid) -> NDArray[np.float64]:
     """Return the clipping planes of a scene in index space, those of its box included.
 
-    Returns
-    -------
-    planes : float64 (n, 4); a point p (x, y, z) in index space is kept where planes[:, :3] · p + planes[:, 3] ≥ 0
+    Returns float64 (n, 4); a point p (x, y, z) in index space is kept where planes[:, :3] · p + planes[:, 3] ≥ 0.
     """
     pairs = [(np.array(point), np.array(normal)) for point, normal in clip.planes]
     if clip.box is not None:
@@ -94,9 +92,7 @@ BULGE = 2  # slabs
 def make_frame_coherence(scene: Scene, grids: Sequence[Grid], step_world: float) -> int | None:
     """Return the slabs between a ray's start and the last frame's hit; None without frame coherence.
 
-    Parameters
-    ----------
-    grids : of the scene's volumes
+    `grids`: of the scene's volumes.
     """
     if not scene.quality.frame_coherence:
         return None

@@ -50,33 +50,23 @@ LIMITS = np.append(2.0 ** -np.arange(0.0, 24.5, 0.5), 0.0)
 
 @dataclass(frozen=True, eq=False)
 class VolumeLevels:
-    """What is known of a volume with levels.
-
-    Attributes
-    ----------
-    grid, dtype : of its samples
-    errors : of its levels
-    """
+    """What is known of a volume with levels. `grid`, `dtype`: of its samples."""
 
     grid: Grid
     dtype: np.dtype[Any]
-    errors: FieldError
+    errors: FieldError  # of its levels
 
 
 @dataclass(frozen=True, eq=False)
 class Refiner:
     """Chooser of the levels of a volume for a picture.
 
-    Attributes
-    ----------
-    bound : of the error of pictures
-    field : errors of the levels that may be chosen
-    drawn : bool (bz, by, bx), bricks of which anything may be drawn; the others are at the finest level, which costs
-        nothing and leaves their neighbours' borders as they are
+    `drawn`: bool (bz, by, bx), bricks of which anything may be drawn; the others are at the finest level, which costs
+    nothing and leaves their neighbours' borders as they are.
     """
 
-    bound: PictureBound
-    field: FieldError
+    bound: PictureBound  # of the error of pictures
+    field: FieldError  # errors of the levels that may be chosen
     drawn: NDArray[np.bool_]
 
     def within_error(self, rays: Rays, error: float) -> Levels:
@@ -102,10 +92,8 @@ class Refiner:
     def within_budget(self, rays: Rays, sizes: Floats, fits: Callable[[Levels], bool]) -> Levels:
         """Return the levels of least error that fit; the coarsest if none do.
 
-        Parameters
-        ----------
-        sizes : float64 (levels,), what a brick takes of the budget at each level
-        fits : returns whether levels, uint8 (bz, by, bx), are within the budget
+        `sizes`: float64 (levels,), what a brick takes of the budget at each level. `fits`: returns whether levels,
+        uint8 (bz, by, bx), are within the budget.
         """
         guides = rays.guides(GUIDES)
         weights = self.bound.weights(rays, guides)[..., 0] / len(guides)

@@ -42,17 +42,12 @@ MOST_REFLECTIONS = 256
 class Refraction:
     """How rays bend.
 
-    Attributes
-    ----------
-    metric : float64 (3, 3), Mᵀ M, M from voxels (x, y, z) to the world
-    outside : refractive index around the volume, and in hidden bricks
-    most_slabs : of a ray
-    begin, end : cells (x, y, z) of the box around the bricks that are not hidden; outside of it rays are straight
+    `begin`, `end`: cells (x, y, z) of the box around the bricks that are not hidden; outside of it rays are straight.
     """
 
-    metric: NDArray[np.float64]
-    outside: float
-    most_slabs: int
+    metric: NDArray[np.float64]  # float64 (3, 3), Mᵀ M, M from voxels (x, y, z) to the world
+    outside: float  # refractive index around the volume, and in hidden bricks
+    most_slabs: int  # of a ray
     begin: tuple[int, int, int]
     end: tuple[int, int, int]
 
@@ -62,10 +57,7 @@ def make_refraction(
 ) -> Refraction | None:
     """Return how rays bend in a volume; None if they are straight.
 
-    Parameters
-    ----------
-    shown : bool (bz, by, bx), bricks that are not hidden
-    step_world : length of a slab in world units
+    `shown`: bool (bz, by, bx), bricks that are not hidden. `step_world`: length of a slab in world units.
     """
     if volume.optics is None or not volume.refracts:
         return None

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.plan.adaptive_step import column_minima
 from clusterviz.scene.transfer import TransferFunction
 
 BLOCK = 4
@@ -36,25 +37,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SamplingOracle:
-    """Sampling distances in blocks of a volume.
+    """Sampling distances in blocks of a volume."""
 
-    Attributes
-    ----------
-    distances : float32 (z, y, x), in cells; below 1, or NaN: as close as possible
-    block : cells along the side of a block
-    """
-
-    distances: NDArray[np.float32]
-    block: int = BLOCK
+    distances: NDArray[np.float32]  # float32 (z, y, x), in cells; below 1, or NaN: as close as possible
+    block: int = BLOCK  # cells along the side of a block
 
 
 def distance_to_change(voxels: NDArray[Any], transfer: TransferFunction, tolerance: float) -> SamplingOracle:
     """Return the oracle of the change of the transfer function over a block.
 
-    Parameters
-    ----------
-    voxels : (z, y, x), finite
-    tolerance : largest change of opacity over a unit distance, or of opacity times colour
+    `voxels`: (z, y, x), finite. `tolerance`: largest change of opacity over a unit distance, or of opacity times
+    colour.
     """
     low, high = _range_of_blocks(voxels)
     least, most = _extremes(_rows(transfer), *_bins(transfer, low, high))
@@ -64,10 +57,8 @@ def distance_to_change(voxels: NDArray[Any], transfer: TransferFunction, toleran
 def distance_by_bend(voxels: NDArray[Any], transfer: TransferFunction, tolerance: float) -> SamplingOracle:
     """Return the oracle of the error of linear interpolation.
 
-    Parameters
-    ----------
-    voxels : (z, y, x), finite
-    tolerance : largest error of opacity over a unit distance, or of opacity times colour, above 0
+    `voxels`: (z, y, x), finite. `tolerance`: largest error of opacity over a unit distance, or of opacity times colour,
+    above 0.
     """
     low, high = _range_of_blocks(voxels)
     values = voxels.astype(np.float64)
@@ -103,7 +94,6 @@ def _least_beside(values: Floats) -> Floats:
 
 
 def _range_of_blocks(voxels: NDArray[Any]) -> tuple[Floats, Floats]:
-    """Return the least and the greatest sample of each block."""
     return _of_blocks(voxels, np.minimum), _of_blocks(voxels, np.maximum)
 
 
@@ -120,7 +110,6 @@ def _of_blocks(voxels: NDArray[Any], reduce: np.ufunc) -> Floats:
 
 
 def _edges(transfer: TransferFunction) -> Floats:
-    """Return scalars over the range of the control points."""
     knots = np.concatenate([transfer.opacity_values, transfer.colour_values])
     return np.linspace(knots.min(), knots.max(), BINS + 1)
 
@@ -139,16 +128,5 @@ def _bins(transfer: TransferFunction, low: Floats, high: Floats) -> tuple[NDArra
 
 def _extremes(rows: Floats, first: NDArray[np.intp], last: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """Return the least and the greatest of each column over rows `first` to `last`, float64 (…, columns)."""
-    least, most = rows, rows
-    found = np.empty((2, *first.shape, rows.shape[1]))
-    doublings = np.frexp(last - first + 1)[1] - 1
-    for doubling in range(int(doublings.max(initial=0)) + 1):
-        some = doublings == doubling
-        ends = first[some], last[some] - (1 << doubling) + 1
-        found[0][some], found[1][some] = (
-            np.minimum(*(least[end] for end in ends)),
-            np.maximum(*(most[end] for end in ends)),
-        )
-        behind = np.minimum(np.arange(len(rows)) + (1 << doubling), len(rows) - 1)
-        least, most = np.minimum(least, least[behind]), np.maximum(most, most[behind])
-    return found[0], found[1]
+    ends, shape = (first.ravel(), last.ravel()), (*first.shape, rows.shape[1])
+    return column_minima(rows, *ends).reshape(shape), -column_minima(-rows, *ends).reshape(shape)

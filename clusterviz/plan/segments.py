@@ -45,30 +45,25 @@ class Segments:
 
     Attributes
     ----------
-    records : RECORD (n,), ascending starts
     buckets : BUCKET (BUCKETS,): `NORMAL` and a segment that starts at or before each bucket, and the start
         of the next one
     low, per_unit : scalar at the start of bucket 0, and buckets per unit of the scalar
-    further_starts : the largest stride (a power of two, or 0) of a search for later segments of one bucket
-    transparent_below : scalar below which everything is transparent
     sums : float64 (n, 8) for pre-integration, see `preintegration.py`; None for post-classification
     """
 
-    records: NDArray[np.void]
+    records: NDArray[np.void]  # RECORD (n,), ascending starts
     buckets: NDArray[np.void]
     low: float
     per_unit: float
-    further_starts: int
-    transparent_below: float
+    further_starts: int  # the largest stride (a power of two, or 0) of a search for later segments of one bucket
+    transparent_below: float  # scalar below which everything is transparent
     sums: NDArray[np.float64] | None = None
 
 
 def make_segments(transfer: TransferFunction, slab_units: float) -> Segments:
     """Cut a transfer function into segments, with constant ones before the first control point and after the last.
 
-    Parameters
-    ----------
-    slab_units : length of a slab in opacity unit distances
+    `slab_units`: length of a slab in opacity unit distances.
     """
     records, starts = outline(transfer)
     records = _refined(records, slab_units)

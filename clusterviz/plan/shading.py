@@ -50,22 +50,15 @@ FAR = float(np.finfo(np.float32).max)
 class Lamp:
     """A light.
 
-    Attributes
-    ----------
-    direction : unit vector towards it, in the world; None for a headlight; for a light with a place, opposite to the
-        axis of its cone
-    strength : (r, g, b), colour times intensity
-    place : (x, y, z) in index space; None for a directional light
-    edge : cosine of the angle from the cone's axis to its edge; −2 without a cone
-    exponent : exponent of the cosine of the angle from the axis
-    attenuation : coefficients of the polynomial in the distance by which its light is divided
+    `direction`: unit vector towards it, in the world; None for a headlight; for a light with a place, opposite to the
+    axis of its cone. `attenuation`: coefficients of the polynomial in the distance by which its light is divided.
     """
 
     direction: Triple | None
-    strength: Triple
-    place: Triple | None = None
-    edge: float = -2.0
-    exponent: float = 0.0
+    strength: Triple  # (r, g, b), colour times intensity
+    place: Triple | None = None  # (x, y, z) in index space; None for a directional light
+    edge: float = -2.0  # cosine of the angle from the cone's axis to its edge; −2 without a cone
+    exponent: float = 0.0  # exponent of the cosine of the angle from the axis
     attenuation: Triple = (1.0, 0.0, 0.0)
 
 
@@ -75,22 +68,18 @@ class Shading:
 
     Attributes
     ----------
-    material : ambient, diffuse and specular share, and the highlight's power
-    lights : one or more
-    world_from_index : 3 × 3, row by row, times a factor that makes its largest entry 1
     normal_from_gradient : its inverse transpose, which maps gradients to the world, scaled likewise
-    occlusion : float64 (n, 4), rows of ambient_occlusion.glsl; none without ambient occlusion
     caps : float64 (n, 8), for each plane that cuts the volume, its own faces included: the unit normal in the world; a
         factor that maps the length of a normal to a share of `CAP_STEEP`, or of `FACE_STEEP`; and a plane equation
         that maps (x, y, z, 1) in index space to the depth behind the plane as a share of `CAP_UNITS`
     """
 
-    material: tuple[float, float, float, float]
-    lights: tuple[Lamp, ...]
-    world_from_index: tuple[Triple, ...]
+    material: tuple[float, float, float, float]  # ambient, diffuse and specular share, and the highlight's power
+    lights: tuple[Lamp, ...]  # one or more
+    world_from_index: tuple[Triple, ...]  # 3 × 3, row by row, times a factor that makes its largest entry 1
     normal_from_gradient: tuple[Triple, ...]
     caps: NDArray[np.float64]
-    occlusion: NDArray[np.float64]
+    occlusion: NDArray[np.float64]  # float64 (n, 4), rows of ambient_occlusion.glsl; none without ambient occlusion
 
     @property
     def has_places(self) -> bool:
@@ -133,11 +122,8 @@ def make_shading(
 ) -> Shading:
     """Return the lighting of a volume; a scene without lights has a headlight, as in PyVista and ParaView.
 
-    Parameters
-    ----------
-    unit : its opacity unit distance
-    planes : float64 (n, 4), clipping planes in index space, see `clip_planes`
-    caps : cut faces are lit by their normals
+    `unit`: its opacity unit distance. `planes`: float64 (n, 4), clipping planes in index space, see `clip_planes`.
+    `caps`: cut faces are lit by their normals.
     """
     world_from_index = grid.world_from_index[:3, :3]
     normals = np.linalg.inv(world_from_index / np.abs(world_from_index).max()).T
@@ -157,9 +143,7 @@ def make_shading(
 def make_geometry_shading(section: GeometrySection | GridSection, lights: Sequence[Light], grid: Grid) -> Shading:
     """Return the lighting of geometry by normals, or of unstructured grids by gradients, in the world.
 
-    Parameters
-    ----------
-    grid : of the domain, in whose index space lights have places
+    `grid`: of the domain, in whose index space lights have places.
     """
     lamps = tuple(_lamp(light, grid) for light in lights or (HEADLIGHT,))
     return Shading(_material(section), lamps, _rows(np.eye(3)), _rows(np.eye(3)), np.zeros((0, 8)), np.zeros((0, 4)))
@@ -172,10 +156,8 @@ def _material(section: Volume | GeometrySection | GridSection) -> tuple[float, f
 def occlusion_reach(volume: Volume, grid: Grid) -> int:
     """Return the voxels around a sample whose opacity darkens its ambient light.
 
-    Raises
-    ------
-    InputError
-        The radius exceeds `LARGEST_OCCLUSION` voxels, as bricks would hold mostly what their neighbours hold.
+    Raises InputError: the radius exceeds `LARGEST_OCCLUSION` voxels, as bricks would hold mostly what their neighbours
+    hold.
     """
     if volume.ambient_occlusion is None:
         return 0
@@ -192,7 +174,6 @@ def occlusion_reach(volume: Volume, grid: Grid) -> int:
 
 
 def _occlusion(volume: Volume, grid: Grid, unit: float, planes: Floats) -> Floats:
-    """Return the rows of ambient occlusion."""
     if volume.ambient_occlusion is None:
         return np.zeros((0, 4))
     step, index_from_world = volume.ambient_occlusion.radius / 4, np.linalg.inv(grid.world_from_index[:3, :3])
@@ -252,22 +233,19 @@ class Grading:
     ----------
     magnitude_from_gradient : float64 (3, 3); maps a gradient in units of clim per voxel to a vector whose length is
         the magnitude
-    pieces : float64 (n, 4): start, 1 / length, rise and end of each piece of gradient opacity
     first : gradient opacity up to the first piece; with a table (scalar, columns, magnitude, rows): scalar and
         magnitude of its first entry, and columns and rows per unit
     table : float32 (rows, columns, 4), straight colour and opacity; None for gradient opacity
-    table_holds : the part of the table that is read
-    look : a user's look; None without one
     units : float64 (7, 4), in its block, see look.glsl: columns of the matrix from gradients to data values per world
         unit, with the factor and the offset of values; columns of the matrix from index space; the world's origin
     """
 
     magnitude_from_gradient: Floats
-    pieces: Floats
+    pieces: Floats  # float64 (n, 4): start, 1 / length, rise and end of each piece of gradient opacity
     first: tuple[float, ...]
     table: NDArray[np.float32] | None = None
-    table_holds: Table = ""
-    look: Look | None = None
+    table_holds: Table = ""  # the part of the table that is read
+    look: Look | None = None  # a user's look; None without one
     units: Floats | None = None
 
     @property
@@ -328,7 +306,6 @@ LOOK_ROWS = 7
 
 
 def _look_units(clim: tuple[float, float], grid: Grid) -> Floats:
-    """Return `Grading.units`, (LOOK_ROWS, 4)."""
     matrix = grid.world_from_index[:3, :3].astype(np.float64)
     with np.errstate(over="ignore"):
         width = np.float64(clim[1]) - clim[0]

@@ -27,16 +27,12 @@ STEP = 1e-9
 class Spectrum:
     """Wavelengths of a plan.
 
-    Attributes
-    ----------
-    wavelengths : float64 (n,), nm
-    segments : absorption, scattering and the refractive index above that outside at each, as the colour of segments
-    background : float64 (n,), reflectance of the background
+    `segments`: absorption, scattering and the refractive index above that outside at each, as the colour of segments.
     """
 
-    wavelengths: Floats
+    wavelengths: Floats  # float64 (n,), nm
     segments: tuple[Segments, ...]
-    background: Floats
+    background: Floats  # float64 (n,), reflectance of the background
 
     @property
     def count(self) -> int:

@@ -24,25 +24,18 @@ Vector = tuple[float, float, float]
 class View:
     """VTK's camera over one grid; vectors (x, y, z) are in index space and one world unit long.
 
-    Attributes
-    ----------
-    size : (width, height) in pixels
-    eye : the camera's position
-    right, up, forward : the camera's axes
-    pixel : distance of neighbouring pixel centres, in world units; in perspective on the plane one unit in front of
-        the eye
-    parallel : parallel projection; rays start on the plane through `eye`
-    window_center : as in `Camera`
+    `right`, `up`, `forward`: the camera's axes. `pixel`: distance of neighbouring pixel centres, in world units; in
+    perspective on the plane one unit in front of the eye.
     """
 
-    size: tuple[int, int]
-    eye: Vector
+    size: tuple[int, int]  # (width, height) in pixels
+    eye: Vector  # the camera's position
     right: Vector
     up: Vector
     forward: Vector
     pixel: float
-    parallel: bool
-    window_center: tuple[float, float] = (0.0, 0.0)
+    parallel: bool  # parallel projection; rays start on the plane through `eye`
+    window_center: tuple[float, float] = (0.0, 0.0)  # as in `Camera`
 
     @property
     def centre(self) -> tuple[float, float]:
@@ -113,7 +106,6 @@ class View:
 
     @property
     def _axes(self) -> NDArray[np.float64]:
-        """The camera's axes as columns of a matrix (3, 3)."""
         return np.array([self.right, self.up, self.forward]).T
 
     def _camera_coordinates(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -30,13 +30,9 @@ def render_adaptively(
 ) -> tuple[Floats, int]:
     """Return the picture, float64 (h, w, 4), premultiplied, and the number of samples in the volume.
 
-    Parameters
-    ----------
-    scene : complete, one composited volume without light or clipping, seen by a camera outside of it
-    voxels : (z, y, x), finite
-    distances : (z, y, x), sampling distances in blocks, in cells
-    block : cells along the side of a block
-    coarsest : the coarsest level of the pyramid
+    `scene`: complete, one composited volume without light or clipping, seen by a camera outside of it; `voxels`: (z, y,
+    x), finite; `distances`: (z, y, x), sampling distances in blocks, in cells; `block`: cells along the side of a
+    block; `coarsest`: the coarsest level of the pyramid.
     """
     width, height = scene.image.size
     camera, classify = scene.camera, transfer_function(scene.volumes[0])

@@ -10,6 +10,7 @@ from clusterviz.content.flow.expansion import LicVolume
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
 from clusterviz.reference.rays import Floats
+from clusterviz.reference.sample import interpolated
 from clusterviz.reference.transfer import OPAQUE, TransferFunction, interpolate
 from clusterviz.scene.transfer_2d import TransferTable, load_table
 from clusterviz.scene.values import Volume
@@ -30,13 +31,9 @@ def glow_and_extinction(
 ) -> tuple[Floats, Floats]:
     """Return straight colour (n, 3) and extinction (n,) of samples.
 
-    Raises InputError: the volume has a shader that is not in `LOOKS`.
-
-    Parameters
-    ----------
-    scalar : float64 (n,)
-    gradient : float64 (n, 3), per voxel along (x, y, z), of a LIC volume the vectors; None if nothing depends on it
-    point : float64 (n, 3), in index space
+    `scalar`: float64 (n,). `gradient`: float64 (n, 3), per voxel along (x, y, z), of a LIC volume the vectors; None if
+    nothing depends on it. `point`: float64 (n, 3), in index space. Raises InputError: the volume has a shader that is
+    not in `LOOKS`.
     """
     if gradient is None or not (volume.gradient_opacity or volume.transfer_2d or volume.shader):
         return classify.colour(scalar), classify.extinction(scalar)
@@ -74,19 +71,6 @@ def fading(volume: Volume, magnitude: Floats) -> Floats:
 
 def _between_entries(table: TransferTable, entries: Floats, scalar: Floats, magnitude: Floats) -> Floats:
     """Interpolate entries (m, v, c) bilinearly, constant beyond them: (n, c)."""
-    places = []
-    for found, (low, high), count in zip(
-        (magnitude, scalar), (table.magnitudes, table.values), entries.shape[:2], strict=True
-    ):
-        share = np.clip((found - low) / (high - low), 0, 1)
-        places.append(share * (count - 1))
-    rows, columns = places
-    row, column = (np.minimum(np.floor(p), n - 1).astype(int) for p, n in zip(places, entries.shape[:2], strict=True))
-    below, behind = (
-        np.minimum(first + 1, count - 1) for first, count in zip((row, column), entries.shape[:2], strict=True)
-    )
-    down, along = (rows - row)[:, None], (columns - column)[:, None]
-    upper = entries[row, column] * (1 - along) + entries[row, behind] * along
-    lower = entries[below, column] * (1 - along) + entries[below, behind] * along
-    found_between: Floats = upper * (1 - down) + lower * down
-    return found_between
+    ranges = ((scalar, table.values, entries.shape[1]), (magnitude, table.magnitudes, entries.shape[0]))
+    places = [np.clip((found - low) / (high - low), 0, 1) * (count - 1) for found, (low, high), count in ranges]
+    return interpolated(entries, np.stack(places, axis=1))

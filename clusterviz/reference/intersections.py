@@ -38,12 +38,7 @@ class Hits(Columns):
 
 
 class Primitives(Protocol):
-    """Primitives with boxes around them.
-
-    Attributes
-    ----------
-    low, high : float64 (m, 3), the corners of the boxes
-    """
+    """Primitives with boxes around them, whose corners are `low` and `high`, float64 (m, 3)."""
 
     @property
     def low(self) -> Floats: ...
@@ -93,8 +88,6 @@ def near_pairs(rays: Rays, lows: Floats, highs: Floats) -> Iterator[tuple[Indice
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles with an area."""
-
     vertices: Floats  # float64 (n, 3)
     corners: Indices  # int64 (m, 3), indices of vertices
 
@@ -152,8 +145,6 @@ class Triangles:
 
 @dataclass(frozen=True)
 class Spheres:
-    """Spheres."""
-
     centres: Floats  # float64 (m, 3)
     radii: Floats  # float64 (m,)
 

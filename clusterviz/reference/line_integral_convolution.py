@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.source import Grid
+from clusterviz.reference.sample import interpolated
 
 Floats = NDArray[np.float64]
 SUBSTEPS = 8
@@ -88,23 +89,3 @@ def line_integral_convolution(
             rows, places = rows[going], places[going]
     values: Floats = np.where(np.isnan(speed), np.nan, sums / weights).reshape(shape)
     return values
-
-
-def interpolated(samples: NDArray[Any], places: Floats) -> Floats:
-    """Interpolate linearly at places (n, 3), in samples along x, y, z; outside as in the nearest cell."""
-    low, share = [], []
-    for axis, side in enumerate(samples.shape[2::-1]):
-        with np.errstate(invalid="ignore"):
-            cell = np.floor(np.where(np.isnan(places[:, axis]), 0, places[:, axis]))
-        low.append(np.clip(cell, 0, max(side - 2, 0)).astype(int))
-        share.append(places[:, axis] - low[-1])
-    found = np.zeros((len(places), *samples.shape[3:]))
-    for corner in range(8):
-        weight, at = np.ones(len(places)), []
-        for axis, side in enumerate(samples.shape[2::-1]):
-            up = corner >> axis & 1
-            weight = weight * (share[axis] if up else 1 - share[axis])
-            at.append(np.minimum(low[axis] + up, side - 1))
-        weight, values = weight.reshape(-1, *[1] * (samples.ndim - 3)), samples[at[2], at[1], at[0]]
-        found += np.where(weight == 0, 0, weight * values)
-    return found

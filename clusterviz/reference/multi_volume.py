@@ -88,11 +88,8 @@ def has_ends(volume: Volume, scene: Scene) -> bool:
 class VolumeRays:
     """Rays through one volume.
 
-    Parameters
-    ----------
-    rays : rays in the world
-    first : number of the volume as an object; its isosurfaces follow as they are listed
-    components : voxels of the components of a LIC volume's vectors
+    `rays`: rays in the world. `first`: number of the volume as an object; its isosurfaces follow as they are listed.
+    `components`: voxels of the components of a LIC volume's vectors.
     """
 
     def __init__(
@@ -363,11 +360,8 @@ def _pass(
 ) -> None:
     """Composite a slab behind the pixels: its surfaces at their positions, and between them its uniform absorption.
 
-    Parameters
-    ----------
-    depth, colour : float64 (m,), (m, 3), optical depth and colour of the whole slab
-    met : surfaces of the slab, isosurfaces first; equal places keep this order
-    passed : takes all parts, if given
+    `depth`, `colour`: float64 (m,), (m, 3), optical depth and colour of the whole slab. `met`: surfaces of the slab,
+    isosurfaces first; equal places keep this order. `passed`: takes all parts, if given.
     """
     places = np.array([one.place for one in met]).reshape(-1, len(depth))
     order = np.argsort(places, axis=0, kind="stable")

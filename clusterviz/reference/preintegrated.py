@@ -117,12 +117,8 @@ def integrate(
 ) -> tuple[Floats, Floats]:
     """Return emission and optical depth of slabs along which the scalar changes linearly from front to back.
 
-    Returns `colour`, float64 (n, 3), premultiplied; `depth`, float64 (n,).
-
-    Parameters
-    ----------
-    front, back, length : float64 (n,)
-    attenuated : whether emission is attenuated within the slab; else the integral of κc is returned
+    `front`, `back`, `length`: float64 (n,). `attenuated`: whether emission is attenuated within the slab; else the
+    integral of κc is returned. Returns `colour`, float64 (n, 3), premultiplied; `depth`, float64 (n,).
     """
     # Less than they are where a difference of two scalars overflows.
     small = 1.0 if np.abs([front, back]).max(initial=0.0) < 4e307 else 0.25

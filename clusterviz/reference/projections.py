@@ -29,7 +29,6 @@ class Extreme:
         self.found[rays] = np.maximum(self.found[rays], np.where(valid, self.sign * scalar, -np.inf))
 
     def finish(self, classify: TransferFunction) -> Floats:
-        """Return rgba, float64 (rays, 4)."""
         return _classified(self.sign * self.found, np.isfinite(self.found), classify)
 
 
@@ -51,7 +50,6 @@ class LocalMaximum:
         self.first[rays[grows]] = np.maximum(self.first[rays[grows]], scalar[grows])
 
     def finish(self, classify: TransferFunction) -> Floats:
-        """Return rgba, float64 (rays, 4)."""
         scalar = np.where(self.first > -np.inf, self.first, self.largest)
         return _classified(scalar, np.isfinite(scalar), classify)
 
@@ -68,18 +66,14 @@ class FirstHit:
         self.found[rays[hit]] = scalar[hit]
 
     def finish(self, classify: TransferFunction) -> Floats:
-        """Return rgba, float64 (rays, 4)."""
         return _classified(self.found, ~np.isnan(self.found), classify)
 
 
 class Sum:
     """Average and sum of opacity × scalar, in grey.
 
-    Parameters
-    ----------
-    rays : number of rays
-    classify : transfer function; scalars are clamped to its domain and scaled to 0 … 1
-    divisor : None for the mean over the ray's length in valid voxels, or the length that counts as 1
+    `rays`: number of rays. `classify`: transfer function; scalars are clamped to its domain and scaled to 0 … 1.
+    `divisor`: None for the mean over the ray's length in valid voxels, or the length that counts as 1.
     """
 
     def __init__(self, rays: int, classify: TransferFunction, divisor: float | None) -> None:

@@ -13,15 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from clusterviz.reference.sample import interpolated
+
 Doubles = NDArray[np.float64]
 Mask = tuple[int, tuple[float, ...]]
 """Place of the first weight beside a pixel, and the weights, which are divided by their sum."""
 
-BASIC: dict[str, Mask] = {
-    "box": (0, (1, 1)),
-    "bartlett": (-1, (1, 2, 1)),
-    "gauss 5 x 5": (-2, (1, 4, 6, 4, 1)),
-}
+BASIC: dict[str, Mask] = {"box": (0, (1, 1)), "bartlett": (-1, (1, 2, 1)), "gauss 5 x 5": (-2, (1, 4, 6, 4, 1))}
 ANALYSIS: dict[str, Mask] = {  # beside pixel 2 r of the fine image
     "box 2 x 2": (0, (1, 1)),
     "box 4 x 4": (-1, (1, 1, 1, 1)),
@@ -40,11 +38,8 @@ SYNTHESIS: dict[str, tuple[Mask, Mask]] = {  # of even and odd pixels, beside pi
 def convolve(name: str, image: Doubles, size: Sequence[int] | None = None) -> Doubles:
     """Return an image after a filter.
 
-    Parameters
-    ----------
-    name : in one of the tables above
-    image : float64 (h, w, c) or (d, h, w, c)
-    size : of the result of a synthesis; default: twice that of the image
+    `name`: in one of the tables above. `image`: float64 (h, w, c) or (d, h, w, c). `size`: of the result of a
+    synthesis; default: twice that of the image.
     """
     found = np.asarray(image, np.float64)
     for axis in range(found.ndim - 1):
@@ -82,12 +77,8 @@ def gaussian(image: Doubles, sigma: float) -> Doubles:
 def pull_push(values: Doubles, weights: Doubles) -> Doubles:
     """Return values everywhere from those that are given at some pixels.
 
-    Returns float64, of the same shape.
-
-    Parameters
-    ----------
-    values : float64 (h, w, c) or (d, h, w, c)
-    weights : float64 (h, w) or (d, h, w), the support of each pixel, 0: no value is given; not 0 everywhere
+    `values`: float64 (h, w, c) or (d, h, w, c). `weights`: float64 (h, w) or (d, h, w), the support of each pixel, 0:
+    no value is given; not 0 everywhere. Returns float64, of the same shape.
     """
     support = weights[..., None]
     if values.shape[:-1] == (1,) * weights.ndim:
@@ -118,9 +109,5 @@ def edge_directed(image: Doubles, strength: float, farthest: float, noise: float
 
 
 def _bilinear(image: Doubles, row: Doubles, column: Doubles) -> Doubles:
-    (y, x), last = np.floor([row, column]).astype(int), np.array(image.shape[:2]) - 1
-    v, u = (row - y)[..., None], (column - x)[..., None]
-    rows, columns = ([np.clip(n + i, 0, end) for i in (0, 1)] for n, end in zip((y, x), last, strict=True))
-    top, bottom = (image[r, columns[0]] * (1 - u) + image[r, columns[1]] * u for r in rows)
-    total: Doubles = top * (1 - v) + bottom * v
-    return total
+    places = np.stack([column.ravel(), row.ravel()], axis=1).clip(0, np.array(image.shape[1::-1]) - 1)
+    return interpolated(image, places).reshape(*row.shape, -1)

@@ -75,7 +75,6 @@ class Medium:
         return found
 
     def n(self, scalar: float) -> float:
-        """Return the refractive index."""
         return float(self.index.at(scalar)[self.number])
 
     def slope(self, scalar: float) -> float:
@@ -101,10 +100,8 @@ def follow(medium: Medium, start: Floats, direction: Floats, step: float, take: 
     Returns `x` and `v`, where it leaves, in index space, and its momentum, in the world, the length of which is the
     index outside; `leaves`, False if it was ended.
 
-    Parameters
-    ----------
-    start, direction : (3,) in index space; the direction is a world unit long
-    step : length of a slab, world units
+    `start`, `direction`: (3,) in index space; the direction is a world unit long. `step`: length of a slab, world
+    units.
     """
     x: NDArray[Any] = start.copy()
     side: int | None = None

@@ -57,6 +57,29 @@ def nearest_voxel(voxels: NDArray[Any], point: Floats) -> NDArray[np.int64]:
     return np.stack([_round(p, n) for p, n in zip(point.T, voxels.shape[::-1], strict=True)], axis=1)
 
 
+def interpolated(samples: NDArray[Any], places: Floats) -> Floats:
+    """Interpolate samples (…, y, x, *) linearly at places (n, k), along x, y, …: (n, *); outside as in a cell.
+
+    Samples of weight 0 do not count, even if they are NaN.
+    """
+    count = places.shape[1]
+    low, share = [], []
+    for axis, side in enumerate(samples.shape[count - 1 :: -1]):
+        with np.errstate(invalid="ignore"):
+            cell = np.floor(np.where(np.isnan(places[:, axis]), 0, places[:, axis]))
+        low.append(np.clip(cell, 0, max(side - 2, 0)).astype(int))
+        share.append(places[:, axis] - low[-1])
+    found = np.zeros((len(places), *samples.shape[count:]))
+    for corner in np.ndindex(*(2,) * count):
+        weight, at = np.ones(len(places)), []
+        for axis, side in enumerate(samples.shape[count - 1 :: -1]):
+            weight = weight * (share[axis] if corner[axis] else 1 - share[axis])
+            at.append(np.minimum(low[axis] + corner[axis], side - 1))
+        weight, values = weight.reshape(-1, *[1] * (samples.ndim - count)), samples[tuple(at[::-1])]
+        found += np.where(weight == 0, 0, weight * values)
+    return found
+
+
 def _cell(position: Floats, samples: int) -> tuple[NDArray[np.int64], Floats]:
     cell = np.clip(np.floor(position), 0, samples - 2).astype(np.int64)
     # Rounding may put the ends of a ray an ulp outside the box.

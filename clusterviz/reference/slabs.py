@@ -28,12 +28,8 @@ def slabs(
 ) -> Iterator[Slab]:
     """Yield slab after slab of all rays that are still inside the volume.
 
-    Parameters
-    ----------
-    rays : rays in index space
-    shape_zyx : samples of the volume
-    length : length of the longest slabs, world units
-    goes_on : called before each slab; returns the rays that continue, bool (n,) or one for all
+    `rays`: rays in index space. `shape_zyx`: samples of the volume. `length`: length of the longest slabs, world units.
+    `goes_on`: called before each slab; returns the rays that continue, bool (n,) or one for all.
     """
     yield from slabs_in(rays, np.array(shape_zyx[::-1], np.float64) - 1, length, goes_on)
 

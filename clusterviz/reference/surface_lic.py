@@ -38,11 +38,8 @@ class LicLine:
 class SurfacePicture:
     """Surface in a picture.
 
-    Parameters
-    ----------
-    camera : completed
-    depth : (h, w), along the view; infinite where there is no surface
-    normals : (h, w, 3), in the world
+    `camera`: completed. `depth`: (h, w), along the view; infinite where there is no surface. `normals`: (h, w, 3), in
+    the world.
     """
 
     def __init__(self, camera: Camera, depth: Floats, normals: Floats) -> None:

@@ -1,4 +1,4 @@
-"""Reference of isosurfaces, alone or in a volume: every crossing of every ray (`crossings.py`), front to back.
+"""Reference of isosurfaces, alone or in a volume: every crossing of every ray, front to back.
 
 Along a ray, a trilinear field is a cubic polynomial in each cell. Slabs are cut at the faces of cells, and each piece
 at the extrema of the polynomial. Between extrema the field is monotone and crosses a value at most once; the crossing
@@ -150,10 +150,6 @@ def extrema(fields: Floats) -> Floats:
     return np.where((square > 0) & (turns > 0) & (turns < 1), turns, 1.0)
 
 
-def _value(entry: float | tuple[float, float]) -> float:
-    return entry[0] if isinstance(entry, tuple) else entry
-
-
 def march_surfaces(
     rays: Rays, voxels: NDArray[Any], length: float, scene: Scene, grid: Grid, passed: HalfOpacity | None = None
 ) -> Floats:
@@ -164,10 +160,8 @@ def march_surfaces(
     """
     volume = scene.volumes[0]
     classify, sample = transfer_function(volume), SAMPLERS[volume.interpolation]
-    wanted = sorted(
-        (entry if isinstance(entry, tuple) else (entry, float(classify.opacity(entry)))) for entry in volume.isosurfaces
-    )
-    numbers = 1 + np.array(sorted(range(len(wanted)), key=lambda n: _value(volume.isosurfaces[n])))
+    entries = [e if isinstance(e, tuple) else (e, float(classify.opacity(e))) for e in volume.isosurfaces]
+    wanted, numbers = sorted(entries), 1 + np.array(sorted(range(len(entries)), key=lambda n: entries[n][0]))
     rgba = np.zeros((len(rays.direction), 4))
 
     def absorb(

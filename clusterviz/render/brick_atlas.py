@@ -20,10 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import DeviceError
+from clusterviz.gl.device import Device
 from clusterviz.gl.texels import copy_box, read_box
 from clusterviz.partition import UNASSIGNED, BrickBox, Owners, bounding_box, build_tree, visible_groups
 from clusterviz.plan.geometry import Members
 from clusterviz.plan.plan import Plan
+from clusterviz.render.content_bricks import pack_parts, parts_of
 from clusterviz.render.group_box import skips_in_box
 from clusterviz.render.storage import STORED_TYPE, Slot
 from clusterviz.render.stored_brick import Ranges, Stored, doubling_bits, visibility_bits
@@ -91,7 +93,7 @@ class BrickAtlas:
         number = self._free.pop()
         self.slots[index] = number
         self._note(number, stored)
-        words = self._slot.pack(stored.samples)
+        words = pack_parts(stored.parts, self._slot)
         if isinstance(self._voxels, moderngl.Buffer):
             self._voxels.write(words, offset=number * self._slot.bytes)
         else:
@@ -127,7 +129,7 @@ class BrickAtlas:
             bend = None if self._bends is None else self._bends[number]
             words = self._words(number) if isinstance(self._voxels, moderngl.Buffer) else self._texels(number)
             count, members = int(self._counts[number]), self._members[number]
-            yield index, Stored(self._slot.unpack(words), low, high, count, bend, members)
+            yield index, Stored(parts_of(words, self._slot), low, high, count, bend, members)
 
     def members(self, bricks: NDArray[np.int64]) -> list[tuple[Members | None, ...]]:
         """Return what bricks (m, 3) hold of each layer."""
@@ -182,12 +184,9 @@ class BrickAtlas:
         each = [self._ranges[number] for number in numbers.tolist()]
         return np.stack([low for low, _ in each]), np.stack([high for _, high in each])
 
-    def bind(self) -> None:
+    def bind(self, device: Device) -> None:
         """Bind the buffer or texture for drawing."""
-        if isinstance(self._voxels, moderngl.Buffer):
-            self._voxels.bind_to_storage_buffer(7)
-        else:
-            self._voxels.use(0)
+        device.bind("voxels" if isinstance(self._voxels, moderngl.Buffer) else "atlas", self._voxels)
 
     def release(self) -> None:
         """Free the GPU memory."""

@@ -21,13 +21,7 @@ from clusterviz.gl.device import Device
 from clusterviz.partition import BrickBox, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.brick_atlas import BrickAtlas, BrickPool
-
-OFFSETS, VISIBLE = 3, 6
-"""Bindings."""
-
-
-class BricksApartError(Exception):
-    """The boxes of bricks are not what they were; the rectangle has to be drawn again."""
+from clusterviz.render.device import BricksApartError
 
 
 def waits_for_rays(plan: Plan) -> bool:
@@ -94,9 +88,9 @@ class BrickTables:
     def bind(self, number: int) -> None:
         """Bind the bricks of a part."""
         part = self.parts[number]
-        self._device.give(OFFSETS, part.offsets)
-        self._device.give(VISIBLE, part.visible)
-        part.atlas.bind()
+        self._device.give("offsets", part.offsets)
+        self._device.give("groups", part.visible)
+        part.atlas.bind(self._device)
 
     def store(self, noted: NDArray[np.bool_]) -> None:
         """Store those bricks of the only box that rays have come to.

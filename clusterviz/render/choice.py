@@ -18,8 +18,7 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import Slot, slot_of
 
 if TYPE_CHECKING:
-    from clusterviz.render.cpu.caster import VectorCaster
-    from clusterviz.render.raycast import Raycaster
+    from clusterviz.render.caster import Caster
 
 
 def check_opengl(plan: Plan) -> None:
@@ -68,13 +67,13 @@ def _slot_bytes(slot: Slot) -> int:
     return 4 * words_of(slot)
 
 
-def make_caster(plan: Plan, device: Device = None, local_rank: int = 0) -> Raycaster | VectorCaster:
+def make_caster(plan: Plan, device: Device = None, local_rank: int = 0) -> Caster:
     """Return a ray caster for one plan."""
-    from clusterviz.render.cpu.caster import VectorCaster
-
     if prefers_cpu(device):
-        return VectorCaster(plan)
-    from clusterviz.gl.context import open_context
-    from clusterviz.render.raycast import Raycaster
+        from clusterviz.render.cpu.device import cpu_caster
 
-    return Raycaster(open_context(local_rank, egl_device(device)), plan)
+        return cpu_caster(plan)
+    from clusterviz.gl.context import open_context
+    from clusterviz.render.opengl import opengl_caster
+
+    return opengl_caster(open_context(local_rank, egl_device(device)), plan)

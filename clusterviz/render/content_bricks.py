@@ -9,7 +9,7 @@ extremes of each volume over the groups of voxels that meet the image of the gro
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import accumulate
 from typing import Any
 
@@ -21,7 +21,7 @@ from clusterviz.plan.content import Content, ContentBrick, VolumeLayer
 from clusterviz.plan.domain import Cut
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import GROUP, GroupBox, Slot
-from clusterviz.render.stored_brick import Ranges, Stored, group_curvature, group_ranges
+from clusterviz.render.stored_brick import Part, Ranges, Stored, group_curvature, group_ranges
 
 Words = NDArray[np.uint32]
 
@@ -33,54 +33,24 @@ def store_as(plan: Plan, slot: Slot) -> Callable[[Index, ContentBrick], Stored]:
 
 def store(brick: ContentBrick, content: Content, slot: Slot) -> Stored:
     """Return a brick as it is stored in its slot."""
-    low, high = ranges_of(brick, content, slot)
+    index, bend = brick.index_zyx, None
     if slot.mixed:
-        return Stored(pack_content(brick, content, slot), low, high, brick.size, members=brick.members)
-    (samples,), (layer,) = brick.samples, content.volume_layers
-    assert samples is not None, "a volume alone has samples in all of its bricks"
-    bend = group_curvature(samples, slot) if slot.adaptive else None
-    return Stored(layer.encoding.encode(samples), low, high, brick.size, bend)
+        parts = [
+            None if samples is None else Part.of(layer.encoding.encode(samples), layer.cut_of(index), index)
+            for samples, layer in zip(brick.samples, content.volume_layers, strict=True)
+        ]
+    else:
+        (samples,), (layer,) = brick.samples, content.volume_layers
+        assert samples is not None, "a volume alone has samples in all of its bricks"
+        parts = [Part(layer.encoding.encode(samples))]
+        bend = group_curvature(samples, slot) if slot.adaptive else None
+    return Stored(parts, *ranges_of(brick, content, slot), brick.size, bend, brick.members)
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Samples of one volume in a brick.
-
-    Attributes
-    ----------
-    samples : (z, y, x), encoded by `Encoding.encode`, at most as many as its slot has
-    first_xyz : cell of the volume at the first sample inside the slot's margin
-    level : of the volume, whose cells and samples these are
-    cells_xyz : cells of the brick; of interest with levels only
-    """
-
-    samples: NDArray[Any]
-    first_xyz: tuple[int, ...]
-    level: int = 0
-    cells_xyz: tuple[int, ...] = (0, 0, 0)
-
-    @staticmethod
-    def of(samples: NDArray[Any], cut: Cut, index_zyx: Index) -> Part:
-        """Return the encoded samples of a brick that a cut, of a level, has."""
-        begin, end = cut.cell_box(index_zyx)
-        return Part(samples, begin[::-1], cut.level, tuple(e - b for b, e in zip(begin, end, strict=True))[::-1])
-
-    def slot(self, slot: Slot) -> Slot:
-        """Return the slot of these samples alone, if the slot of the volume's bricks is given."""
-        return replace(slot, cells_zyx=self.cells_xyz[::-1]) if slot.has_levels else slot  # type: ignore[arg-type]
-
-
-def pack_content(brick: ContentBrick, content: Content, slot: Slot) -> Words:
-    """Return the words of a brick's slot, uint32 (slot.words,)."""
-    parts = [
-        None if samples is None else Part.of(of.encoding.encode(samples), of.cut_of(brick.index_zyx), brick.index_zyx)
-        for samples, of in zip(brick.samples, content.volume_layers, strict=True)
-    ]
-    return pack_parts(parts, slot)
-
-
-def pack_parts(parts: Sequence[Part | None], slot: Slot) -> Words:
-    """Return the words of a slot from the samples of each volume; None: no samples."""
+def pack_parts(parts: Sequence[Part | None], slot: Slot) -> NDArray[Any]:
+    """Return the samples of a brick as its slot holds them, as of `Slot.pack`; the words of mixed content."""
+    if not slot.mixed:
+        return slot.pack(parts[0].samples)  # type: ignore[union-attr]
     words = np.zeros(slot.words, np.uint32)
     for row, begin, part, part_slot in zip(header_of(words, slot), _begins(slot), parts, slot.parts, strict=True):
         write_header(row, begin, part)
@@ -89,8 +59,10 @@ def pack_parts(parts: Sequence[Part | None], slot: Slot) -> Words:
     return words
 
 
-def parts_of(words: Words, slot: Slot) -> list[Part | None]:
-    """Return the samples of each volume from a brick's words, as many as its slot has."""
+def parts_of(words: NDArray[Any], slot: Slot) -> list[Part | None]:
+    """Return the parts of a brick, as many samples as its slot has, the inverse of `pack_parts`."""
+    if not slot.mixed:
+        return [Part(slot.unpack(words))]
     return [
         None if row[0] < 0 else read_header(row, part_slot.unpack(words[begin : begin + part_slot.words]), part_slot)
         for row, begin, part_slot in zip(header_of(words, slot), _begins(slot), slot.parts, strict=True)
@@ -121,7 +93,6 @@ def read_header(row: NDArray[np.int32], samples: NDArray[Any], slot: Slot) -> Pa
 
 
 def _begins(slot: Slot) -> list[int]:
-    """Return the first words of the parts of a slot."""
     ends = accumulate((part_slot.words for part_slot in slot.parts), initial=slot.header_words * len(slot.parts))
     return list(ends)[:-1]
 
@@ -148,7 +119,6 @@ def ranges_of(brick: ContentBrick, content: Content, slot: Slot) -> Ranges:
 def _add_ranges(
     found: NDArray[Any], samples: NDArray[Any], volume_layer: VolumeLayer, part: Slot, index_zyx: Index, box: GroupBox
 ) -> None:
-    """Write the extremes (2, gz, gy, gx) of a volume's samples in the groups of a brick."""
     cut = volume_layer.cut_of(index_zyx)
     # Groups of as many cells of the level as a group of the finest one spans.
     group = max(1, GROUP >> cut.level)

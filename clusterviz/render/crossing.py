@@ -51,11 +51,6 @@ class Crossing:
         """Return a view of some rows of pixels."""
         return replace(self, front=self.front[begin:end], found=self.found[:, begin:end])
 
-    def inside(self, rect: Rect, part: Rect) -> Crossing:
-        """Return a view of the pixels of `rect` that lie in a part of it."""
-        some = part.slices_in(rect)
-        return replace(self, front=self.front[some], found=self.found[(slice(None), *some)])
-
     @property
     def planes(self) -> Planes:
         """Planes with which the shader begins, as `found`."""

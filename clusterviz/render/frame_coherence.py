@@ -27,7 +27,7 @@ from clusterviz.kernels.compiled import CompiledKernel
 from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.view import View
-from clusterviz.report.frame_coherence import BLOCK, BLOCKS, VISIBLE, FrameCoherence
+from clusterviz.report.counts import BLOCK, BLOCKS, VISIBLE, FrameCoherence
 
 SMOOTH = 4  # most slabs between neighbouring hits on one surface
 SUSPECTED = 16  # frames in which rays start at their entry where something was missed
@@ -313,8 +313,7 @@ STARTS = np.dtype(
         ("again", "i4"),  # 1: only rays that have started too late are drawn, from their entry
     ]
 )
-BINDING = 39
-STARTS_BLOCK = glsl_block("starts", BINDING, STARTS)
+STARTS_BLOCK = glsl_block("starts", 39, STARTS)
 NOTHING = 1e30
 AT_ENTRY, ESTIMATED, LATE, NOT_YET = -1.0, -2.0, -3.0, -4.0
 """As in starts.glsl."""

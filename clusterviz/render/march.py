@@ -10,8 +10,7 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import moderngl
@@ -22,33 +21,13 @@ from clusterviz.gl.device import Device
 from clusterviz.gl.staging import Bytes, Part
 from clusterviz.image.partial import Rect
 from clusterviz.render.brick_tables import BrickTables
+from clusterviz.render.device import Picture, Step
 from clusterviz.render.packed_picture import PIXEL_BYTES, PictureReader
-from clusterviz.render.render_result import SQUARE
+from clusterviz.render.render_result import SQUARE, Progress, no_progress
 
 TILE = SQUARE  # pixels along the side of a work group, as in raycast.glsl
-FRAME, PIXELS, PROGRESS = 0, 1, 2
-"""Bindings of a uniform block, and of two storage blocks."""
 MOST_QUEUED = 64
 """Dispatches that are queued without a wait."""
-
-
-@dataclass(frozen=True)
-class Step:
-    """A dispatch: binds its data, then runs a program with a block of the frame for a box of bricks."""
-
-    bind: Callable[[], object]
-    program: moderngl.ComputeShader
-    block: NDArray[np.void]
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A drawn rectangle: pixels (h, w, 4); samples of each work group (rows, columns); walks that were ended; when."""
-
-    rgba: NDArray[Any]
-    work: NDArray[np.uint32]
-    cut_short: int
-    drawn_at: float
 
 
 class March:
@@ -59,11 +38,17 @@ class March:
     reader, rect : of the pixels
     planes : words of frame coherence, crossings or paths, from which rays begin
     walks : words of walks through grids
+
+    Attributes
+    ----------
+    progress : told how much is drawn, by whoever draws several rectangles
     """
 
     def __init__(self, reader: PictureReader, rect: Rect, planes: NDArray[np.float32], walks: int) -> None:
         self._reader, self._rect = reader, rect
         self._picture: Picture | None = None
+        self._has_pixels = False
+        self.progress: Progress = no_progress
         self.groups = -(-rect.width // TILE), -(-rect.height // TILE)
         self._words = rect.pixels, self.groups[0] * self.groups[1], planes.size, walks
         self.begin(planes)
@@ -75,7 +60,20 @@ class March:
     @property
     def pixels(self) -> moderngl.Buffer:
         """The buffer of pixels, drawn last, and of what rays carry."""
-        return self._device.reserve(PIXELS, 2 * PIXEL_BYTES * self._rect.pixels)
+        return self._device.reserve("pixels", 2 * PIXEL_BYTES * self._rect.pixels)
+
+    def go_on_from(self, pixels: NDArray[np.float32]) -> None:
+        """Begin with pixels, and their rounding errors, float32 (2, h, w, 4)."""
+        self._device.write(self.pixels, pixels)
+        self._has_pixels = True
+
+    def opacity(self) -> NDArray[np.float32]:
+        """Return the opacity of the pixels so far, float32 (h, w)."""
+        shape = self._rect.height, self._rect.width
+        if not self._has_pixels:
+            return np.zeros(shape, np.float32)
+        read = self._device.read(self.pixels, PIXEL_BYTES * self._rect.pixels)
+        return np.frombuffer(read, np.float32).reshape(*shape, 4)[..., 3]
 
     def begin(self, planes: NDArray[np.float32] = np.zeros(0, np.float32)) -> None:  # noqa: B008
         """Begin all rays, and bind what they write."""
@@ -86,6 +84,7 @@ class March:
     def run(
         self,
         steps: Sequence[Step],
+        window: Rect | None = None,
         *,
         reads: bool = False,
         beside: Sequence[Part] = (),
@@ -95,6 +94,7 @@ class March:
 
         Parameters
         ----------
+        window : the whole rectangle
         reads : the picture is read with the end of the last turn, as if no ray had to go on
         beside : parts of buffers that are read then, too
         awaited : tables whose bricks are stored where rays have come to them
@@ -104,7 +104,7 @@ class March:
         at_once : one turn was enough
         read : what was read beside; valid until two more copies have been queued
         """
-        bricks = awaited.bricks_in_box if awaited else 0
+        bricks, self._has_pixels = awaited.bricks_in_box if awaited else 0, True
         at = turns = 0
         goes_on, read = False, list[Bytes]()
         while at < len(steps):
@@ -146,7 +146,7 @@ class March:
         first, block = sum(self._words), step.block
         block["first_dispatch"] = begins
         block["notes"] = first + number, first + number - 1 if number else -1, first + MOST_QUEUED if notes else -1, -1
-        self._device.give(FRAME, block, "uniform")
+        self._device.give("frame", block)
         self._device.dispatch(step.program, self.groups)
 
     def _end_turn(
@@ -181,7 +181,7 @@ class March:
         return [(progress, self._offset(1), 4 * self._words[1]), *walks]
 
     def _progress(self, bricks: int = 0) -> moderngl.Buffer:
-        return self._device.reserve(PROGRESS, self._offset(4) + 4 * (MOST_QUEUED + bricks), keeps=True)
+        return self._device.reserve("progress", self._offset(4) + 4 * (MOST_QUEUED + bricks), keeps=True)
 
     def _offset(self, kind: int) -> int:
         """Return where the words of a kind begin, in bytes; behind the flag of rays that are unfinished."""

@@ -17,16 +17,14 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.gl.device import Device
-from clusterviz.gl.driver_needs import compile_checked
+from clusterviz.gl.device import Device, Program
 from clusterviz.gl.shader import assemble
 from clusterviz.gl.staging import Bytes, Copies, Part
 from clusterviz.image.partial import Rect
 from clusterviz.render.render_result import SQUARE
 
-PIXELS_BINDING, PACKED_BINDING = 1, 20
-TURNS = PACKED_BINDING, 22
-"""Bindings whose buffers are packed into in turn, as one may still be read."""
+TURNS = "packed, one", "packed, other"
+"""Names of buffers that are packed into in turn, as one may still be read."""
 PIXEL_BYTES, HEAD_BYTES = 16, 16
 """Of a drawn pixel; and in front of the squares: their number, and the size of the picture."""
 MARGIN = 0.125
@@ -56,7 +54,7 @@ class PictureReader:
     packs: bool
 
     def __post_init__(self) -> None:
-        self._programs: dict[str, moderngl.ComputeShader] = {}
+        self._programs: dict[str, Program] = {}
         self._shares: list[float] = []
         self._turn = 0
         self.next_frame()
@@ -99,10 +97,10 @@ class PictureReader:
         size = HEAD_BYTES + _squares(rect) * square_dtype(pixel).itemsize
         self._turn = (self._turn + 1) % len(TURNS)
         packed = self.device.reserve(TURNS[self._turn], size)
-        packed.bind_to_storage_buffer(PACKED_BINDING)
+        self.device.bind("packed", packed)
         packed.write(np.array([0, rect.width, rect.height, 0], np.uint32).tobytes())
         self.device.counts.uploaded += HEAD_BYTES
-        pixels.bind_to_storage_buffer(PIXELS_BINDING)
+        self.device.bind("pixels", pixels)
         self.device.dispatch(self._program(pixel), groups)
         return packed
 
@@ -120,11 +118,11 @@ class PictureReader:
             program.release()
         self._programs.clear()
 
-    def _program(self, pixel: str) -> moderngl.ComputeShader:
+    def _program(self, pixel: str) -> Program:
         """Return the program of a format, compiled when it is first needed."""
         if pixel not in self._programs:
             source = assemble("packed.glsl", {"PIXEL": f"packed_{pixel}.glsl"})
-            self._programs[pixel] = compile_checked(self.device.context, source)
+            self._programs[pixel] = self.device.compile(source)
         return self._programs[pixel]
 
 

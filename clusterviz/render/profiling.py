@@ -23,23 +23,21 @@ from numpy.typing import NDArray
 from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
+from clusterviz.render.caster import Caster
 from clusterviz.render.choice import check_opengl
-from clusterviz.render.cpu.caster import VectorCaster, compiled_variant
+from clusterviz.render.cpu.arrays import Code, CpuArrays
+from clusterviz.render.cpu.device import Cpu
 from clusterviz.render.render_result import RenderResult, footprint
 from clusterviz.render.variant import Profile, Variant
-from clusterviz.spmd.ir import BUFFERS, PROFILE_BLOCK
+from clusterviz.spmd.ir import PROFILE_BLOCK
 from clusterviz.spmd.profiling import Instrumented, Mode, Site, instrument
 
 if TYPE_CHECKING:
     import moderngl
 
-    from clusterviz.render.raycast import Raycaster
-
 COUNTS = "slabs", "samples", "covered", "runs", "gaps", "skipped", "end"
 """Columns of the counts of a pixel, as in profile_counts.glsl: slabs of its ray, samples, slabs that these stand for,
 runs of samples, gaps without anything visible, and slabs in them; and the end of the ray in the box."""
-COUNTS_BINDING, SAMPLED_BINDING = 21, 23
-BASES_BINDING = 10  # of addresses of bricks, where 32 bits do not suffice
 MOST_BLOCKS = 1 << 24
 MODES: tuple[Mode, Mode] = ("functions", "lines")
 REPEATS = 3
@@ -134,8 +132,8 @@ class _Counters:
         return planes
 
 
-class ProfilingVectorCaster(VectorCaster):
-    """Ray caster on one thread of a CPU, which profiles.
+class _InstrumentedArrays(CpuArrays):
+    """Arrays of one thread of a CPU, which profiles code.
 
     Attributes
     ----------
@@ -145,89 +143,95 @@ class ProfilingVectorCaster(VectorCaster):
     seconds : of the CPU in the last draw
     """
 
-    clock = "cycles of one thread"
-
-    def __init__(self, plan: Plan) -> None:
-        self.counters = _Counters(plan.layout.cells_zyx)
+    def __init__(self) -> None:
+        super().__init__(1)
         self.mode: Mode | Literal[""] = ""
         self.sites, self.ticks = tuple[Site, ...](), np.zeros((0, 4), np.int64)
         self.seconds = 0.0
         self.variant: Variant | None = None
-        super().__init__(plan)
 
-    def _variant_of(self, plan: Plan) -> Variant:
-        return replace(super()._variant_of(plan), profile=self.counters.profile)
-
-    def _shown_by(self, plan: Plan, piece: Piece) -> Any:
-        shown = super()._shown_by(plan, piece)
-        if not self.mode:
-            return shown
-        assert shown.variant.cpu, "the variant is one of a CPU"
-        cpu = replace(shown.variant.cpu, wide=BASES_BINDING in shown.buffers, far=False)
-        self.variant = None
-        return replace(shown, variant=replace(shown.variant, cpu=cpu))
-
-    def _draw_piece(self, plan: Plan, *given: Any) -> RenderResult:
-        """Draw with one program, not with one for each class of tiles."""
-        if self.mode and plan.content.resolve in ("optimised", "both"):
-            plan = replace(plan, content=replace(plan.content, resolve="peeling"))
-        return super()._draw_piece(plan, *given)
-
-    def _run(self, variant: Variant, table: NDArray[np.uint64], state: Any, rect: Rect, progress: Any) -> None:
-        call: Any = compiled_variant(variant)
+    def call(self, program: Code, table: Any, counter: Any, tiles: int, report: Any) -> None:
+        """Run machine code in this thread."""
+        if not isinstance(program.variant, Variant):
+            super().call(program, table, counter, tiles, report)
+            return
+        call: Any = program.call
         if self.mode:
-            code = _instrumented(variant, self.mode)
+            code = _instrumented(program.variant, self.mode)
             call = code.call
-            if variant != self.variant:
-                self.variant, self.sites, self.ticks = variant, code.sites, code.counters()
+            if program.variant != self.variant:
+                self.variant, self.sites, self.ticks = program.variant, code.sites, code.counters()
         table[PROFILE_BLOCK] = self.ticks.ctypes.data
-        if self.counters.profile:
-            self.counters.found.append((rect, self.counters.row(rect)))
-            table[BUFFERS + COUNTS_BINDING] = self.counters.found[-1][1].ctypes.data
-            table[BUFFERS + SAMPLED_BINDING] = self.counters.sampled.ctypes.data
         began = thread_time()
         call(table.ctypes.data)
         self.seconds = thread_time() - began
+
+
+class _ProfilingCaster(Caster):
+    """Ray caster that profiles; of a CPU, the code, too."""
+
+    def __init__(self, device: Any, plan: Plan) -> None:
+        self.counters = _Counters(plan.layout.cells_zyx)
+        self.code = device.arrays if isinstance(device.arrays, _InstrumentedArrays) else None
+        super().__init__(device, plan)
+
+    @property
+    def clock(self) -> str:
+        """What a tick is, in words; "" if there is no clock."""
+        if self.code:
+            return "cycles of one thread"
+        known = "GL_ARB_shader_clock" in self.device.arrays.context.extensions
+        return "ticks of the shader clock, of a pixel's SIMD unit" if known else ""
+
+    def variant_of(self, plan: Plan, tables: Any = None) -> Variant:
+        """Return the program that a plan needs, with counters."""
+        found = replace(super().variant_of(plan, tables), profile=self.counters.profile)
+        if self.code and self.code.mode and found.cpu:
+            found = replace(found, cpu=replace(found.cpu, far=False))
+        return found
+
+    def _draw_piece(self, plan: Plan, rect: Rect, *given: Any) -> RenderResult:
+        """Draw with one program, not with one for each class of tiles, if code is profiled."""
+        if self.code and self.code.mode:
+            self.code.variant = None
+            if plan.content.resolve in ("optimised", "both"):
+                plan = replace(plan, content=replace(plan.content, resolve="peeling"))
+        if not self.counters.profile:
+            return super()._draw_piece(plan, rect, *given)
+        arrays, blocks = self.device.arrays, self.counters.sampled
+        counts, sampled = self.counters.row(rect), blocks if blocks.size else np.zeros(1, np.uint32)
+        held = [arrays.begin("counts", counts), arrays.begin("sampled", sampled)]
+        drawn = super()._draw_piece(plan, rect, *given)
+        read = [
+            np.frombuffer(arrays.read(one, each.nbytes), np.uint32)
+            for one, each in zip(held, (counts, sampled), strict=True)
+        ]
+        self.counters.found.append((rect, read[0]))
+        if blocks.size:
+            self.counters.sampled = read[1].reshape(blocks.shape)
+        return drawn
+
+
+def _cpu_caster(plan: Plan) -> _ProfilingCaster:
+    """Return a ray caster on one thread of a CPU, which profiles."""
+    device = Cpu()
+    device.arrays = _InstrumentedArrays()
+    return _ProfilingCaster(device, plan)
+
+
+def _opengl_caster(context: moderngl.Context, plan: Plan) -> _ProfilingCaster:
+    """Return an OpenGL ray caster that profiles."""
+    check_opengl(plan)
+    from clusterviz.render.opengl import OpenGL
+
+    # Nothing is drawn twice, as the rasteriser's way is where there was too little room.
+    return _ProfilingCaster(OpenGL(context, plan, raster=False), plan)
 
 
 @cache
 def _instrumented(variant: Variant, mode: Mode) -> Instrumented:
     assert variant.cpu, "the variant is one of a CPU"
     return instrument(variant.source, f"{mode}_of_code", variant.cpu.lanes, mode)
-
-
-def _raycaster(context: moderngl.Context, plan: Plan) -> Raycaster:
-    """Return an OpenGL ray caster that profiles."""
-    check_opengl(plan)
-    from clusterviz.render.raycast import Raycaster
-
-    class ProfilingRaycaster(Raycaster):
-        counters = _Counters(plan.layout.cells_zyx)
-
-        @property
-        def clock(self) -> str:
-            known = "GL_ARB_shader_clock" in self._context.extensions
-            return "ticks of the shader clock, of a pixel's SIMD unit" if known else ""
-
-        def variant_of(self, plan: Plan) -> Variant:
-            return replace(super().variant_of(plan), profile=self.counters.profile)
-
-        def _draw_piece(self, plan: Plan, rect: Rect, *rest: Any, **named: Any) -> RenderResult:
-            if not self.counters.profile:
-                return super()._draw_piece(plan, rect, *rest, **named)
-            more = self.counters.sampled if self.counters.sampled.size else np.zeros(1, np.uint32)
-            counts = self.counters.row(rect)
-            row = self._device.begin(COUNTS_BINDING, counts)
-            blocks = self._device.begin(SAMPLED_BINDING, more)
-            drawn = super()._draw_piece(plan, rect, *rest, **named)
-            self.counters.found.append((rect, np.frombuffer(self._device.read(row, counts.nbytes), np.uint32)))
-            if self.counters.sampled.size:
-                read = self._device.read(blocks, more.nbytes)
-                self.counters.sampled = np.frombuffer(read, np.uint32).reshape(more.shape)
-            return drawn
-
-    # Nothing is drawn twice, as the rasteriser's way is where there was too little room.
-    return ProfilingRaycaster(context, plan, raster=False)
 
 
 class Profiler:
@@ -247,13 +251,13 @@ class Profiler:
 
     def __init__(self, plan: Plan, bricks: MutableMapping[Any, Any], context: moderngl.Context | None = None) -> None:
         self._plan = replace(plan, march=replace(plan.march, frame_coherence=None, discard_margin=None))
-        self._caster: Any = _raycaster(context, self._plan) if context else ProfilingVectorCaster(self._plan)
+        self._caster = _opengl_caster(context, self._plan) if context else _cpu_caster(self._plan)
         self._caster.load(self._plan, bricks)
 
     @property
     def renderer(self) -> str:
         """What draws, in words."""
-        return str(self._caster.renderer)
+        return self._caster.device.renderer
 
     @property
     def voxel_bytes(self) -> int:
@@ -279,7 +283,7 @@ class Profiler:
         maps["fragments"] = result.fragments if result.fragments.size else np.zeros_like(maps["samples"])
         sampled = self._caster.counters.sampled > 0
         clock, maps["ticks"] = self._ticks(piece, rect)
-        code = self._code(piece) if with_code and isinstance(self._caster, ProfilingVectorCaster) else None
+        code = self._code(piece, self._caster.code) if with_code and self._caster.code else None
         return PieceProfile(rect, result, maps, clock, 1 << block_shift(self._plan.layout.cells_zyx), sampled, code)
 
     def release(self) -> None:
@@ -317,29 +321,30 @@ class Profiler:
         found: NDArray[np.float64] = np.kron(grid, np.ones((SQUARE, SQUARE)))[: rect.height, : rect.width]
         return found
 
-    def _code(self, piece: Piece) -> CodeProfile:
+    def _code(self, piece: Piece, code: _InstrumentedArrays) -> CodeProfile:
         """Return the profile of the code, which is compiled for each kind of measurement."""
-        caster, seconds, found = self._caster, np.inf, list[tuple[Any, Any, Any]]()
+        seconds, found = np.inf, list[tuple[Any, Any, Any]]()
         self._drawn(piece, "")
         for _ in range(REPEATS):
-            caster.draw(self._plan, [piece])
-            seconds = min(seconds, caster.seconds)
-        caster.mode = "counts"
-        caster.draw(self._plan, [piece])
-        counted = zip(caster.sites, caster.ticks.tolist(), strict=True)
+            self._caster.draw(self._plan, [piece])
+            seconds = min(seconds, code.seconds)
+        code.mode = "counts"
+        self._caster.draw(self._plan, [piece])
+        counted = zip(code.sites, code.ticks.tolist(), strict=True)
         counts = {site: (row[0], row[1]) for site, row in counted if row[0]}
         rate = 0.0  # ticks of a second
-        for caster.mode in MODES:
+        for code.mode in MODES:
             draws = []
             for _ in range(REPEATS):
-                caster.draw(self._plan, [piece])
-                draws.append(caster.ticks)
-                rate = max(rate, caster.ticks[:, 2].sum() / caster.seconds)
-            found.append((caster.sites, np.min([draw[:, 2] for draw in draws], axis=0), draws[0][:, 3]))
-        caster.mode = ""
+                self._caster.draw(self._plan, [piece])
+                draws.append(code.ticks)
+                rate = max(rate, code.ticks[:, 2].sum() / code.seconds)
+            found.append((code.sites, np.min([draw[:, 2] for draw in draws], axis=0), draws[0][:, 3]))
+        code.mode = ""
         ticks = seconds * rate
         functions, lines = (_without_switches(*one, ticks) for one in found)
-        return CodeProfile(caster.variant, counts, functions, lines, ticks, seconds)
+        assert code.variant, "something was drawn"
+        return CodeProfile(code.variant, counts, functions, lines, ticks, seconds)
 
 
 def _without_switches(

@@ -20,7 +20,7 @@ from clusterviz.gl.reals import EXTENSION
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.render.crossing import Crossing
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.spmd.interpreter import Dispatch, Texture
 from clusterviz.spmd.parser import parse
 from clusterviz.spmd.source import ShaderSource
@@ -52,11 +52,11 @@ def recorded(
     Parameters
     ----------
     plan : of the frame
-    bricks : by index, as for `Raycaster.load`; they are removed from the mapping
-    crossings : `carried` of `Raycaster.draw`
+    bricks : by index, as for `Caster.load`; they are removed from the mapping
+    crossings : `carried` of `Caster.draw`
     """
     context: Any = _Context()
-    caster = Raycaster(context, plan, band_pixels=1 << 62)
+    caster = opengl_caster(context, plan, band_pixels=1 << 62)
     caster.load(plan, bricks)
     pieces = tuple(pieces)
     while True:

@@ -19,7 +19,7 @@ from clusterviz.partition import BrickBox, Piece
 from clusterviz.plan.plan import Plan
 from clusterviz.plan.refraction import MOST_REFLECTIONS
 from clusterviz.render.crossing import Crossing
-from clusterviz.render.frame_coherence import BINDING, starts_block
+from clusterviz.render.frame_coherence import starts_block
 from clusterviz.render.passes import Passes
 from clusterviz.render.render_result import RenderResult, footprint
 
@@ -36,7 +36,7 @@ REFRACTION = np.dtype(
         ("shown_end", "i4", 4),
     ]
 )
-REFRACTION_BLOCK = glsl_block("refraction", BINDING, REFRACTION)
+REFRACTION_BLOCK = glsl_block("refraction", 39, REFRACTION)
 PLANES = 19
 STATUS, AWAITED, POSITION, MOMENTUM = 0, 4, 7, 13
 CUT_SHORT = 3
@@ -56,9 +56,9 @@ def refraction_block(plan: Plan) -> NDArray[np.void]:
     return block
 
 
-def rays_block(plan: Plan, again: bool) -> NDArray[np.void]:
-    """Return the record of the block of rays with planes: `refraction` or `starts`."""
-    return refraction_block(plan) if plan.refraction else starts_block(plan, again)
+def rays_block(plan: Plan, again: bool) -> tuple[str, NDArray[np.void]]:
+    """Return the block of rays with planes, `refraction` or `starts`: its name, and its record."""
+    return ("refraction", refraction_block(plan)) if plan.refraction else ("starts", starts_block(plan, again))
 
 
 @dataclass(frozen=True)
@@ -84,11 +84,6 @@ class Paths:
     def rows(self, begin: int, end: int) -> Paths:
         """Return a view of some rows of pixels."""
         return Paths(self.planes[:, begin:end], self.pixels[:, begin:end])
-
-    def inside(self, rect: Rect, part: Rect) -> Paths:
-        """Return a view of the pixels of `rect` that lie in a part of it."""
-        some = (slice(None), *part.slices_in(rect))
-        return Paths(self.planes[some], self.pixels[some])
 
     def keep(self, planes: NDArray[np.float32]) -> bool:
         """Store the planes that the shader has written; False, as no ray has to be drawn again."""

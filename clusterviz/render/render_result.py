@@ -12,9 +12,7 @@ from clusterviz.image.merge import EXISTS
 from clusterviz.image.partial import PartialImage, Rect
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
-from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
-from clusterviz.report.frame_coherence import FrameCoherence
-from clusterviz.report.kbuffer_counts import KBufferCounts
+from clusterviz.report.counts import EarlyDiscarding, FrameCoherence, KBufferCounts, all_counts
 
 SQUARE = 8  # pixels along the side of the squares in which samples are counted
 Progress = Callable[[float], None]
@@ -74,10 +72,10 @@ class RenderResult:
     bytes_read: int = 0
 
 
-def joined_bands(rect: Rect, drawn: Sequence[RenderResult], axis: int = 0) -> RenderResult:
-    """Return the result of a rectangle that was drawn in bands of whole squares, down (axis 0) or across (1)."""
+def joined_bands(rect: Rect, drawn: Sequence[RenderResult]) -> RenderResult:
+    """Return the result of a rectangle that was drawn in bands of whole squares, from top to bottom."""
     parts = ((d.partial.rgba, d.work, d.fragments) for d in drawn)
-    rgba, work, fragments = (np.concatenate(part, axis) for part in zip(*parts, strict=True))
+    rgba, work, fragments = (np.concatenate(part) for part in zip(*parts, strict=True))
     return RenderResult(
         PartialImage(rect, rgba),
         sum(each.samples for each in drawn),

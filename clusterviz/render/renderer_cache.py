@@ -18,8 +18,9 @@ from clusterviz.gl.devices import Device, egl_device, preferred_renderer
 from clusterviz.image.partial import blank
 from clusterviz.partition import Piece
 from clusterviz.plan.plan import Plan
+from clusterviz.render.caster import Caster
 from clusterviz.render.choice import check_opengl
-from clusterviz.render.cpu.caster import VectorCaster
+from clusterviz.render.cpu.device import cpu_caster
 from clusterviz.render.crossing import Crossing, Planes
 from clusterviz.render.passes import Passes
 from clusterviz.render.render_result import Progress, RenderResult, no_progress
@@ -28,8 +29,6 @@ from clusterviz.render.stored_brick import Stored
 
 if TYPE_CHECKING:
     import moderngl
-
-    from clusterviz.render.raycast import Raycaster
 
 Index = tuple[int, int, int]
 Method = TypeVar("Method", bound=Callable[..., Any])
@@ -55,13 +54,13 @@ class RendererCache:
 
     Parameters
     ----------
-    limit_bytes : as in `Raycaster`
+    limit_bytes : as in `OpenGL`
     """
 
     def __init__(self, limit_bytes: int | None = None) -> None:
         self._limit_bytes = limit_bytes
         self._context: moderngl.Context | None = None
-        self._caster: Raycaster | VectorCaster | None = None
+        self._caster: Caster | None = None
         self._preferred = ""
         self._calls: dict[str, int] = {}
         self._stored: tuple[object, int] = (), 0
@@ -159,7 +158,7 @@ class RendererCache:
         passes: Passes | None = None,
         pixel: str = "float32",
     ) -> list[RenderResult]:
-        """Draw this rank's pieces of a frame; they are blank if it never had a brick. See `Raycaster.draw`.
+        """Draw this rank's pieces of a frame; they are blank if it never had a brick. See `Caster.draw`.
 
         Partial images have the format `pixel` only if nothing but compositing is done with them.
         """
@@ -208,9 +207,9 @@ class RendererCache:
             return {}
         pool = self._caster.pool
         counted = {"bricks": len(pool.bricks), "voxels": pool.voxels, "voxel_bytes": pool.bytes}
-        choices = {} if isinstance(self._caster, VectorCaster) else self._caster.choices
-        named = {"renderer": self._caster.renderer, "driver": self._caster.driver, "calls": self._calls}
-        return {**named, "choices": {"renderer": self._preferred, **choices}, **counted}
+        device = self._caster.device
+        named = {"renderer": device.renderer, "driver": device.driver, "calls": self._calls}
+        return {**named, "choices": {"renderer": self._preferred, **device.choices}, **counted}
 
     @_on_own_context
     def release(self) -> None:
@@ -223,22 +222,22 @@ class RendererCache:
     @property
     def _counts(self) -> dict[str, int]:
         """Calls of OpenGL so far; empty on a CPU."""
-        caster = self._caster
-        return {} if caster is None or isinstance(caster, VectorCaster) else asdict(caster.counts)
+        counts = self._caster.counts if self._caster else None
+        return asdict(counts) if counts else {}
 
     @property
     def _prefers_cpu(self) -> bool:
         return self._preferred.startswith("CPU")
 
-    def _made(self, plan: Plan) -> Raycaster | VectorCaster:
+    def _made(self, plan: Plan) -> Caster:
         if self._prefers_cpu:
-            return VectorCaster(plan)
+            return cpu_caster(plan)
         check_opengl(plan)
         if self._context is None:
             raise ValueError("there is no context yet")
-        from clusterviz.render.raycast import Raycaster
+        from clusterviz.render.opengl import opengl_caster
 
-        return Raycaster(self._context, plan, limit_bytes=self._limit_bytes)
+        return opengl_caster(self._context, plan, limit_bytes=self._limit_bytes)
 
     def _note(self, plan: Plan, bricks: Iterable[Index]) -> None:
         """Note how bricks are stored."""

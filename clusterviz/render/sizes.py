@@ -12,7 +12,6 @@ from clusterviz.plan.plan import Plan
 from clusterviz.render.frame_block import voxels_a_slab
 from clusterviz.render.storage import Slot
 
-SIZES_BINDING = 9
 OCCLUSION_ROWS = 4
 """Rows of ambient occlusion, without those of clipping planes."""
 SIZES = np.dtype(

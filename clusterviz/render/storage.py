@@ -188,10 +188,8 @@ class Slot:
     def pack(self, stored: NDArray[Any]) -> NDArray[Any]:
         """Return a brick's samples (z, y, x), encoded by `Encoding.encode`, as the slot stores them; C order.
 
-        The last samples of a brick that is smaller than the slot are repeated. Several volumes are packed already.
+        The last samples of a brick that is smaller than the slot are repeated.
         """
-        if self.mixed:
-            return stored
         z, y, x = self.samples_zyx
         row = x if self.textured else {"u8": 3 * self.row_words + 1, "u16": 2 * self.row_words, "f32": x}[self.kind]
         missing = [(0, n - have) for n, have in zip((z, y, row), stored.shape, strict=True)]
@@ -207,9 +205,7 @@ class Slot:
         return np.ascontiguousarray(words)
 
     def unpack(self, words: NDArray[Any]) -> NDArray[Any]:
-        """Return all samples of a slot (z, y, x), the inverse of `pack`; unchanged words with several volumes."""
-        if self.mixed:
-            return words
+        """Return all samples of a slot (z, y, x), the inverse of `pack`."""
         z, y, x = self.samples_zyx
         if self.textured or self.kind == "f32":
             return words.view(STORED_TYPE[self.kind]).reshape(z, y, x)

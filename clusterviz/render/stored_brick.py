@@ -14,7 +14,8 @@ M. Strengert, Parallel Visualization and Compute Environments for Graphics Clust
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,10 +23,39 @@ from numpy.typing import NDArray
 
 from clusterviz.data.source import Index
 from clusterviz.plan.blend_mode import BlendMode
+from clusterviz.plan.domain import Cut
 from clusterviz.plan.geometry import Members
 from clusterviz.plan.plan import Plan
 from clusterviz.render.storage import GROUP, Slot, slot_of
 from clusterviz.scene.transfer import TransferFunction
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Samples of one volume in a brick.
+
+    Attributes
+    ----------
+    samples : uint8, uint16 or float32 (z, y, x), encoded by `Encoding.encode`, at most as many as its slot has
+    first_xyz : of mixed content, cell of the volume at the first sample inside the slot's margin
+    level : of the volume, whose cells and samples these are
+    cells_xyz : cells of the brick; of interest with levels only
+    """
+
+    samples: NDArray[Any]
+    first_xyz: tuple[int, ...] = (0, 0, 0)
+    level: int = 0
+    cells_xyz: tuple[int, ...] = (0, 0, 0)
+
+    @staticmethod
+    def of(samples: NDArray[Any], cut: Cut, index_zyx: Index) -> Part:
+        """Return the encoded samples of a brick that a cut, of a level, has."""
+        begin, end = cut.cell_box(index_zyx)
+        return Part(samples, begin[::-1], cut.level, tuple(e - b for b, e in zip(begin, end, strict=True))[::-1])
+
+    def slot(self, slot: Slot) -> Slot:
+        """Return the slot of these samples alone, if the slot of the volume's bricks is given."""
+        return replace(slot, cells_zyx=self.cells_xyz[::-1]) if slot.has_levels else slot  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +64,7 @@ class Stored:
 
     Attributes
     ----------
-    samples : uint8, uint16 or float32 (z, y, x), encoded by `Encoding.encode`, at most as many as a slot has; the words
-        of the slot of mixed content
+    parts : samples of each volume; None where it has none
     low, high : smallest and largest finite sample of its groups of cells, float64 (volumes, gz, gy, gx), as of
         `ranges_of`
     voxels : number of samples before encoding
@@ -43,7 +72,7 @@ class Stored:
     members : as in `ContentBrick`
     """
 
-    samples: NDArray[Any]
+    parts: Sequence[Part | None]
     low: NDArray[Any]
     high: NDArray[Any]
     voxels: int
@@ -52,11 +81,9 @@ class Stored:
 
 
 def stamp_of(plan: Plan, brick: Index | None = None) -> int:
-    """Return a checksum of the format and time steps of a plan's bricks; bricks with another one do not suit it.
+    """Return a checksum of the format and time steps of a plan's bricks; with a brick its levels count, too.
 
-    Parameters
-    ----------
-    brick : whose levels count, too
+    Bricks with another one do not suit the plan.
     """
     levels = plan.content.levels_around(brick) if brick else ()
     stored = slot_of(plan), plan.content.encodings, plan.content.reach, plan.times
@@ -64,6 +91,7 @@ def stamp_of(plan: Plan, brick: Index | None = None) -> int:
 
 
 Ranges = tuple[NDArray[Any], NDArray[Any]]
+"""Smallest and largest samples in groups of cells, float64 (volumes, gz, gy, gx) each; of n bricks (n, volumes, …)."""
 
 
 def group_ranges(voxels: NDArray[Any], slot: Slot, group: int = GROUP) -> Ranges:
@@ -85,16 +113,7 @@ def group_ranges(voxels: NDArray[Any], slot: Slot, group: int = GROUP) -> Ranges
 
 
 def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
-    """Return the groups in which something may be visible.
-
-    Parameters
-    ----------
-    ranges : low and high of n bricks, each (n, volumes, gz, gy, gx), with any number of groups along an axis
-
-    Returns
-    -------
-    visible : bool (n, gz, gy, gx)
-    """
+    """Return the groups of n bricks in which something may be visible, bool (n, gz, gy, gx)."""
     low, high = ranges
     each = enumerate(plan.content.volume_layers)
     visible = [_visible(low[:, n], high[:, n], part.blend_mode, part.transfer) for n, part in each]
@@ -102,15 +121,9 @@ def visible_groups(ranges: Ranges, plan: Plan) -> NDArray[np.bool_]:
 
 
 def visibility_bits(ranges: Ranges, plan: Plan, slot: Slot) -> NDArray[np.uint32]:
-    """Return one bit for each group; 1 if something may be visible.
+    """Return one bit for each group of n bricks, 1 if something may be visible.
 
-    Parameters
-    ----------
-    ranges : low and high of n bricks, each (n, volumes, *slot.groups_zyx)
-
-    Returns
-    -------
-    words : uint32 (n, slot.visibility_words), x fastest, the lowest bit first
+    They are uint32 (n, slot.visibility_words), x fastest, the lowest bit first.
     """
     return packed_bits(visible_groups(ranges, plan), slot)
 
@@ -150,11 +163,7 @@ def _reduced(voxels: NDArray[Any], slot: Slot, pick: np.ufunc, group: int) -> ND
 
 
 def group_curvature(voxels: NDArray[Any], slot: Slot) -> NDArray[np.float32]:
-    """Return steepness and bend of the field in each group of cells of a brick.
-
-    Parameters
-    ----------
-    voxels : as in `group_ranges`
+    """Return steepness and bend of the field in each group of cells of a brick, as of `group_ranges`.
 
     Returns
     -------
@@ -179,7 +188,6 @@ def group_curvature(voxels: NDArray[Any], slot: Slot) -> NDArray[np.float32]:
 
 
 def _grouped(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the largest value of each group of cells."""
     padded = np.pad(cells, [(0, -n % GROUP) for n in cells.shape])
     found: NDArray[np.float32] = padded.reshape([n for side in padded.shape for n in (side // GROUP, GROUP)]).max(
         (1, 3, 5)
@@ -194,24 +202,13 @@ def _beside(values: NDArray[Any], axis: int) -> NDArray[Any]:
 
 
 def group_doublings(ranges: Ranges, bends: NDArray[np.float32], plan: Plan) -> NDArray[np.uint8]:
-    """Return how often the slabs of groups are doubled, (n, *slot.groups_zyx).
-
-    Parameters
-    ----------
-    ranges : low and high of n bricks, each (n, 1, *slot.groups_zyx)
-    bends : results of `group_curvature`, (n, 2, *slot.groups_zyx)
-    """
+    """Return how often the slabs of groups are doubled, (n, *slot.groups_zyx), by results of `group_curvature`."""
     assert plan.march.adaptive_step is not None, "the step is fixed"
     known = (values.astype(np.float64).ravel() for values in (*ranges, bends[:, 0], bends[:, 1]))
     return plan.march.adaptive_step.doublings(plan.volume.transfer, *known).reshape(bends[:, 0].shape)
 
 
 def doubling_bits(ranges: Ranges, bends: NDArray[np.float32], plan: Plan, slot: Slot) -> NDArray[np.uint32]:
-    """Return two bits for each group, its doublings: uint32 (n, 2 * slot.visibility_words), low bits first.
-
-    Parameters
-    ----------
-    ranges, bends : as in `group_doublings`
-    """
+    """Return two bits for each group, its doublings: uint32 (n, 2 * slot.visibility_words), low bits first."""
     doublings = group_doublings(ranges, bends, plan)
     return np.concatenate([packed_bits((doublings >> bit & 1).astype(bool), slot) for bit in (0, 1)], axis=1)

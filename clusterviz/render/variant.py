@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from clusterviz.gl.layout import glsl_array, glsl_rows
+from clusterviz.gl.layout import Constant, glsl_array, glsl_constants, glsl_rows
 from clusterviz.gl.reals import Reals
 from clusterviz.gl.shader import assemble
 from clusterviz.plan.blend_mode import Lattice
@@ -21,7 +21,7 @@ from clusterviz.render.crossing import PLANES
 from clusterviz.render.frame_block import FRAME_BLOCKS
 from clusterviz.render.frame_coherence import STARTS_BLOCK
 from clusterviz.render.refraction import REFRACTION_BLOCK
-from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, PACKETS, SIZES, SIZES_BINDING
+from clusterviz.render.sizes import COUNTS, OCCLUSION_ROWS, PACKETS, SIZES
 from clusterviz.render.storage import GROUP, Slot
 from clusterviz.render.volume_layers import (
     EXACT,
@@ -32,12 +32,7 @@ from clusterviz.render.volume_layers import (
     cell_files,
     content_files,
     density_files,
-    field_file,
-    gradient_file,
-    light_files,
-    spline_file,
     volume_variants,
-    voxel_files,
 )
 from clusterviz.scene.blend_modes import BLEND_MODES, DEFAULT_BLENDING, Blending, BlendModeTraits
 from clusterviz.spmd.source import ShaderSource
@@ -46,7 +41,6 @@ PART_BYTES = 16  # a vec4
 USUAL_BRICK = 64  # cells along its side
 MOST_MET = 21  # most intersections of one surface with a slab of two voxels, which lies in seven cells
 MOST_IN_SLAB = 64  # most surfaces of all volumes in a slab
-NOTHING = "// nothing\n"
 NO_VOLUME = VolumeVariant("linear", Slot((1, 1, 1), "f32", False), 0)
 Files = str | tuple[str, ...]
 SURFACES_FILES = ("root.glsl", "surfaces.glsl")
@@ -54,6 +48,8 @@ PREINTEGRATED_FILES = ("sums.glsl", "front_to_back.glsl", "ramp.glsl", "ramp_sla
 """Files that sample runs of slabs, where samples.glsl does not."""
 
 
+LONE_BLOCKS = {"surface": ("Surfaces", 4), "grading": ("Grading", 5), "lighting": ("Lights", 2)}
+"""Blocks of a volume alone by the rows in them: their names, and their bindings."""
 Profile = Literal["", "counts", "clock"]
 CLOCK = "#extension GL_ARB_shader_clock : require"
 
@@ -139,7 +135,12 @@ class Variant:
             if self.is_mixed
             else f"{self.slot.kind}_{self.volume.filter}_{self.blending}"
         )
-        return f"cast_{volumes}_{self.cpu.lanes if self.cpu else 0}".replace("-", "_")
+        return f"cast_{volumes}_{self.lanes}".replace("-", "_")
+
+    @property
+    def lanes(self) -> int:
+        """Lanes of a CPU's vectors; 0 on a GPU."""
+        return self.cpu.lanes if self.cpu else 0
 
     @property
     def needs_doubles(self) -> tuple[str, ...]:
@@ -172,7 +173,7 @@ class Variant:
             "WORDS": "words.glsl",
             "PITCH": "pitch.glsl",
             "PREFETCH": "no_prefetch.glsl",
-            "BEHIND": "over.glsl" if self._traits.composited else NOTHING,
+            "BEHIND": "over.glsl" if self._traits.composited else (),
             "BORDERS": (
                 self._borders,
                 *self._slope,
@@ -183,7 +184,7 @@ class Variant:
             "LATTICE": LATTICES[self.lattice],
             "CLIP": ("kept.glsl", "clip.glsl") if self.planes else "unclipped.glsl",
             "PROFILE": f"profile_{self.profile}.glsl" if self.profile else "no_profile.glsl",
-            "PACKETS": NOTHING,
+            "PACKETS": (),
             "MAIN": "pixels.glsl",
         }
         slots |= (self._content if self.is_mixed else self._alone) | (self._on_cpu if self.cpu else {})
@@ -198,21 +199,13 @@ class Variant:
         if volume.look:
             sample = (volume.look.glsl(), "look.glsl", "composite_2d.glsl")
         if volume.preintegrated:
-            run, sample = PREINTEGRATED_FILES, NOTHING
-        return {
+            run, sample = PREINTEGRATED_FILES, ()
+        graded = volume.is_graded or self.crossing or self.refraction
+        return volume.files(graded, self.cpu is not None) | {
             "TRANSFER": "transfer.glsl",
-            "SEGMENT": NOTHING if volume.preintegrated else ("segment.glsl", "whole_slab.glsl"),
-            "VOXEL": voxel_files(self.slot),
-            "SPLINE": spline_file(volume.filter, self._gradient),
-            "SCALAR": field_file(volume.filter, self.slot),
-            "CELL": cell_files(volume.filter) if volume.surfaces else NOTHING,
+            "SEGMENT": () if volume.preintegrated else ("segment.glsl", "whole_slab.glsl"),
             "RUN": run,
             "SAMPLE": sample,
-            "GRADIENT": self._gradient,
-            "MAGNITUDE": "magnitude.glsl" if volume.fading or volume.table else NOTHING,
-            "FADE": "faded.glsl" if volume.fading else "unfaded.glsl",
-            "LIGHT": "lights.glsl" if volume.lights else "unlit.glsl",
-            "LIGHTS_FROM": light_files(volume.near, bool(volume.occlusion)) if volume.lights else NOTHING,
             "GROUPS": ("groups.glsl", "groups_of_bricks.glsl"),
         }
 
@@ -234,10 +227,8 @@ class Variant:
             return found
         if not self.slot.adaptive:
             found["GROUPS"] = "skips.glsl", "groups_of_bricks.glsl"
-        found["VOXEL"] = voxel_files(self.slot, True)
-        found["SCALAR"] = field_file(self.volume.filter, self.slot, True)
-        if found["SCALAR"] == "linear_cells.glsl":
-            found["PREFETCH"] = NOTHING
+        if self.volume.filter == "linear":  # linear_cells.glsl
+            found["PREFETCH"] = ()
             if self.volume.surfaces and self.slot.kind != "f32":
                 found["CELL"] = (f"extremes_{self.slot.kind}.glsl", *cell_files(self.volume.filter)[1:])
         if self.cpu.pieces:
@@ -273,17 +264,10 @@ class Variant:
         return ("slope_mixed.glsl",) if self.is_mixed else ("slope.glsl",)
 
     @property
-    def _gradient(self) -> str:
-        """Return the file of the gradient."""
-        volume = self.volume
-        needed = volume.is_graded or self.crossing or self.refraction
-        return gradient_file(volume.filter, volume.smooth) if needed else "gradient_none.glsl"
-
-    @property
     def _content(self) -> dict[str, Files]:
         """Return the slots of files that differ for several volumes."""
-        names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT LIGHTS_FROM SAMPLE"
-        none: dict[str, Files] = dict.fromkeys(names.split(), NOTHING)
+        names = "TRANSFER SEGMENT VOXEL CELL SCALAR SPLINE GRADIENT MAGNITUDE FADE LIGHT SAMPLE"
+        none: dict[str, Files] = dict.fromkeys(names.split(), ())
         clip = "clip.glsl" if self.planes else "unclipped.glsl"
         pieces = self.cpu.volumes if self.cpu else None
         geometry = self.geometry.parts(len(self.volumes), self.cpu is not None) if self.geometry else ()
@@ -317,52 +301,43 @@ class Variant:
     @property
     def constants(self) -> str:
         """GLSL declarations of the program's constants."""
-        lines = [
-            *(self._sizes_on_cpu if self.cpu else self._sizes),
-            f"const int REACH = {self.slot.reach}; // cells beyond a stored brick's in which the field is sampled",
-            f"const int GROUP_SHIFT = {GROUP.bit_length() - 1}; // groups of {GROUP} cells a side are skipped as one",
-            f"const int PARTS = {self._record_bytes // PART_BYTES}; // vec4s in a record of the transfer function",
-            f"const int PARTS_IN_BLOCK = {max(1, self.block_bytes // PART_BYTES)};",
-            "const int FIRST_BUCKET = 0;",
-            f"const bool TWO_AT_ONCE = {str(self.cpu is not None).lower()}; // samples",
-            f"const int LONGEST_RUN = {self._longest_run}; // slabs",
-            f"const bool LAYERS = {str(self.crossing).lower()}; // what is found is that alone",
-        ]
-        lines.append(f"const bool MAY_BE_INVALID = {str(self.slot.kind == 'f32').lower()}; // a voxel may be NaN")
-        lines.append(f"const bool WHOLE_SLABS = {str(not self._shows_surfaces).lower()}; // in which volumes are cut")
-        lines.append(f"const bool LAST_IN_RUN = {str(bool(self.volume.surfaces)).lower()}; // runs hold the last slab")
+        volume, mixed, geometry = self.volume, self.is_mixed, self.geometry
+        rows = {name: self._rows(count) for name, count in volume.rows.items()}
+        grids_alone = geometry is not None and geometry.grids > 0 and not self.volumes
+        values: dict[str, Constant] = {
+            "REACH": self.slot.reach,  # cells beyond a stored brick's in which the field is sampled
+            "GROUP_SHIFT": GROUP.bit_length() - 1,  # of the side of groups of cells
+            "PARTS": self._record_bytes // PART_BYTES,  # vec4s in a record of the transfer function
+            "PARTS_IN_BLOCK": max(1, self.block_bytes // PART_BYTES),
+            "FIRST_BUCKET": 0,
+            "TWO_AT_ONCE": self.cpu is not None,  # samples
+            "LONGEST_RUN": self._longest_run,  # slabs
+            "LAYERS": self.crossing,  # what is found is that alone
+            "MAY_BE_INVALID": self.slot.kind == "f32",  # a voxel may be NaN
+            "WHOLE_SLABS": not self._shows_surfaces,  # in which volumes are cut
+            "LAST_IN_RUN": bool(volume.surfaces),  # runs hold the last slab
+            "SLABS_COUNT": not grids_alone,  # as samples
+            "FADED": volume.fading > 0,  # extinction by the gradient's magnitude
+        }
         if self.cpu:
             width, height = PACKETS[self.cpu.lanes]
-            lines.append(f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};")
-            lines.append(f"const int PIECES = {self.cpu.pieces}, PIECES_BEFORE = 0;")
-            lines.append(f"const bool FITTED = {str(self.cpu.fitted).lower()};")
-        volume, rows = self.volume, {name: self._rows(count) for name, count in self.volume.rows.items()}
-        if "surface" in rows:
-            lines.append(glsl_rows("Surfaces", 4, {"surface": rows["surface"]}))
-            lines.append(f"const bool IN_VOLUME = {str(self._traits.absorbs).lower()};")
-        alone = self.geometry is not None and self.geometry.grids > 0 and not self.volumes
-        lines.append(f"const bool SLABS_COUNT = {str(not alone).lower()}; // as samples")
-        if self.is_mixed:
+            values |= {"PACKET_WIDTH": width, "PACKET_HEIGHT": height}
+            values |= {"PIECES": self.cpu.pieces, "PIECES_BEFORE": 0, "FITTED": self.cpu.fitted}
+        if mixed:
             # On CPUs the number of surfaces is no constant.
             each = MOST_IN_SLAB if self.cpu else MOST_MET
-            most = min(each * sum(volume.surfaces for volume in self.volumes), MOST_IN_SLAB)
-            lines.append(f"const bool HAS_SURFACES = {str(most > 0).lower()};")
-            lines.append(f"const bool HAS_VOLUMES = {str(bool(self.volumes)).lower()};")
-            lines.append(f"const int MOST_SURFACES = {max(1, most)}; // in a slab of several volumes")
-        if self.geometry:
-            count = len(self.volumes)
-            lines += [self.geometry.constants, f"const int VOLUMES = {count};"]
-        lines.append(f"const bool FADED = {str(volume.fading > 0).lower()}; // extinction by the gradient's magnitude")
-        if "grading" in rows:
-            lines.append(glsl_rows("Grading", 5, {"grading": rows["grading"]}))
-        if volume.table:
-            lines.append(f"#define TABLE_BINDING {TABLES_BINDING}")
-            lines.append(f"const bool TABLE_HAS_COLOUR = {str(volume.table == 'colour and opacity').lower()};")
-        if "lighting" in rows:
-            lines.append(glsl_rows("Lights", 2, {"lighting": rows["lighting"]}))
-            lines.append(f"const int LIGHT_ROWS = {volume.light_rows}; // for each")
+            most = min(each * sum(one.surfaces for one in self.volumes), MOST_IN_SLAB)
+            values |= {"HAS_SURFACES": most > 0, "HAS_VOLUMES": bool(self.volumes), "MOST_SURFACES": max(1, most)}
+        values |= {"VOLUMES": len(self.volumes)} if geometry else {}
+        values |= {"IN_VOLUME": self._traits.absorbs} if "surface" in rows else {}
+        values |= {"LIGHT_ROWS": volume.light_rows} if "lighting" in rows else {}
+        values |= {"TABLE_HAS_COLOUR": volume.table == "colour and opacity"} if volume.table else {}
         clock = [CLOCK] if self.profile == "clock" and not self.cpu else []
-        return "\n".join((*clock, *lines, *self._traits.constants)) + "\n"
+        lines = [*clock, *(self._sizes_on_cpu if self.cpu else self._sizes), glsl_constants(values)]
+        lines += [f"#define TABLE_BINDING {TABLES_BINDING}"] if volume.table else []
+        lines += [glsl_rows(LONE_BLOCKS[name][0], LONE_BLOCKS[name][1], {name: count}) for name, count in rows.items()]
+        lines += [geometry.constants] if geometry else []
+        return "\n".join((*lines, *self._traits.constants)) + "\n"
 
     @property
     def _longest_run(self) -> int:
@@ -378,53 +353,53 @@ class Variant:
     @property
     def _sizes(self) -> list[str]:
         """Constants for sizes and numbers, on GPUs."""
-        lines = [
-            *self._brick_sizes,
-            f"const int MARGIN = {self.slot.margin}; // samples beyond the cells of a stored brick on every side",
-            f"const int ROW_WORDS = {self.slot.row_words}, SLICE_WORDS = {self.slot.slice_words};",
-            f"const int FURTHER_STARTS = {self.volume.further_starts};",
-            f"const int SAMPLE_ITERATIONS = {self._sample_iterations}; // of loops, at most",
-        ]
         volume = self.volume
-        if volume.surfaces:
-            lines.append(f"const int SURFACES = {volume.surfaces};")
+        values: dict[str, Constant] = {
+            "MARGIN": self.slot.margin,  # samples beyond the cells of a stored brick on every side
+            "ROW_WORDS": self.slot.row_words,
+            "SLICE_WORDS": self.slot.slice_words,
+            "FURTHER_STARTS": volume.further_starts,
+            "SAMPLE_ITERATIONS": self._sample_iterations,  # of loops, at most
+        }
+        values |= {"SURFACES": volume.surfaces} if volume.surfaces else {}
         if volume.lights:
-            lines.append(
-                f"const int LIGHTS = {volume.lights}, CAPS = {volume.caps}; // and planes that cut what is lit"
-            )
-            lines.append(f"const int OCCLUSION_PLANES = {volume.occlusion - OCCLUSION_ROWS};")
-        if volume.fading or volume.table or volume.look:
-            lines.append(f"const int FADING_PIECES = {volume.fading};")
-        if self.planes:
-            lines.append(f"const int PLANES = {self.planes}, MOST_PLANES = PLANES;")
-        return lines
+            values |= {"LIGHTS": volume.lights, "CAPS": volume.caps}  # and planes that cut what is lit
+            values |= {"OCCLUSION_PLANES": volume.occlusion - OCCLUSION_ROWS}
+        values |= {"FADING_PIECES": volume.fading} if volume.fading or volume.table or volume.look else {}
+        values |= {"PLANES": self.planes, "MOST_PLANES": self.planes} if self.planes else {}
+        return [*self._brick_sizes, glsl_constants(values)]
 
     @property
     def _brick_sizes(self) -> list[str]:
         """Constants for the sizes of bricks."""
-        z, y, x = self.slot.cells_zyx
-        gz, gy, gx = self.slot.groups_zyx
-        return [
-            f"const int BRICK = {self.brick}; // cells along its side",
-            f"const int BRICK_SHIFT = {self.brick.bit_length() - 1};",
-            *([f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;"] if self.reals == "double" else []),
-            f"const ivec3 SLOT_CELLS = ivec3({x}, {y}, {z}); // cells of a stored brick",
-            f"const ivec3 GROUPS = ivec3({gx}, {gy}, {gz}); // in a slot",
-            f"const int VISIBILITY_WORDS = {self.slot.visibility_words}; // of bits, one a group",
-            f"const int GROUP_WORDS = {self.slot.group_words}; // of all that is known of a brick's groups",
-        ]
+        per_cell = [f"const double BRICKS_PER_CELL = {1 / self.brick!r}LF;"] if self.reals == "double" else []
+        (z, y, x), (gz, gy, gx) = self.slot.cells_zyx, self.slot.groups_zyx
+        values: dict[str, Constant] = {
+            "BRICK": self.brick,  # cells along its side
+            "BRICK_SHIFT": self.brick.bit_length() - 1,
+            "SLOT_CELLS": (x, y, z),  # of a stored brick
+            "GROUPS": (gx, gy, gz),  # of cells, in a slot
+            "VISIBILITY_WORDS": self.slot.visibility_words,  # of bits, one a group
+            "GROUP_WORDS": self.slot.group_words,  # of all that is known of a brick's groups
+        }
+        return [glsl_constants(values), *per_cell]
 
     @property
     def _sizes_on_cpu(self) -> list[str]:
         """The same on CPUs, where most are variables, so that few programs serve all sizes."""
         assert self.cpu, "a GPU draws"
+        # With several volumes, and where bricks cut slabs, ends of slabs lie on faces; lines that bend go beyond.
+        within = not (self.split or self.slot.parts or self.refraction)
+        values: dict[str, Constant] = {
+            "FAR_APART": self.cpu.far,
+            "WITHIN_CELLS": within,
+            "SAMPLE_ITERATIONS": 1,
+            "MOST_PLANES": MOST_ROWS,
+        }
         lines = [
-            glsl_array("sizes", SIZES_BINDING, SIZES, 1 + len(self.slot.parts)),
-            f"const bool FAR_APART = {str(self.cpu.far).lower()}; // samples, so that caches hold few of them",
-            # With several volumes, and where bricks cut slabs, ends of slabs lie on faces; lines that bend go beyond.
-            f"const bool WITHIN_CELLS = {str(not (self.split or self.slot.parts or self.refraction)).lower()};",
-            "const int SAMPLE_ITERATIONS = 1; // which nobody counts",
-            f"int PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};",
+            glsl_array("sizes", 9, SIZES, 1 + len(self.slot.parts)),
+            glsl_constants(values),
+            "int PLANES = sizes[0].counts.z;",
             "int MARGIN = sizes[0].first.y, FIRST_WORD = sizes[0].first.x; // of a brick's first cell",
             "int ROW_WORDS = sizes[0].words.x, SLICE_WORDS = sizes[0].words.y;",
         ]
@@ -496,18 +471,18 @@ def variant_of(plan: Plan, slot: Slot, uniform_bytes: int, reals: Reals = "doubl
     reals : form of numbers that the device prefers; what `needs_doubles` has none but double precision
     """
     fits = sum(part.segments.records.nbytes for part in plan.content.volume_layers) <= uniform_bytes
-    slot = replace(slot, group_box=None)
+    slot, march = replace(slot, group_box=None), plan.march
     found = Variant(
-        slot,
-        plan.layout.brick,
-        uniform_bytes if fits else 0,
-        volume_variants(plan.content, slot),
-        plan.blend_mode.blending,
-        len(plan.clip),
-        plan.march.lattice,
-        plan.march.split,
-        plan.march.frame_coherence is not None,
-        plan.march.crossing,
+        slot=slot,
+        brick=plan.layout.brick,
+        block_bytes=uniform_bytes if fits else 0,
+        volumes=volume_variants(plan.content, slot),
+        blending=plan.blend_mode.blending,
+        planes=len(plan.clip),
+        lattice=march.lattice,
+        split=march.split,
+        frame_coherence=march.frame_coherence is not None,
+        crossing=march.crossing,
         geometry=geometry_variant(plan),
         refraction=plan.refraction is not None,
     )

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.gl.layout import glsl_array, glsl_rows
+from clusterviz.gl.shader import defined_names
 from clusterviz.plan.blend_mode import BlendMode, Lattice
 from clusterviz.plan.content import Content, Filter, VolumeLayer
 from clusterviz.plan.plan import Plan
@@ -38,14 +39,14 @@ def voxel_files(slot: Slot, on_cpu: bool = False) -> tuple[str, ...]:
     """Return the files that fetch voxels."""
     if on_cpu:
         return "cells_in_words.glsl", f"cells_{slot.kind}.glsl", "units.glsl"
-    return "atlas.glsl" if slot.textured else f"voxel_{slot.kind}.glsl", "cells.glsl", "units.glsl"
+    files = ("atlas.glsl" if slot.textured else f"voxel_{slot.kind}.glsl",)
+    rows = () if slot.kind == "u8" and not slot.textured else ("rows.glsl",)
+    return *files, *rows, "cells.glsl", "units.glsl"
 
 
-def field_file(filter: Filter, slot: Slot, on_cpu: bool = False) -> str:
+def field_file(filter: Filter, on_cpu: bool = False) -> str:
     """Return the file that interpolates between them."""
-    if filter == "linear" and (on_cpu or slot.kind == "u8"):
-        return "linear_cells.glsl" if on_cpu else "linear_u8.glsl"
-    return f"{filter.replace('-', '_')}.glsl"
+    return "linear_cells.glsl" if filter == "linear" and on_cpu else f"{filter.replace('-', '_')}.glsl"
 
 
 def cell_files(filter: Filter) -> tuple[str, ...]:
@@ -62,13 +63,6 @@ def gradient_file(filter: Filter, smooth: bool) -> str:
     return files.get(filter, "gradient_cubic.glsl")
 
 
-def spline_file(filter: Filter, gradient: str) -> str:
-    """Return the file of cubic B-splines, or a comment if neither the field nor its gradient needs it."""
-    return "spline.glsl" if "cubic" in filter + gradient else "// nothing\n"
-
-
-LONE_BINDINGS = 2, 5, 4  # lighting, grading and isosurfaces of a volume alone
-VOLUMES_BINDING, ROWS_BINDING = 6, 7  # the block of all volumes, and the rows of their lighting and isosurfaces
 OWN_BINDING = 10  # on CPUs, the first of blocks with the rows of one volume
 MOST_ROWS = 1 << 12  # of a block whose size is not known when CPUs compile
 TABLES_BINDING = 1  # the first volume's texture
@@ -87,22 +81,8 @@ VOLUME = np.dtype(
         ("unused_too", "i4"),
     ]
 )
-_NAMES = """
-slab_at START_ROW FIRST_OPACITY FIRST_COLOUR FIRST_CHANGE
-Segment segment_of segment_at third stored_at in_units voxel_at row_at pair_at cell_at rows_at scalar_at invalid
-at_ends across derivative is_missing along gradient_at
-spline spline_cell spline_row spline_rows spline_layers spline_of_voxels
-spline_slope slope_layer slope_layers words_to word_of cell_away prefetch bytes_of halves_of two_rows_at row_of
-lighting toward_eye normal_from_gradient material power face lit reflected grading world_from_gradient magnitude_of
-faded transfer_table entry_at classified users_look within_limit Class is_valid class_at absorb absorb_within
-absorb_next integrated take_slab absorbing surface meet_surfaces CELL_BEGINS cell_within extremes_at extent_of
-cubic_of field_on FAR EARLIER STILL UNKNOWN REFINEMENTS Walk walk_from Course take_level reached_by turns_of course_of
-crossed faces_of leaves_of to_next_cell next_course met_in gradient_in within uncut met met_at find_ends ambient_at
-density_at toward_light brick_begin seen here stride in_volume begin_level to_level from_level ray_stride
-last_of_level level_cells level_row level_slice level_first level_gradient see absorption is_inside is_uncut part_within
-"""
-OWN_NAMES = tuple(_NAMES.split())
-"""Names that the files of each volume define."""
+GIVEN = "lighting", "grading", "surface", "transfer_table", "users_look", "brick_begin", "level_gradient"
+"""Names of each volume that its files do not define: of blocks, a texture and a look, and those of `VolumeVariant`."""
 COMPONENT = ("scalar_at", "here")
 """Names of a volume of components that its LIC volume uses."""
 CHAINED = {
@@ -175,6 +155,26 @@ class VolumeVariant:
         """Most iterations of loops in a slab beyond those of one sample, except those of surfaces that are hit."""
         return 2 * self.further_starts.bit_length() * self.preintegrated + self.surfaces
 
+    def files(self, graded: bool, on_cpu: bool) -> dict[str, tuple[str, ...]]:
+        """Return the files that sample and light the volume, by what they do: those that it shares with a lone one.
+
+        Parameters
+        ----------
+        graded : samples need the gradient
+        """
+        gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
+        lit = "lights.glsl", *light_files(self.near, bool(self.occlusion), self.of_lines)
+        return {
+            "VOXEL": voxel_files(self.slot, on_cpu),
+            "SPLINE": ("spline.glsl",) if "cubic" in self.filter + gradient else (),
+            "SCALAR": (field_file(self.filter, on_cpu),),
+            "GRADIENT": (gradient,),
+            "MAGNITUDE": ("magnitude.glsl",) if self.fading or self.table else (),
+            "FADE": ("faded.glsl" if self.fading else "unfaded.glsl",),
+            "LIGHT": lit if self.lights else ("unlit.glsl",),
+            "CELL": cell_files(self.filter) if self.surfaces else (),
+        }
+
     def parts(self, number: int, crossing: bool, on_cpu: bool, pieces: int) -> tuple[str, ...]:
         """Return the files that sample the volume, between the definitions of its macros.
 
@@ -185,79 +185,66 @@ class VolumeVariant:
         pieces : as in `Lanes`
         """
         macros, chain = self._macros(number) | (self._sizes_on_cpu(number) if on_cpu else {}), chain_of(number)
-        graded = crossing or (self.is_graded and not self.of_lines)
-        gradient = gradient_file(self.filter, self.smooth) if graded else "gradient_none.glsl"
-        magnitude = ("magnitude.glsl",) if self.fading or self.table else ()
-        fade = "faded.glsl" if self.fading else "unfaded.glsl"
+        of = self.files(crossing or (self.is_graded and not self.of_lines), on_cpu)
         source = "table.glsl" if self.table else "look.glsl" if self.look else "classified.glsl"
         classified: tuple[str, ...] = ("segment.glsl", source, "absorbing.glsl")
         if pieces:
             macros |= {"PIECES": str(pieces), "PIECES_BEFORE": str(number), "FITTED": "true"}
             classified = ("segment.glsl", "pieces.glsl", "classified_pieces.glsl", "absorbing.glsl")
         absorbing = ("ramp.glsl", "ramp_slab.glsl", "absorbing_ramp.glsl") if self.preintegrated else classified
-        met = (*cell_files(self.filter), "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
-        light = (
-            ("lights.glsl", *light_files(self.near, bool(self.occlusion), self.of_lines))
-            if self.lights
-            else ("unlit.glsl",)
-        )
+        met = (*of["CELL"], "root.glsl", "met.glsl") if self.surfaces else ("met_none.glsl",)
         if self.of_lines:
             parts = {f"{name}_{axis}": f"{name}_{number - 3 + n}" for n, axis in enumerate("xyz") for name in COMPONENT}
             macros |= parts
             absorbing = define({"gradient_at": f"vector_at_{number}"}), "vector.glsl", *absorbing
         density = density_files(self.preintegrated) if self.occlusion else ()
-        voxel, field = voxel_files(self.slot, on_cpu), field_file(self.filter, self.slot, on_cpu)
-        slope: tuple[str, ...] = (gradient,)
+        slope = of["GRADIENT"]
         if self.slot.has_levels:
             own = define({"gradient_at": f"level_gradient_{number}"})
-            slope = own, gradient, define({"gradient_at": macros["gradient_at"]}), "level_gradient.glsl"
+            slope = own, *slope, define({"gradient_at": f"gradient_at_{number}"}), "level_gradient.glsl"
         levels = "levels.glsl" if self.slot.has_levels else "levels_none.glsl"
-        files = (levels, *voxel, spline_file(self.filter, gradient), field, *slope, *light)
+        files = ("transfer.glsl", levels, *of["VOXEL"], *of["SPLINE"], *of["SCALAR"], *slope, *of["LIGHT"])
+        files = (*files, *of["MAGNITUDE"], *of["FADE"], "volume_layer.glsl", *absorbing, *density, *met)
+        names = {*defined_names(*(file for file in files if "\n" not in file)), *GIVEN} - {
+            f"{name}_all" for name in CHAINED
+        }
+        macros = {name: f"{name}_{number}" for name in sorted(names)} | macros
         begin = define(macros | chain) + "ivec3 brick_begin; // the first cell that is stored of the run's brick\n"
-        end = undefine([*macros, *(name for name in chain if "_before" in name)])
-        return (begin, "transfer.glsl", *files, *magnitude, fade, "volume_layer.glsl", *absorbing, *density, *met, end)
+        return begin, *files, undefine([*macros, *(name for name in chain if "_before" in name)])
 
     def _macros(self, number: int) -> dict[str, str]:
         z, y, x = self.slot.cells_zyx
         frame = f"volume[{number}]"
-        own = {name: f"{name}_{number}" for name in OWN_NAMES}
-        levels = {
-            "TO_LEVEL": own["to_level"],
-            "FROM_LEVEL": own["from_level"],
-            "RAY_STRIDE": own["ray_stride"],
-            "last_cell": own["last_of_level"],
-        }
-        return (
-            own
-            | {
-                "frame": frame,
-                "scalar": f"{frame}.scalar",
-                "buckets": f"{frame}.buckets",
-                "last_cell": f"(ivec3({frame}.last.xyz) - 1)",
-                "NUMBER": str(number),
-                "FIRST_BUCKET": str(BUCKETS * number),
-                "FURTHER_STARTS": str(self.further_starts),
-                "SLOT_CELLS": f"ivec3({x}, {y}, {z})",
-                "MARGIN": str(self.slot.margin),
-                # Beyond the cells, which include the reach of slabs, and one sample more for gradients.
-                "REACH": str(self.slot.margin - 1 if self.occlusion else 0),
-                "ROW_WORDS": str(self.slot.row_words),
-                "SLICE_WORDS": str(self.slot.slice_words),
-                "MAY_BE_INVALID": str(self.slot.kind == "f32").lower(),
-                "LIGHTS": str(self.lights),
-                "CAPS": str(self.caps),
-                "LIGHT_ROWS": str(self.light_rows),
-                "OCCLUSION_PLANES": str(self.occlusion - OCCLUSION_ROWS),
-                "FADING_PIECES": str(self.fading),
-                "TABLE_BINDING": str(TABLES_BINDING + number),
-                "TABLE_HAS_COLOUR": str(self.table == "colour and opacity").lower(),
-                "SURFACES": str(self.surfaces),
-                "IN_VOLUME": str(self.in_volume).lower(),
-                "IN_ORDER": "false",  # the order of absorption in a slab is ignored
-                "RAY_STRIDE": own["stride"],
-            }
-            | (levels if self.slot.has_levels else {})
-        )
+        of_level = {"TO_LEVEL": "to_level", "FROM_LEVEL": "from_level"}
+        of_level |= {"RAY_STRIDE": "ray_stride", "last_cell": "last_of_level"}
+        levels = {name: f"{of}_{number}" for name, of in of_level.items()}
+        return {
+            "frame": frame,
+            "scalar": f"{frame}.scalar",
+            "buckets": f"{frame}.buckets",
+            "last_cell": f"(ivec3({frame}.last.xyz) - 1)",
+            "NUMBER": str(number),
+            "FIRST_BUCKET": str(BUCKETS * number),
+            "FURTHER_STARTS": str(self.further_starts),
+            "SLOT_CELLS": f"ivec3({x}, {y}, {z})",
+            "MARGIN": str(self.slot.margin),
+            # Beyond the cells, which include the reach of slabs, and one sample more for gradients.
+            "REACH": str(self.slot.margin - 1 if self.occlusion else 0),
+            "ROW_WORDS": str(self.slot.row_words),
+            "SLICE_WORDS": str(self.slot.slice_words),
+            "MAY_BE_INVALID": str(self.slot.kind == "f32").lower(),
+            "LIGHTS": str(self.lights),
+            "CAPS": str(self.caps),
+            "LIGHT_ROWS": str(self.light_rows),
+            "OCCLUSION_PLANES": str(self.occlusion - OCCLUSION_ROWS),
+            "FADING_PIECES": str(self.fading),
+            "TABLE_BINDING": str(TABLES_BINDING + number),
+            "TABLE_HAS_COLOUR": str(self.table == "colour and opacity").lower(),
+            "SURFACES": str(self.surfaces),
+            "IN_VOLUME": str(self.in_volume).lower(),
+            "IN_ORDER": "false",  # the order of absorption in a slab is ignored
+            "RAY_STRIDE": f"stride_{number}",
+        } | (levels if self.slot.has_levels else {})
 
     def _sizes_on_cpu(self, number: int) -> dict[str, str]:
         """Return the macros of a volume's sizes and numbers, which are no constants on CPUs."""
@@ -360,7 +347,7 @@ def content_files(
         part for number, volume in enumerate(volumes) for part in volume.parts(number, crossing, on_cpu, pieces[number])
     ]
     rows = {f"{name}_{number}": n for number, volume in enumerate(volumes) for name, n in volume.rows.items()}
-    blocks = [glsl_rows("Rows", ROWS_BINDING, rows)] if rows else []
+    blocks = [glsl_rows("Rows", 7, rows)] if rows else []
     if on_cpu:
         # Where a block of all would be divided is not known.
         blocks = [glsl_rows(f"Rows{n}", OWN_BINDING + n, {name: MOST_ROWS}) for n, name in enumerate(rows)]
@@ -370,7 +357,7 @@ def content_files(
         layers = "surface_list.glsl", "layers_fragments.glsl" if geometry else "layers.glsl"
     words = HEADER_WORDS + LEVEL_WORDS * any(volume.slot.has_levels for volume in volumes)
     header = f"const int HEADER_WORDS = {words}; // of a brick, for each volume\n"
-    whole = (header, glsl_array("volume", VOLUMES_BINDING, VOLUME, len(volumes))) if volumes else ()
+    whole = (header, glsl_array("volume", 6, VOLUME, len(volumes))) if volumes else ()
     each += geometry
     rows_of_pieces = ("piece_rows.glsl",) if any(pieces) else ()
     return (
@@ -387,8 +374,8 @@ def content_files(
     )
 
 
-def volume_blocks(content: Content, on_cpu: bool = False) -> list[tuple[int, NDArray[Any]]]:
-    """Return the uniform blocks of all volumes, with their bindings.
+def volume_blocks(content: Content, on_cpu: bool = False) -> dict[str, NDArray[Any]]:
+    """Return the uniform blocks of all volumes, by name.
 
     Parameters
     ----------
@@ -396,16 +383,15 @@ def volume_blocks(content: Content, on_cpu: bool = False) -> list[tuple[int, NDA
     """
     if not content.mixed:
         mode = content.volume_layers[0].blend_mode
-        bindings = [
-            n for n, part in zip(LONE_BINDINGS, (mode.shading, mode.grading, mode.surfaces), strict=True) if part
-        ]
-        return list(zip(bindings, rows_of(mode), strict=True))
+        parts = {"lights": mode.shading, "grading": mode.grading, "surfaces": mode.surfaces}
+        return dict(zip((name for name, part in parts.items() if part), rows_of(mode), strict=True))
     if not content.volume_layers and not on_cpu:
-        return []
-    rows = [rows for part in content.volume_layers for rows in rows_of(part.blend_mode)]
+        return {}
+    found, rows = {"volume": volumes_block(content)}, [rows_of(part.blend_mode) for part in content.volume_layers]
+    each = [one for own in rows for one in own]
     if on_cpu:
-        return [(VOLUMES_BINDING, volumes_block(content)), *enumerate(rows, OWN_BINDING)]
-    return [(VOLUMES_BINDING, volumes_block(content)), *([(ROWS_BINDING, np.concatenate(rows))] if rows else [])]
+        return found | {f"rows{number}": one for number, one in enumerate(each)}
+    return found | ({"rows": np.concatenate(each)} if each else {})
 
 
 def rows_of(blend_mode: BlendMode) -> list[NDArray[np.float32]]:
@@ -414,10 +400,11 @@ def rows_of(blend_mode: BlendMode) -> list[NDArray[np.float32]]:
     return [part.block() for part in (blend_mode.shading, blend_mode.grading) if part] + surfaces
 
 
-def content_tables(content: Content) -> list[tuple[int, NDArray[np.float32]]]:
-    """Return the 2-D transfer functions, with the bindings of their textures."""
-    gradings = [(TABLES_BINDING + n, part.blend_mode.grading) for n, part in enumerate(content.volume_layers)]
-    return [(binding, one.table) for binding, one in gradings if one and one.table is not None]
+def content_tables(content: Content) -> dict[str, NDArray[np.float32]]:
+    """Return the 2-D transfer functions, by the names of their textures."""
+    gradings = [part.blend_mode.grading for part in content.volume_layers]
+    tables = {number: one.table for number, one in enumerate(gradings) if one and one.table is not None}
+    return {f"transfer_table_{n}" if content.mixed else "transfer_table": table for n, table in tables.items()}
 
 
 def volumes_block(content: Content) -> NDArray[np.void]:

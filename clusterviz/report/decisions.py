@@ -12,27 +12,21 @@ CONFIDENCE = "no proof: see docs/measurements/accuracy.md for how often such bou
 class Accuracy:
     """Settings chosen for `quality.max_error`, and the expected error.
 
-    Attributes
-    ----------
-    error : the largest error expected, an estimate
-    step : sampling distance, voxels
-    reasons : setting -> reason in words
-    verified : whether the error was estimated in all pixels, from pictures of other steps, or in a sample of pixels
-    pilot_pixels : pixels of each pilot picture
-    pilot_samples, pilot_seconds : samples and seconds of all pilot pictures, on all ranks
+    `verified`: whether the error was estimated in all pixels, from pictures of other steps, or in a sample of pixels.
+    `pilot_samples`, `pilot_seconds`: samples and seconds of all pilot pictures, on all ranks.
     """
 
     max_error: float
-    error: float
-    step: float
+    error: float  # the largest error expected, an estimate
+    step: float  # sampling distance, voxels
     classification: str
     filter: str
     early_termination: float
     pixel: str
-    pilot_pixels: int
+    pilot_pixels: int  # pixels of each pilot picture
     pilot_samples: int
     pilot_seconds: float
-    reasons: Mapping[str, str] = field(default_factory=dict)
+    reasons: Mapping[str, str] = field(default_factory=dict)  # setting -> reason in words
     verified: bool = False
 
     def __str__(self) -> str:
@@ -49,23 +43,16 @@ class Accuracy:
 class Detail:
     """Levels of a store that a picture uses, and the bound of its error.
 
-    Attributes
-    ----------
-    levels : drawn bricks of the store at each level, the finest first
-    bytes : of their samples, on the rank with most
-    reached : whether they hold what was asked for
-    bound : of the difference of any pixel from a picture of the volume that was stored; None: not known
-    store : part of the bound that the store's own error has at its finest level
-    reason : why no bound is known
+    `bound`: of the difference of any pixel from a picture of the volume that was stored; None: not known.
     """
 
     volume: int
-    levels: tuple[int, ...]
-    bytes: int
-    reached: bool = True
+    levels: tuple[int, ...]  # drawn bricks of the store at each level, the finest first
+    bytes: int  # of their samples, on the rank with most
+    reached: bool = True  # whether they hold what was asked for
     bound: float | None = None
-    store: float | None = None
-    reason: str = ""
+    store: float | None = None  # part of the bound that the store's own error has at its finest level
+    reason: str = ""  # why no bound is known
 
     def __str__(self) -> str:
         """Return the levels and the bound on one line."""
@@ -79,15 +66,9 @@ class Detail:
 
 @dataclass(frozen=True)
 class Change:
-    """Setting that is not used as given.
+    """Setting that is not used as given. `asked`, `used`: the value given, and the value used."""
 
-    Attributes
-    ----------
-    key : key of the scene, or option of the command
-    asked, used : the value given, and the value used
-    """
-
-    key: str
+    key: str  # key of the scene, or option of the command
     asked: float | str | bool
     used: float | str | bool
     reason: str
@@ -98,20 +79,13 @@ class Change:
 
 @dataclass(frozen=True)
 class Forecast:
-    """Predicted cost of a mode.
+    """Predicted cost of a mode. `seconds_drawing`, `seconds_compositing`: predicted seconds."""
 
-    Attributes
-    ----------
-    groups : number of groups of ranks that share the screen; 1 is sort-last, one a rank sort-first
-    seconds_drawing, seconds_compositing : predicted seconds
-    bytes_held : largest number of bytes of bricks on a rank
-    """
-
-    groups: int
+    groups: int  # number of groups of ranks that share the screen; 1 is sort-last, one a rank sort-first
     samples: float
     seconds_drawing: float
     seconds_compositing: float
-    bytes_held: int
+    bytes_held: int  # largest number of bytes of bricks on a rank
 
     @property
     def seconds(self) -> float:
@@ -123,15 +97,11 @@ class Forecast:
 class Sharing:
     """Mode of a frame, and the predictions by which it was chosen.
 
-    Attributes
-    ----------
-    mode : sort-last, sort-first or hybrid
-    groups : number of groups of ranks that share the screen
-    forecasts : predictions of all modes compared; empty if the scene or the memory left no choice
+    `forecasts`: predictions of all modes compared; empty if the scene or the memory left no choice.
     """
 
-    mode: str
-    groups: int
+    mode: str  # sort-last, sort-first or hybrid
+    groups: int  # number of groups of ranks that share the screen
     forecasts: tuple[Forecast, ...] = ()
 
     @property

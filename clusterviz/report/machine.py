@@ -16,48 +16,29 @@ LARGEST_SHARE_OF_MEMORY = 0.8
 
 @dataclass(frozen=True)
 class OpenGL:
-    """OpenGL context of a rank.
-
-    Attributes
-    ----------
-    max_3d_texture : largest side of a 3-D texture, samples
-    max_2d_texture : largest side of a 2-D texture, pixels
-    max_storage_bytes : size of the largest shader storage block
-    """
+    """OpenGL context of a rank."""
 
     renderer: str
     vendor: str
     version: str
-    max_3d_texture: int
-    max_2d_texture: int
-    max_storage_bytes: int
+    max_3d_texture: int  # largest side of a 3-D texture, samples
+    max_2d_texture: int  # largest side of a 2-D texture, pixels
+    max_storage_bytes: int  # size of the largest shader storage block
 
 
 @dataclass(frozen=True)
 class FeatureOutcome:
-    """Outcome of the self-test of one feature.
-
-    Attributes
-    ----------
-    error : largest difference from the reference; None if there is no picture
-    bound : that the error may have
-    problem : what is wrong, in one line; "" if nothing is
-    """
+    """Outcome of the self-test of one feature."""
 
     name: str
-    error: float | None
-    bound: float
-    problem: str = ""
+    error: float | None  # largest difference from the reference; None if there is no picture
+    bound: float  # that the error may have
+    problem: str = ""  # what is wrong, in one line; "" if nothing is
 
 
 @dataclass(frozen=True)
 class SelfTest:
-    """Self-test of one device.
-
-    Attributes
-    ----------
-    ranks : that draw on it; the first one has tested it
-    """
+    """Self-test of one device. `ranks`: that draw on it; the first one has tested it."""
 
     host: str
     egl_device: int
@@ -84,13 +65,7 @@ class Memory:
 class RankMachine:
     """Machine of one rank.
 
-    Attributes
-    ----------
-    threads : thread variable -> value: LP_NUM_THREADS for llvmpipe, NUMBA_NUM_THREADS for the kernels, …
-    egl_device : index of the device chosen; None if none can be
-    opengl : the OpenGL context; None if none can be made
-    problem : the reason for no context, or ""
-    memory : memory of the node, or the limit set by the scheduler
+    `threads`: thread variable -> value: LP_NUM_THREADS for llvmpipe, NUMBA_NUM_THREADS for the kernels, ….
     """
 
     rank: int
@@ -101,22 +76,15 @@ class RankMachine:
     processor: str
     threads: Mapping[str, str]
     egl_devices: tuple[str, ...]
-    egl_device: int | None
-    opengl: OpenGL | None
-    problem: str
-    memory: Memory
+    egl_device: int | None  # index of the device chosen; None if none can be
+    opengl: OpenGL | None  # the OpenGL context; None if none can be made
+    problem: str  # the reason for no context, or ""
+    memory: Memory  # memory of the node, or the limit set by the scheduler
 
 
 @dataclass(frozen=True)
 class MachineReport:
-    """Machines of all ranks, and the software they share.
-
-    Attributes
-    ----------
-    warning : the mismatch between launcher and MPI library, or ""
-    ranks : index = rank
-    self_tests : of the devices, if they were asked for
-    """
+    """Machines of all ranks, and the software they share."""
 
     clusterviz: str
     python: str
@@ -124,17 +92,15 @@ class MachineReport:
     launcher: str
     size: int
     nodes: int
-    warning: str
-    ranks: tuple[RankMachine, ...]
-    self_tests: tuple[SelfTest, ...] = ()
+    warning: str  # the mismatch between launcher and MPI library, or ""
+    ranks: tuple[RankMachine, ...]  # index = rank
+    self_tests: tuple[SelfTest, ...] = ()  # of the devices, if they were asked for
 
 
 def memory(root: Path = Path("/")) -> Memory:
     """Return this node's memory, or the limit of this process or of its control group, set by a scheduler or container.
 
-    Parameters
-    ----------
-    root : folder in which `proc` and `sys` are mounted
+    `root`: folder in which `proc` and `sys` are mounted.
     """
     total, available = _node_memory(root)
     for limit, used in (_group_memory(root), _process_memory(root)):

@@ -19,23 +19,15 @@ EXACT: dict[str, Any] = {"filter": "exact", "early_termination": 0.0, "adaptive"
 
 @dataclass(frozen=True)
 class Provenance:
-    """How one frame was made, as rank 0 knows it.
-
-    Attributes
-    ----------
-    renderer, driver : of rank 0, as in `RankFrame`
-    rounding : bound of the rounding error of blending partial images
-    accuracy : settings chosen for an error bound; None without a bound
-    detail : levels of each volume that has a store's, and the bound of their error
-    """
+    """How one frame was made, as rank 0 knows it. `renderer`, `driver`: of rank 0, as in `RankFrame`."""
 
     number: int = 0
     ranks: int = 1
     renderer: str = ""
     driver: str = ""
-    rounding: float = 0.0
-    accuracy: Accuracy | None = None
-    detail: tuple[Detail, ...] = ()
+    rounding: float = 0.0  # bound of the rounding error of blending partial images
+    accuracy: Accuracy | None = None  # settings chosen for an error bound; None without a bound
+    detail: tuple[Detail, ...] = ()  # levels of each volume that has a store's, and the bound of their error
 
 
 @cache
@@ -54,9 +46,7 @@ def software_versions() -> dict[str, str]:
 def stated_error(provenance: Provenance, quality: dict[str, Any]) -> dict[str, Any]:
     """Return what is known of the error of a picture, of a full scale of 1, as JSON values.
 
-    Parameters
-    ----------
-    quality : keys of the scene's `quality`, as JSON values
+    `quality`: keys of the scene's `quality`, as JSON values.
     """
     exact = {key: value for key, value in EXACT.items() if key in quality}
     found: dict[str, Any] = {

@@ -9,10 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 from typing import Any
 
+from clusterviz.report.counts import EarlyDiscarding, FrameCoherence, KBufferCounts, all_counts
 from clusterviz.report.decisions import Accuracy, Change, Detail, Sharing
-from clusterviz.report.early_discarding import EarlyDiscarding, all_counts
-from clusterviz.report.frame_coherence import FrameCoherence, together
-from clusterviz.report.kbuffer_counts import KBufferCounts
 from clusterviz.report.trace import Span
 
 STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "collect", "finish")
@@ -20,16 +18,10 @@ STAGES = ("plan", "load", "render", "readback", "encode", "exchange", "blend", "
 
 @dataclass
 class Clock:
-    """Timer of the stages on one rank; repeated stages add up.
+    """Timer of the stages on one rank; repeated stages add up."""
 
-    Attributes
-    ----------
-    seconds : stage -> seconds
-    spans : spans for a trace; None without a trace
-    """
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    spans: list[Span] | None = None
+    seconds: dict[str, float] = field(default_factory=dict)  # stage -> seconds
+    spans: list[Span] | None = None  # spans for a trace; None without a trace
     row: str = ""
 
     @contextmanager
@@ -65,10 +57,6 @@ class RankFrame:
 
     Attributes
     ----------
-    seconds : stage -> seconds, and `total`
-    bricks_occluded : number of bricks not drawn since all rays ended in front of them
-    voxels : voxels held in memory, including ghost voxels
-    voxel_bytes : memory of the voxels on the device that draws, including reserved memory
     bricks_read, bytes_read : bricks that were read for the frame, and bytes: encoded ones of stores, else of samples
     readback_bytes, readback_pixel : bytes read from a GPU for pictures, and their pixel format; "" without a GPU
     passes : parts of this rank's bricks that were loaded one after another, within a limit of memory; 0 without one
@@ -76,28 +64,22 @@ class RankFrame:
     samples : field samples of all rays, and their segments in the tetrahedra of unstructured grids; a segment counts
         once, on the rank that owns its begin. Empty groups of cells are skipped, but a run of samples goes on to its
         brick's end, so the number depends on `cluster.brick`
-    samples_estimate : samples of these in a pre-pass
-    cpu_seconds : CPU time of drawing, all threads
     bytes_raw, bytes_sent, messages_sent : bytes and messages of compositing without the final gather
-    peak_memory_bytes : peak resident size of the process
     renderer, driver : name of the renderer and version of its driver, as in OpenGL; no driver on the CPU
-    choices : what was chosen by the device, and why, in a few words each
     calls : of OpenGL for drawing: dispatches and draw calls, waits for the device, buffers and textures made, bytes
         uploaded and read, without those that store bricks; empty on the CPU
     frame_coherence : statistics of frame coherence; None if quality.frame_coherence is false
     early_discarding : statistics of early fragment discarding; None if all fragments are stored
-    kbuffer : counts of a k-buffer; None without one
-    cut_short : walks of rays through unstructured grids that went in a circle
     compositing : algorithm, prediction and measurements, by stage and peer
     balance : bytes and seconds of load balancing in a dynamic distribution
     """
 
-    seconds: dict[str, float]
+    seconds: dict[str, float]  # stage -> seconds, and `total`
     bricks: int = 0
     bricks_drawn: int = 0
-    bricks_occluded: int = 0
-    voxels: int = 0
-    voxel_bytes: int = 0
+    bricks_occluded: int = 0  # number of bricks not drawn since all rays ended in front of them
+    voxels: int = 0  # voxels held in memory, including ghost voxels
+    voxel_bytes: int = 0  # memory of the voxels on the device that draws, including reserved memory
     bricks_read: int = 0
     bytes_read: int = 0
     readback_bytes: int = 0
@@ -105,20 +87,20 @@ class RankFrame:
     passes: int = 0
     brick_memory_bytes: int = 0
     samples: int = 0
-    samples_estimate: int = 0
-    cpu_seconds: float = 0.0
+    samples_estimate: int = 0  # samples of these in a pre-pass
+    cpu_seconds: float = 0.0  # CPU time of drawing, all threads
     bytes_raw: int = 0
     bytes_sent: int = 0
     messages_sent: int = 0
-    peak_memory_bytes: int = 0
+    peak_memory_bytes: int = 0  # peak resident size of the process
     renderer: str = ""
     driver: str = ""
-    choices: dict[str, str] = field(default_factory=dict)
+    choices: dict[str, str] = field(default_factory=dict)  # what was chosen by the device, and why, in a few words each
     calls: dict[str, int] = field(default_factory=dict)
     frame_coherence: FrameCoherence | None = None
     early_discarding: EarlyDiscarding | None = None
-    kbuffer: KBufferCounts | None = None
-    cut_short: int = 0
+    kbuffer: KBufferCounts | None = None  # counts of a k-buffer; None without one
+    cut_short: int = 0  # walks of rays through unstructured grids that went in a circle
     compositing: dict[str, Any] = field(default_factory=dict)
     balance: dict[str, Any] = field(default_factory=dict)
 
@@ -133,27 +115,16 @@ def summed(counts: Sequence[RankFrame]) -> RankFrame:
 
 @dataclass(frozen=True)
 class FrameStatistics:
-    """Statistics of one frame on all ranks.
+    """Statistics of one frame on all ranks."""
 
-    Attributes
-    ----------
-    per_rank : index = rank
-    accuracy : settings chosen for an error bound; None without a bound
-    sharing : mode and groups, and the predictions for the choice; None if not recorded
-    changes : settings that are not used as given
-    warnings : warnings about volumes that are not visible
-    detail : levels of each volume that has a store's
-    flows : what the ranks exchanged for flows when they were opened, a line each
-    """
-
-    per_rank: tuple[RankFrame, ...]
+    per_rank: tuple[RankFrame, ...]  # index = rank
     number: int = 0
-    accuracy: Accuracy | None = None
-    sharing: Sharing | None = None
-    changes: tuple[Change, ...] = ()
-    warnings: tuple[str, ...] = ()
-    detail: tuple[Detail, ...] = ()
-    flows: tuple[str, ...] = ()
+    accuracy: Accuracy | None = None  # settings chosen for an error bound; None without a bound
+    sharing: Sharing | None = None  # mode and groups, and the predictions for the choice; None if not recorded
+    changes: tuple[Change, ...] = ()  # settings that are not used as given
+    warnings: tuple[str, ...] = ()  # warnings about volumes that are not visible
+    detail: tuple[Detail, ...] = ()  # levels of each volume that has a store's
+    flows: tuple[str, ...] = ()  # what the ranks exchanged for flows when they were opened, a line each
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -169,7 +140,7 @@ class FrameStatistics:
     @property
     def frame_coherence(self) -> FrameCoherence | None:
         """Statistics of frame coherence on all ranks; None if quality.frame_coherence is false."""
-        return together(rank.frame_coherence for rank in self.per_rank)
+        return all_counts(rank.frame_coherence for rank in self.per_rank)
 
     @property
     def early_discarding(self) -> EarlyDiscarding | None:
@@ -233,10 +204,7 @@ def statistics_file(
 ) -> dict[str, Any]:
     """Return the contents of a `--stats` file.
 
-    Parameters
-    ----------
-    scene : the completed scene as JSON values
-    startup : part of the start-up -> seconds
+    `scene`: the completed scene as JSON values. `startup`: part of the start-up -> seconds.
     """
     return {
         "ranks": len(frames[0].per_rank) if frames else 0,

@@ -31,37 +31,23 @@ TAG = 30_011
 
 @dataclass(frozen=True)
 class Span:
-    """Interval of work on one rank.
-
-    Attributes
-    ----------
-    begin, end : seconds of this rank's `perf_counter`
-    args : details shown for the selected span
-    row : name of the thread; "" for the main thread
-    """
+    """Interval of work on one rank. `begin`, `end`: seconds of this rank's `perf_counter`."""
 
     name: str
     category: str
     begin: float
     end: float
-    args: Mapping[str, Any] = field(default_factory=dict)
-    row: str = ""
+    args: Mapping[str, Any] = field(default_factory=dict)  # details shown for the selected span
+    row: str = ""  # name of the thread; "" for the main thread
 
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """Offset of a rank's clock from rank 0's.
+    """Offset of a rank's clock from rank 0's."""
 
-    Attributes
-    ----------
-    at : this rank's time of the measurement, seconds
-    seconds : offset; positive if this rank's clock is ahead
-    round_trip : seconds; the error of the offset is at most half of it
-    """
-
-    at: float
-    seconds: float
-    round_trip: float
+    at: float  # this rank's time of the measurement, seconds
+    seconds: float  # offset; positive if this rank's clock is ahead
+    round_trip: float  # seconds; the error of the offset is at most half of it
 
 
 class Link(Protocol):
@@ -82,17 +68,17 @@ class Link(Protocol):
     def wait_sends(self) -> None: ...
 
 
-def measure_offset(channel: Link, rounds: int = ROUNDS) -> ClockOffset:
+def measure_offset(channel: Link) -> ClockOffset:
     """Measure the offset of this rank's clock from rank 0's; collective."""
     if channel.rank > 0:
         mine = np.zeros(3)
-        for _ in range(rounds):
+        for _ in range(ROUNDS):
             _receive(channel, np.zeros(1), 0)
             _send(channel, np.array([perf_counter()]), 0)
         _receive(channel, mine, 0)
         return ClockOffset(*mine.tolist())
     for rank in range(1, channel.size):
-        best = min((_round_trip(channel, rank) for _ in range(rounds)), key=lambda offset: offset.round_trip)
+        best = min((_round_trip(channel, rank) for _ in range(ROUNDS)), key=lambda offset: offset.round_trip)
         _send(channel, np.array([best.at, best.seconds, best.round_trip]), rank)
     return ClockOffset(perf_counter(), 0.0, 0.0)
 
@@ -136,9 +122,7 @@ def composition_spans(begin: float, end: float, compositing: Mapping[str, Any]) 
     Only durations are known: stages are placed one after the other, and so are packing, waiting and blending within a
     stage, although these alternate.
 
-    Parameters
-    ----------
-    begin, end : seconds of this rank's clock
+    `begin`, `end`: seconds of this rank's clock.
     """
     if not compositing:
         return
@@ -163,12 +147,7 @@ def composition_spans(begin: float, end: float, compositing: Mapping[str, Any]) 
 
 
 def trace_file(ranks: Sequence[RankTrace]) -> dict[str, Any]:
-    """Return the contents of a `--trace` file.
-
-    Parameters
-    ----------
-    ranks : index = rank
-    """
+    """Return the contents of a `--trace` file. `ranks`: index = rank."""
     events: list[dict[str, Any]] = []
     starts = [rank.on_clock_of_rank_0(span.begin) for rank in ranks for span in rank.spans]
     origin = min(starts, default=0.0)
@@ -208,10 +187,7 @@ def _event(number: int, row: int, span: Span, rank: RankTrace, origin: float) ->
 def write_trace(path: Path, ranks: Sequence[RankTrace]) -> None:
     """Write the trace of all ranks; the file appears whole or not at all.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    Raises OutputError: the file cannot be written.
     """
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(trace_file(ranks)) + "\n")

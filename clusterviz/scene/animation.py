@@ -72,11 +72,8 @@ def _slope(rates: Floats, steps: Floats, key: int) -> Floats:
 def centripetal(times: Floats, points: Floats, time: float) -> Floats:
     """Interpolate positions along a centripetal Catmull-Rom curve with continuous speed.
 
-    Parameters
-    ----------
-    times : float64 (n,), strictly ascending
-    points : float64 (n, 3); the curve is constant between equal consecutive points
-    time : the curve is constant before the first and after the last key frame
+    `times`: float64 (n,), strictly ascending. `points`: float64 (n, 3); the curve is constant between equal consecutive
+    points. `time`: the curve is constant before the first and after the last key frame.
 
     Returns
     -------
@@ -210,11 +207,8 @@ def _keys(text: str, where: str) -> KeyFrames:
 def orbit(camera: Camera, degrees: float, frames: int) -> list[Camera]:
     """Return cameras on an orbit about view_up through the focal point, counter-clockwise seen from above.
 
-    Parameters
-    ----------
-    camera : the completed camera of the first frame
-    degrees : total angle; full turns end one step before the first camera, so that they can be repeated
-    frames : number of cameras
+    `camera`: the completed camera of the first frame. `degrees`: total angle; full turns end one step before the first
+    camera, so that they can be repeated. `frames`: number of cameras.
     """
     steps = frames if math.remainder(degrees, TURN) == 0 else max(1, frames - 1)
     position, centre, up = (np.array(v, float) for v in (camera.position, camera.focal_point, camera.view_up))

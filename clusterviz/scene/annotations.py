@@ -13,8 +13,6 @@ from clusterviz.scene.background import background_rgb
 from clusterviz.scene.checks import InvalidValueError, to_builtin
 from clusterviz.scene.field_types import FINITE, Background, Flag, Number, Section
 
-TIME_FIELD = "{time}"
-
 
 def _check_switch(value: Any) -> Any:
     """Refuse what is neither a switch nor a section; null is off."""
@@ -142,8 +140,7 @@ class Annotations(Section):
         default=None, description="Colour of text and lines; default: black or white, by the background."
     )
     font_size: Annotated[float, FINITE, Field(gt=0, le=0.2), BeforeValidator(to_builtin)] = Field(
-        default=0.026,
-        description="Height of text as a share of the picture's smaller side; everything grows with it.",
+        default=0.026, description="Height of text as a share of the picture's smaller side; everything grows with it."
     )
 
     @property

@@ -62,12 +62,7 @@ Blending = Literal[
 """Names of the table, for type checkers."""
 BLEND_MODES: dict[Blending, BlendModeTraits] = {
     "composite": BlendModeTraits(
-        "emission and absorption",
-        "composite.glsl",
-        skip="transparent",
-        surfaces="allowed",
-        absorbs=True,
-        lit=True,
+        "emission and absorption", "composite.glsl", skip="transparent", surfaces="allowed", absorbs=True, lit=True
     ),
     "maximum": BlendModeTraits(
         "colour and opacity of the largest scalar",
@@ -115,11 +110,7 @@ BLEND_MODES: dict[Blending, BlendModeTraits] = {
         threshold=True,
     ),
     "isosurface": BlendModeTraits(
-        "the surfaces of isosurfaces",
-        "composite.glsl",
-        skip="all",
-        surfaces="required",
-        lit=True,
+        "the surfaces of isosurfaces", "composite.glsl", skip="all", surfaces="required", lit=True
     ),
     "two-flux": BlendModeTraits(
         "light that optics scatter and absorb, at each wavelength",

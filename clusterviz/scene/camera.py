@@ -19,17 +19,7 @@ from clusterviz.scene.checks import InvalidValueError, to_builtin
 from clusterviz.scene.field_types import FINITE, NotNegative, Number, Positive, Section, Vector
 
 View = Literal[
-    "iso",
-    "front",
-    "back",
-    "left",
-    "right",
-    "top",
-    "bottom",
-    "anterior",
-    "posterior",
-    "superior",
-    "inferior",
+    "iso", "front", "back", "left", "right", "top", "bottom", "anterior", "posterior", "superior", "inferior"
 ]
 PARALLEL = 1e-6
 """Sine of the angle below which `view_up` counts as parallel to the direction of view."""
@@ -109,8 +99,7 @@ class Camera(Section):
     )
     elevation: Number = Field(default=0.0, description="Rotation of the eye upwards, degrees; as in VTK.")
     roll: Number = Field(
-        default=0.0,
-        description="Clockwise rotation of the camera about the direction of view, degrees; as in VTK.",
+        default=0.0, description="Clockwise rotation of the camera about the direction of view, degrees; as in VTK."
     )
     zoom: Positive = Field(default=1.0, description="Magnification by a narrower view angle.")
     fit: Annotated[bool, Field(strict=True)] | Literal["orbit"] | None = Field(

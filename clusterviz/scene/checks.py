@@ -10,6 +10,9 @@ from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
 from typing import Any, TypeVar
 
+from clusterviz.scene.colormaps import scene_cmap
+from clusterviz.scene.transfer import PRESET_NAMES, PRESETS
+
 Points = TypeVar("Points", bound=tuple[tuple[float, ...], ...])
 Vector = tuple[float, float, float]
 Bounds = tuple[float, float, float, float, float, float]
@@ -149,8 +152,6 @@ def check_cmap(value: Any) -> Any:
     """Validate the form of a colour map; objects of matplotlib and cmap become names or colours."""
     value = to_builtin(value)
     if callable(value) and (hasattr(value, "color_stops") or hasattr(value, "N")):
-        from clusterviz.scene.colormaps import scene_cmap
-
         return scene_cmap(value)
     if value is None or _is_sequence(value) or (isinstance(value, str) and value.strip()):
         return value
@@ -162,8 +163,6 @@ def check_cmap(value: Any) -> Any:
 
 def check_opacity(value: Any) -> Any:
     """Validate the form of an opacity: a number, a preset or control points."""
-    from clusterviz.scene.transfer import PRESET_NAMES, PRESETS
-
     value = to_builtin(value)
     if isinstance(value, str) and value not in PRESETS:
         raise InvalidValueError("unknown opacity preset", f"a number, [[value, opacity], …], or one of {PRESET_NAMES}")

@@ -8,7 +8,9 @@ through white (section 5). CIE 1976 L*a*b* with the D65 white point and the sRGB
 
 from __future__ import annotations
 
+import colorsys
 import json
+import logging
 from collections.abc import Sequence
 from difflib import get_close_matches
 from functools import cache
@@ -38,10 +40,7 @@ def read_preset(path: str, *, where: str = "cmap") -> tuple[Floats, Floats, tupl
     Returns `places`, float64 (n,), ascending from 0 to 1; `colours`, float64 (n, 3), straight RGB, linear between the
     places; `opacity`, ((place, opacity), …), or None if the preset has none.
 
-    Parameters
-    ----------
-    path : the file; its first preset is read
-    where : the file and key named in errors
+    `path`: the file; its first preset is read. `where`: the file and key named in errors.
     """
     with guard(SceneError, f"{where}: {path}"):
         return _read(_load(path, where), path, where)
@@ -167,8 +166,6 @@ def _mix(first: Floats, second: Floats, share: Floats) -> Floats:
 
 
 def _between_hsv(first: Floats, second: Floats, share: Floats, wrap: bool) -> Floats:
-    import colorsys
-
     a, b = np.array(colorsys.rgb_to_hsv(*first)), np.array(colorsys.rgb_to_hsv(*second))
     if wrap and abs(a[0] - b[0]) > 0.5:
         (a if a[0] > b[0] else b)[0] -= 1
@@ -304,8 +301,6 @@ def _named(name: str) -> Any:
 
 def _cmap_package() -> Any:
     """Import the `cmap` package without its warnings about ambiguous names."""
-    import logging
-
     import cmap
 
     logging.getLogger("cmap").setLevel(logging.ERROR)

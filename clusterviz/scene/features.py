@@ -43,8 +43,6 @@ SECTION: dict[Content, str] = {
 
 @dataclass(frozen=True)
 class Feature:
-    """Feature and its picture."""
-
     name: str  # for users
     content: Content = "volume"  # of the picture
     # by their full paths without numbers; a scene uses the feature if it has the same in any section of the name, or,

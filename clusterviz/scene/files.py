@@ -32,11 +32,8 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = (), pres
     Returns it with absolute paths; paths in the file and in overrides are relative to the file's folder. Raises
     SceneError: the file cannot be read, or holds an unknown key or an invalid value.
 
-    Parameters
-    ----------
-    path : the file; JSON if the suffix is .json
-    overrides : options such as "quality.step=0.25", see `parse_overrides`
-    preset : of all volumes, in place of the keys in the file that presets choose
+    `path`: the file; JSON if the suffix is .json. `overrides`: options such as "quality.step=0.25", see
+    `parse_overrides`. `preset`: of all volumes, in place of the keys in the file that presets choose.
     """
     where = os.fspath(path)
     parsed = parse_overrides(overrides)
@@ -56,11 +53,8 @@ def scene_of_data(
 ) -> Scene:
     """Return a scene with automatic settings for one data file.
 
-    Parameters
-    ----------
-    sections : what the file holds: volumes, meshes, lines, points, grids
-    keys : of each entry of a section
-    preset : of all volumes; the default is chosen by the class of their values
+    `sections`: what the file holds: volumes, meshes, lines, points, grids. `keys`: of each entry of a section.
+    `preset`: of all volumes; the default is chosen by the class of their values.
     """
     where = os.fspath(path)
     found: dict[str, Any] = {name: [{"path": where, **each} for each in keys] for name in sections}
@@ -86,13 +80,9 @@ def _apply_preset(data: dict[str, Any], preset: str | None, replaced: Iterable[s
 def load_picture_scene(path: str | os.PathLike[str], text: str, overrides: Sequence[str] = ()) -> Scene:
     """Return the scene that a picture holds.
 
-    Raises SceneError: the scene is damaged, of another version of clusterviz, or an override is not valid.
-
-    Parameters
-    ----------
-    path : the picture; paths in its scene are relative to its folder
-    text : the scene in the picture, YAML
-    overrides : as of `load_scene`; their paths are relative to the working folder
+    `path`: the picture; paths in its scene are relative to its folder. `text`: the scene in the picture, YAML.
+    `overrides`: as of `load_scene`; their paths are relative to the working folder. Raises SceneError: the scene is
+    damaged, of another version of clusterviz, or an override is not valid.
     """
     where = f"{os.fspath(path)}: scene"
     with guard(SceneError, where):

@@ -34,8 +34,6 @@ from clusterviz.scene.yaml_text import parse_yaml, yaml_problem
 
 @dataclass(frozen=True)
 class Override:
-    """Override of one key."""
-
     key: KeyPath  # full path, or a path that begins with a last name
     value: Any  # the new value
     option: str  # the text of the option, for errors

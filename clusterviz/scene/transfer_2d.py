@@ -44,7 +44,6 @@ class MadeTable(Transfer2d):
     """Table that is made of other keys, not read from a file."""
 
     def table(self) -> TransferTable:
-        """Return the table."""
         raise NotImplementedError
 
 

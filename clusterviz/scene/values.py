@@ -18,12 +18,7 @@ from clusterviz.content.sections import CONTENT_SECTIONS
 from clusterviz.content.volume.section import Volume as Volume
 from clusterviz.scene.annotations import Annotations
 from clusterviz.scene.camera import Camera as Camera
-from clusterviz.scene.checks import (
-    check_attenuation,
-    check_light,
-    check_one_key,
-    to_builtin,
-)
+from clusterviz.scene.checks import check_attenuation, check_light, check_one_key, to_builtin
 from clusterviz.scene.cluster import Cluster as Cluster
 from clusterviz.scene.compatibility import check_together
 from clusterviz.scene.field_types import (
@@ -201,8 +196,7 @@ class Quality(Section):
         default=0.0, description="A ray ends when the rest of it can add at most this share; 0: never."
     )
     adaptive: Annotated[float, FINITE, Field(ge=0, lt=1), BeforeValidator(to_builtin)] = Field(
-        default=0.0,
-        description="Slabs are 2, 4 or 8 times as long if that changes no pixel by more than this; 0: off.",
+        default=0.0, description="Slabs are 2, 4 or 8 times as long if that changes no pixel by more than this; 0: off."
     )
     frame_coherence: Flag = Field(
         default=False,
@@ -312,7 +306,7 @@ class Scene(Section):
 
     def with_entries(self, changed: Mapping[str, Section]) -> Scene:
         """Return a scene with other sections of some entries."""
-        entries = self.entries | changed
+        entries = {**self.entries, **changed}
         names = {key.split("[")[0] for key in changed}
         lists = {name: tuple(one for key, one in entries.items() if key.split("[")[0] == name) for name in names}
         return self.model_copy(update=lists)

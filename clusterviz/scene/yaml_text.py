@@ -94,13 +94,8 @@ def parse_yaml(text: str) -> Any:
 def read_text(path: str | Path, kind: type[InputError], where: str = "") -> str:
     """Read a UTF-8 text file of at most `MAX_BYTES`.
 
-    Raises InputError: the file cannot be read, is too long, or is not UTF-8.
-
-    Parameters
-    ----------
-    path : the file
-    kind : class of the error to raise
-    where : the name in errors; by default the path
+    `path`: the file. `kind`: class of the error to raise. `where`: the name in errors; by default the path. Raises
+    InputError: the file cannot be read, is too long, or is not UTF-8.
     """
     where = where or str(path)
     require_regular_file(path, kind, where)

@@ -36,10 +36,7 @@ FILTER = "quadratic 4 x 4"
 def drawn(feature: Feature, device: Device) -> Picture:
     """Return the picture of a feature as a device draws it, float32.
 
-    Raises
-    ------
-    ClustervizError
-        The device cannot draw it.
+    Raises ClustervizError: the device cannot draw it.
     """
     if feature.content in FIELDS:
         with on_device(devices_of(None if device is None else [device])[0]):
@@ -61,7 +58,6 @@ def expected(feature: Feature) -> Picture:
 
 
 def _scene(feature: Feature) -> tuple[Scene, list[Any]]:
-    """Return the scene of a feature, and its data."""
     volumes, settings = CONTENTS[feature.content]()
     keys = {_numbered(key): value for key, value in feature.keys.items() if value is not ...}
     return given_scene(volumes or None, None, PICTURE | settings | keys | dict(feature.more), "doctor", warns=False)

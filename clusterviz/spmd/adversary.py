@@ -98,14 +98,9 @@ def _variables(node: Any) -> Iterator[Variable]:
 
 
 class AdversarialEmitter(Emitter):
-    """Emitter of an adversarial driver's code.
+    """Emitter of an adversarial driver's code."""
 
-    Attributes
-    ----------
-    is_precise : what is emitted gives a precise value
-    """
-
-    is_precise = False
+    is_precise = False  # what is emitted gives a precise value
 
     def __init__(self, name: str, lanes: int, caller: Emitter | None, driver: Driver) -> None:
         super().__init__(name, lanes, caller)

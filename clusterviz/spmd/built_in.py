@@ -151,18 +151,10 @@ def _library(name: str) -> Function:
     return _each(found)
 
 
-def _arc_tangent(emit: Emitter, given: list[Parts]) -> Parts:
-    return _library("atan2f" if len(given) == 2 else "atanf")(emit, given)
-
-
 def _sign(emit: Emitter, a: Part) -> Part:
     zero, one, minus = (constant(a.element, number) for number in (0, 1, -1))
     below = emit.select(emit.compare("<", a, zero), minus, zero)
     return emit.select(emit.compare(">", a, zero), one, below)
-
-
-def _modulo(emit: Emitter, a: Part, b: Part) -> Part:
-    return emit.binary("-", a, emit.binary("*", b, emit.call("floor", a.element, emit.binary("/", a, b))))
 
 
 def _smooth_step(emit: Emitter, low: Part, high: Part, x: Part) -> Part:
@@ -177,10 +169,6 @@ def _cross(emit: Emitter, given: list[Parts]) -> Parts:
     a, b = given
     pairs = ((1, 2), (2, 0), (0, 1))
     return [emit.binary("-", emit.binary("*", a[i], b[k]), emit.binary("*", a[k], b[i])) for i, k in pairs]
-
-
-def _distance(emit: Emitter, given: list[Parts]) -> Parts:
-    return [_length(emit, [emit.binary("-", a, b) for a, b in zip(*given, strict=True)])]
 
 
 def _reflect(emit: Emitter, given: list[Parts]) -> Parts:
@@ -200,11 +188,15 @@ BUILT_INS: dict[str, Function] = {
     **{name: _call(name) for name in ("floor", "ceil", "trunc", "sqrt", "exp", "exp2", "log", "log2", "sin", "cos")},
     **{name: _call("rint") for name in ("round", "roundEven")},
     **{name: _library(name + "f") for name in ("tan", "asin", "acos")},
-    "atan": _arc_tangent,
+    "atan": lambda emit, given: _library("atan2f" if len(given) == 2 else "atanf")(emit, given),
     "radians": _scaled(math.pi / 180),
     "degrees": _scaled(180 / math.pi),
     "sign": _each(_sign),
-    "mod": _each(_modulo),
+    "mod": _each(
+        lambda emit, a, b: emit.binary(
+            "-", a, emit.binary("*", b, emit.call("floor", a.element, emit.binary("/", a, b)))
+        )
+    ),
     "step": _each(
         lambda emit, edge, a: emit.select(
             emit.compare("<", a, edge), constant(a.element, 0.0), constant(a.element, 1.0)
@@ -212,7 +204,7 @@ BUILT_INS: dict[str, Function] = {
     ),
     "smoothstep": _each(_smooth_step),
     "cross": _cross,
-    "distance": _distance,
+    "distance": lambda emit, given: [_length(emit, [emit.binary("-", a, b) for a, b in zip(*given, strict=True)])],
     "reflect": _reflect,
     "isnan": _each(lambda emit, a: emit.compare("!=", a, a)),
     "isinf": _each(lambda emit, a: emit.compare("==", emit.call("fabs", a.element, a), constant(a.element, math.inf))),

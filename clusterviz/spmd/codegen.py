@@ -23,7 +23,6 @@ from clusterviz.spmd.ir import (
     Call,
     Declare,
     Evaluate,
-    Expression,
     Function,
     If,
     Leave,
@@ -179,24 +178,23 @@ class Generator(Expressions):
         if self._is_separate(function):
             return self._call_separate(call)
         path = self._number_of(self._path, call.at, id(function))
-        bindings: list[Binding] = []
-        results: list[tuple[Expression, list[Cell]]] = []
-        for argument, parameter in zip(call.arguments, function.parameters, strict=True):
-            if parameter.kind == "in" and not parameter.is_assigned:
-                bindings.append(self.value(argument))
-                continue
-            given = self.value(argument) if parameter.kind != "out" else []
-            cells = self._cells(parameter, (path, id(parameter)))
-            for cell, part in zip(cells, given, strict=False):
-                self._store(cell, part)
-            bindings.append(cells)
-            if parameter.kind != "in":
-                results.append((argument, cells))
+        pairs = list(zip(call.arguments, function.parameters, strict=True))
+        bindings = [self._bind(p, self.value(argument) if p.kind != "out" else [], path) for argument, p in pairs]
         # A function that is called by itself in an argument would overwrite the bindings, but there is no recursion.
         found = self._inline(function, bindings, call.at)
-        for argument, cells in results:
-            self._assign_to(argument, [self._load(cell) for cell in cells])
+        for (argument, parameter), binding in zip(pairs, bindings, strict=True):
+            if parameter.kind != "in":
+                self._assign_to(argument, [self._load(cell) for cell in binding if isinstance(cell, Cell)])
         return found
+
+    def _bind(self, parameter: Variable, given: Parts, path: int) -> Binding:
+        """Return what a parameter is in a call: values that stay as they are, or memory that begins with them."""
+        if parameter.kind == "in" and not parameter.is_assigned:
+            return given
+        cells = self._cells(parameter, (path, id(parameter)))
+        for cell, part in zip(cells, given, strict=False):
+            self._store(cell, part)
+        return cells
 
     # Functions that are compiled once
 
@@ -257,18 +255,12 @@ class Generator(Expressions):
         self._bindings, self._frames = {}, []
         self._load_addresses()
         self._narrow(emit.parameter("b", True))
-        bindings: list[Binding] = []
-        assigned = list[Cell]()
+        bindings, assigned = list[Binding](), list[Cell]()
         for parameter in function.parameters:
             given = [] if parameter.kind == "out" else [emit.parameter(e, True) for e in elements_of(parameter.type)]
-            if parameter.kind == "in" and not parameter.is_assigned:
-                bindings.append(given)
-                continue
-            cells = self._cells(parameter, (path, id(parameter)))
-            for cell, part in zip(cells, given, strict=False):
-                self._store(cell, part)
-            bindings.append(cells)
-            assigned += cells if parameter.kind != "in" else []
+            bindings.append(self._bind(parameter, given, path))
+            if parameter.kind != "in":
+                assigned += [cell for cell in bindings[-1] if isinstance(cell, Cell)]
         for variable in used:
             own = [self._taken(each) for each in globals_[id(variable)]]
             self._bindings[id(variable)] = own  # type: ignore[assignment]
@@ -346,22 +338,14 @@ class Generator(Expressions):
 
     def _if_some(self, node: If, condition: Part) -> None:
         """Generate both sides of a branch, each for the lanes that take it."""
-        emit, before = self.emit, (self.mask, self._mask_id)
-        masks = [(node.then, condition)]
+        emit, masks = self.emit, [(node.then, condition)]
         if node.otherwise is not None:
             masks.append((node.otherwise, emit.inverse(condition)))
         for branch, taken in masks:
-            mask, end = emit.both(before[0], taken), emit.label()
-            if self._facts.cost(branch) > CHEAP:
-                begin = emit.label()
-                emit.branch(emit.any(mask), begin, end)
-                emit.begin(begin)
-            self._narrow(mask)
-            self._frames[-1].ends.append(end)
-            self._statement(branch)
-            self._frames[-1].ends.pop()
-            emit.begin(end)
-            self.mask, self._mask_id = before
+            with self._for_lanes(emit.both(self.mask, taken), self._facts.cost(branch) > CHEAP) as end:
+                self._frames[-1].ends.append(end)
+                self._statement(branch)
+                self._frames[-1].ends.pop()
         if any(self._facts.leaves(branch) for branch, _ in masks):
             self._remask()
 

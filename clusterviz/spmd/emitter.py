@@ -19,12 +19,8 @@ ORDER = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge"}
 class Part:
     """Scalar of a value, in generated code.
 
-    Attributes
-    ----------
-    text : LLVM's name of it; of a vector if it is varying
-    element : key of `LLVM`
-    varying : lanes may differ
-    constant : its value if that is known
+    `text`: LLVM's name of it; of a vector if it is varying. `element`: key of `LLVM`. `varying`: lanes may differ.
+    `constant`: its value if that is known.
     """
 
     __slots__ = ("constant", "element", "text", "varying")
@@ -47,13 +43,9 @@ class Emitter:
     """Function in the making.
 
     `lanes`: of its vectors; `caller`: function that calls it.
-
-    Attributes
-    ----------
-    flags : of LLVM, of operations with floating-point numbers: what it may assume of them
     """
 
-    flags = ""
+    flags = ""  # of LLVM, of operations with floating-point numbers: what it may assume of them
 
     def __init__(self, name: str, lanes: int, caller: Emitter | None = None) -> None:
         self.lanes, self._name = lanes, name
@@ -126,7 +118,6 @@ class Emitter:
         return f"%a{self._count}"
 
     def label(self) -> str:
-        """Return a new label."""
         self._count += 1
         return f"b{self._count}"
 

@@ -193,15 +193,9 @@ class Expressions(Variables):
             emit.begin(end)
             return [self._load(cell) for cell in cells]
         for one, taken in ((a, condition), (b, emit.inverse(condition))):
-            mask, end = emit.both(self.mask, taken), emit.label()
-            if self._facts.price(one) >= SEPARATE:
-                begin = emit.label()
-                emit.branch(emit.any(mask), begin, end)
-                emit.begin(begin)
-            with self._within(mask):
+            with self._for_lanes(emit.both(self.mask, taken), self._facts.price(one) >= SEPARATE):
                 for cell, part in zip(cells, self.value(one), strict=True):
                     self._store(cell, part)
-            emit.begin(end)
         return [self._load(cell) for cell in cells]
 
     def _construct(self, node: ir.Construct) -> Parts:

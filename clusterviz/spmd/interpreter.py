@@ -19,7 +19,7 @@ from clusterviz.spmd.built_in import BUILT_INS
 from clusterviz.spmd.checker import OPERATORS
 from clusterviz.spmd.emitter import Part
 from clusterviz.spmd.source import ShaderSource
-from clusterviz.spmd.types import Type, layout
+from clusterviz.spmd.types import layout
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -33,8 +33,6 @@ STORED = DTYPES | {"b": np.uint32}
 
 @dataclass(frozen=True)
 class Texture:
-    """Texels of a sampler."""
-
     texels: NDArray[np.float32]  # float32 (…, height, width, components)
     linear: bool  # the texture unit interpolates
     stored: str = "f4"  # moderngl's name of their type in memory
@@ -80,10 +78,7 @@ class Frame:
 class Interpreter:
     """Execution of a dispatch.
 
-    Parameters
-    ----------
-    program : of the dispatch's source
-    groups : int (g, 3), the work groups to execute; None: all
+    `program`: of the dispatch's source. `groups`: int (g, 3), the work groups to execute; None: all.
 
     Attributes
     ----------
@@ -119,7 +114,6 @@ class Interpreter:
             return next(self._steps, None)
 
     def finish(self) -> None:
-        """Execute the rest."""
         with np.errstate(all="ignore"):
             for _ in self._steps:
                 pass
@@ -331,7 +325,8 @@ class Interpreter:
         arguments, parameters = [], node.function.parameters
         for argument, parameter in zip(node.arguments, parameters, strict=True):
             given = parameter.kind != "out"
-            arguments.append((yield from self._value(argument, mask)) if given else _zeros(parameter.type))
+            zeros: Value = [np.zeros(1, DTYPES[element]) for element, _ in layout(parameter.type)]
+            arguments.append((yield from self._value(argument, mask)) if given else zeros)
         frame = yield from self._call(node.function, arguments, mask)
         for argument, parameter in zip(node.arguments, parameters, strict=True):
             if parameter.kind != "in":
@@ -450,10 +445,6 @@ class Interpreter:
                 g * np.uint32(size) + i for g, i, size in zip(group, inside, self.program.local_size, strict=True)
             ],
         }
-
-
-def _zeros(kind: Type) -> Value:
-    return [np.zeros(1, DTYPES[element]) for element, _ in layout(kind)]
 
 
 def _merged(mask: Mask, value: Value, old: Value) -> Value:

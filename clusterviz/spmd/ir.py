@@ -41,15 +41,11 @@ class Expression:
 
 @dataclass(eq=False, slots=True)
 class Constant(Expression):
-    """Number."""
-
     value: Number
 
 
 @dataclass(eq=False, slots=True)
 class Name(Expression):
-    """Value of a variable."""
-
     variable: Variable
 
 
@@ -125,8 +121,6 @@ class BuiltIn(Expression):
 
 @dataclass(eq=False, slots=True)
 class Call(Expression):
-    """Call of a function."""
-
     function: Function
     arguments: tuple[Expression, ...]
 
@@ -157,22 +151,16 @@ class Declare(Statement):
 
 @dataclass(eq=False, slots=True)
 class Evaluate(Statement):
-    """Expression for its effects."""
-
     expression: Expression
 
 
 @dataclass(eq=False, slots=True)
 class Block(Statement):
-    """Several statements."""
-
     statements: list[Statement]
 
 
 @dataclass(eq=False, slots=True)
 class If(Statement):
-    """Branch."""
-
     condition: Expression
     then: Statement
     otherwise: Statement | None
@@ -190,8 +178,6 @@ class Loop(Statement):
 
 @dataclass(eq=False, slots=True)
 class Leave(Statement):
-    """`break`, `continue` or `return`."""
-
     kind: str
     value: Expression | None = None
 
@@ -210,8 +196,6 @@ class Function:
 
 @dataclass(eq=False, slots=True)
 class Program:
-    """Shader."""
-
     globals: list[Declare]  # variables of each invocation with their values, in order
     blocks: list[Variable]  # uniform blocks, storage buffers and samplers
     functions: dict[str, list[Function]]  # by name, those of one name with different parameters

@@ -15,8 +15,6 @@ MOST_ITERATIONS = 256
 
 @dataclass(frozen=True)
 class Look:
-    """Checked look."""
-
     text: str  # GLSL that drivers and CPUs may compile
     names: tuple[str, ...]  # that the file defines
     iterations: int  # of loops, at most, for a sample

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 Blocks = Mapping[int, NDArray[Any]]
 Make = Callable[[Program, int, dict[str, Any]], "Generator"]
+ONE_GROUP = np.zeros(7, np.uint32)
+"""The system block, if a thread is a work group."""
 
 
 ADVERSARY_VARIABLE = "CLUSTERVIZ_ADVERSARY"
@@ -82,10 +84,8 @@ _COMPILING = Lock()
 def compiled(source: ShaderSource, name: str, lanes: int, intrinsics: bool = True) -> Callable[[int], None]:
     """Return a shader's `main`, from its object file; see `function_of` and `kernels/objects.py`.
 
-    Parameters
-    ----------
-    name : of the function and, but for a hash, of the file
-    intrinsics : as of `code_of`; not for text of users, whose functions may have the same names
+    `name`: of the function and, but for a hash, of the file. `intrinsics`: as of `code_of`; not for text of users,
+    whose functions may have the same names.
     """
     with _COMPILING:
         return _compiled(source, name, lanes, intrinsics, chosen_driver())
@@ -122,6 +122,18 @@ def texture_block(texels: NDArray[np.float32]) -> NDArray[np.float32]:
     size = np.zeros(4, np.int32)
     size[: texels.ndim - 1] = texels.shape[-2::-1]
     return np.concatenate([size.view(np.float32), texels.reshape(-1)])
+
+
+def bound(source: ShaderSource, blocks: Mapping[str, NDArray[Any]]) -> NDArray[np.uint64]:
+    """Return the table of the addresses of those blocks and textures, by name, that a shader declares.
+
+    A work group is a thread. The arrays must outlive the use of the table.
+    """
+    each: dict[str, dict[int, NDArray[Any]]] = {"uniform": {}, "buffer": {}, "texture": {}}
+    for name, binding in source.blocks.items():
+        if name in blocks:
+            each[binding.kind][binding.number] = blocks[name]
+    return addresses(each["uniform"], each["buffer"], ONE_GROUP, each["texture"])
 
 
 def addresses(

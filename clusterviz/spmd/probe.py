@@ -48,10 +48,8 @@ class Place:
 class Shader:
     """Shader that is debugged: its program, and the places of its statements.
 
-    Parameters
-    ----------
-    source : assembled
-    clim : the data's values at which the field's scalars are 0 and 1; None if there is not one volume
+    `source`: assembled. `clim`: the data's values at which the field's scalars are 0 and 1; None if there is not one
+    volume.
     """
 
     def __init__(self, source: ShaderSource, clim: tuple[float, float] | None = None) -> None:

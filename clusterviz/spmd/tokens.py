@@ -33,8 +33,6 @@ DEFINE = re.compile(r"\s*#\s*define\s+(\w+)(\([^)]*\))?(.*)")
 
 
 class Token(NamedTuple):
-    """Word, number or sign."""
-
     kind: str  # "name", "number", "sign" or "end"
     text: str  # its characters
     at: int  # position in the assembled text

@@ -13,14 +13,9 @@ CONVERTED = {"i": "iufd", "u": "ufd", "f": "fd", "d": "d", "b": "b"}
 class Type:
     """Type of a value: a scalar, vector or matrix, a struct, an array, or what has no value.
 
-    Attributes
-    ----------
-    name : as in GLSL
-    element : key of `ELEMENTS` for scalars, vectors and matrices; else ""
-    size : components of a scalar or vector, columns of a matrix, elements of an array (0: as many as the buffer holds)
-    fields : names and types of a struct's members
-    of : type of an array's elements, or of a matrix's columns
-    parts : scalars of which a value consists
+    `name`: as in GLSL. `element`: key of `ELEMENTS` for scalars, vectors and matrices; else "". `size`: components of a
+    scalar or vector, columns of a matrix, elements of an array (0: as many as the buffer holds). `fields`: names and
+    types of a struct's members. `of`: type of an array's elements, or of a matrix's columns. `parts`: scalars in all.
     """
 
     __slots__ = ("element", "fields", "name", "of", "parts", "size")

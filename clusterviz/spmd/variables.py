@@ -72,6 +72,18 @@ class Variables:
         yield
         self.mask, self._mask_id = before
 
+    @contextmanager
+    def _for_lanes(self, mask: Part, skips: bool) -> Iterator[str]:
+        """Generate code for the lanes of a mask, and skip it where there are none; the value is the label behind it."""
+        end = self.emit.label()
+        if skips:
+            begin = self.emit.label()
+            self.emit.branch(self.emit.any(mask), begin, end)
+            self.emit.begin(begin)
+        with self._within(mask):
+            yield end
+        self.emit.begin(end)
+
     def _load_mask(self, address: str) -> Part:
         return self.emit.part(f"load {self.emit.kind('b', True)}, ptr {address}", "b", True)
 

@@ -10,8 +10,6 @@ from clusterviz.kernels.objects import has_features
 
 @dataclass(frozen=True)
 class Width:
-    """Vectors."""
-
     lanes: int  # floats in one
     name: str  # of the instruction set, for people
 

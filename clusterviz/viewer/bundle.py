@@ -30,9 +30,9 @@ def bundled_modules(entry: str, folder: Path = STATIC) -> str:
     return "".join(_with_constants(texts[name]) if name == entry else _as_function(name, texts[name]) for name in order)
 
 
-def bundled_styles(folder: Path = STATIC) -> str:
+def bundled_styles() -> str:
     """Return the style sheets of the viewer as one."""
-    return "".join(path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.css")) if path.name != PAGE_STYLE)
+    return "".join(path.read_text(encoding="utf-8") for path in sorted(STATIC.glob("*.css")) if path.name != PAGE_STYLE)
 
 
 def _imported(text: str) -> list[str]:
@@ -40,7 +40,6 @@ def _imported(text: str) -> list[str]:
 
 
 def _with_constants(text: str) -> str:
-    """Return a module whose imports are replaced by constants."""
     return IMPORT.sub(lambda found: f"const {found[1].replace(' as ', ': ')} = module_{_identifier(found[2])};", text)
 
 

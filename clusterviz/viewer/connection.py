@@ -54,12 +54,7 @@ class RateLimit:
 
 
 class ClosedError(Exception):
-    """End of a connection by the server.
-
-    Parameters
-    ----------
-    reason : short text for the client
-    """
+    """End of a connection by the server. `reason`: short text for the client."""
 
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
@@ -131,7 +126,6 @@ class Connection:
         await self._has_ended.wait()
 
     def _call(self, function: Callable[..., None], value: Any) -> None:
-        """Call a function on the loop's thread."""
         with suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(function, value)
 

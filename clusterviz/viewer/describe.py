@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from clusterviz.content.complete import complete_scene
-from clusterviz.content.description import bounds
-from clusterviz.content.facts import Facts
+from clusterviz.content.facts import Facts, bounds
 from clusterviz.content.table import KINDS, drawn_entries, infos_of, own_entries
 from clusterviz.content.volume.kind import MOST_BINS, VOLUME
 from clusterviz.content.volume.presets import PRESETS, apply_preset
@@ -36,12 +35,7 @@ COMMON_MAPS = (
 
 @dataclass(frozen=True)
 class Content:
-    """What is known of the data of a scene.
-
-    Attributes
-    ----------
-    infos : facts on each entry of the scene, as opened
-    """
+    """What is known of the data of a scene. `infos`: facts on each entry of the scene, as opened."""
 
     infos: tuple[Facts, ...]
 
@@ -62,13 +56,7 @@ class Content:
         }
 
     def preset(self, volume: int, name: str) -> dict[str, Any]:
-        """Return the changes of a preset, by full keys.
-
-        Raises
-        ------
-        InputError
-            There is no such volume or preset.
-        """
+        """Return the changes of a preset, by full keys. Raises InputError: there is no such volume or preset."""
         volumes = infos_of(VOLUME, self.infos)
         if volume >= len(volumes):
             raise InputError("no such volume", where="preset", found=volume, allowed=f"fewer than {len(volumes)}")

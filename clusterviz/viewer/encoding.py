@@ -27,17 +27,11 @@ PNG_LEVEL = 1
 
 @dataclass(frozen=True)
 class Encoding:
-    """Format of a picture on its way to a client.
-
-    Attributes
-    ----------
-    quality : of libjpeg, 1 to 100
-    reduction : sides are divided by this number
-    """
+    """Format of a picture on its way to a client."""
 
     format: Literal["jpeg", "png"]
-    quality: int = 85
-    reduction: int = 1
+    quality: int = 85  # of libjpeg, 1 to 100
+    reduction: int = 1  # sides are divided by this number
 
 
 LOSSLESS = Encoding("png")
@@ -53,27 +47,16 @@ LOSSY = (
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Picture with what a client needs to know of it.
+    """Picture with what a client needs to know of it."""
 
-    Attributes
-    ----------
-    rgba : float32 (h, w, 4), premultiplied
-    background : (r, g, b) in [0, 1], or None for transparent
-    number : rises from picture to picture
-    inputs : newest input that it shows, by the number of the client that sent it
-    still : whether it has the scene's full quality
-    camera : position, focal_point, view_up, view_angle and parallel_scale
-    seconds : time that it took to draw
-    """
-
-    rgba: NDArray[np.float32]
-    background: Colour | None
-    number: int
+    rgba: NDArray[np.float32]  # float32 (h, w, 4), premultiplied
+    background: Colour | None  # (r, g, b) in [0, 1], or None for transparent
+    number: int  # rises from picture to picture
     revision: int
-    inputs: Mapping[int, int]
-    still: bool
-    camera: dict[str, Any]
-    seconds: float
+    inputs: Mapping[int, int]  # newest input that it shows, by the number of the client that sent it
+    still: bool  # whether it has the scene's full quality
+    camera: dict[str, Any]  # position, focal_point, view_up, view_angle and parallel_scale
+    seconds: float  # time that it took to draw
     _files: dict[Encoding, bytes] = field(default_factory=dict, init=False, repr=False)
     _lock: Lock = field(default_factory=Lock, init=False, repr=False)
 
@@ -101,15 +84,8 @@ class Picture:
 def encode(rgba: NDArray[np.float32], background: Colour | None, encoding: Encoding) -> bytes:
     """Return a picture as a file.
 
-    Parameters
-    ----------
-    rgba : float32 (h, w, 4), premultiplied
-    background : (r, g, b) in [0, 1], or None for transparent
-
-    Raises
-    ------
-    ClustervizError
-        The package that encodes JPEGs is missing.
+    `rgba`: float32 (h, w, 4), premultiplied. `background`: (r, g, b) in [0, 1], or None for transparent. Raises
+    ClustervizError: the package that encodes JPEGs is missing.
     """
     if encoding.format == "png":
         file = io.BytesIO()

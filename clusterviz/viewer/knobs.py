@@ -57,12 +57,7 @@ def trials(scene: Scene) -> list[Trial]:
 
 
 def described(scene: Scene, measured: Sequence[Measurement]) -> list[dict[str, Any]]:
-    """Return the measurements as clients are told.
-
-    Parameters
-    ----------
-    scene : completed, of the whole picture
-    """
+    """Return the measurements as clients are told. `scene`: completed, of the whole picture."""
     found = []
     for name in VALUES:
         mine = [each for each in measured if each.trial.name == name]

@@ -31,11 +31,9 @@ LISTS = CONTENT_SECTIONS
 class Limits:
     """Limits of the scenes of a session.
 
-    Parameters
-    ----------
-    opened : data of the scene with which the session began, which is within the limits
-    folders : with the files that clients may name, beside those of the scene that was opened; relative names are
-        relative to the first; None: any file, and any address
+    `opened`: data of the scene with which the session began, which is within the limits. `folders`: with the files that
+    clients may name, beside those of the scene that was opened; relative names are relative to the first; None: any
+    file, and any address.
     """
 
     def __init__(self, opened: dict[str, Any], folders: Sequence[Path] | None = None) -> None:
@@ -48,20 +46,14 @@ class Limits:
     def admit(self, data: dict[str, Any]) -> dict[str, Any]:
         """Return scene data of a client with absolute paths.
 
-        Raises
-        ------
-        InputError
-            A file is not one that clients may name.
+        Raises InputError: a file is not one that clients may name.
         """
         return change_paths(data, self._admitted)
 
     def check(self, scene: Scene) -> None:
         """Check a scene before it is completed.
 
-        Raises
-        ------
-        SceneError
-            Its picture is too large, or its entries are not those that are open.
+        Raises SceneError: its picture is too large, or its entries are not those that are open.
         """
         size = scene.image.size
         if max(size) > self._largest_side:

@@ -34,14 +34,7 @@ BUDGET_MS = 50.0
 class LocalSession:
     """Session that a thread of this process draws, until it is closed.
 
-    Parameters
-    ----------
-    sources : the data instead of the files that the scene names
-
-    Raises
-    ------
-    ClustervizError
-        The scene cannot be opened.
+    `sources`: the data instead of the files that the scene names. Raises ClustervizError: the scene cannot be opened.
     """
 
     def __init__(self, scene: Scene, sources: Given = None) -> None:
@@ -84,10 +77,7 @@ def _draw(scene: Scene, sources: Given, opened: Future[Session]) -> None:
 class LocalConnection:
     """Client of a session in this process; its methods may be called from any thread.
 
-    Parameters
-    ----------
-    encoder : runs the encoding of pictures
-    put_text, put_binary : called with messages for the client
+    `encoder`: runs the encoding of pictures. `put_text`, `put_binary`: called with messages for the client.
     """
 
     def __init__(

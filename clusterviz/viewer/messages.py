@@ -207,10 +207,7 @@ _ADAPTER: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discrimina
 def parse(text: str) -> Message:
     """Return a client's message.
 
-    Raises
-    ------
-    InputError
-        The text is too long, no JSON object, of an unknown type, or a value in it is not allowed.
+    Raises InputError: the text is too long, no JSON object, of an unknown type, or a value in it is not allowed.
     """
     data = text.encode("utf-8", "replace")
     if len(data) > MAX_TEXT_BYTES:
@@ -222,7 +219,6 @@ def parse(text: str) -> Message:
 
 
 def _reason(text: bytes) -> InputError:
-    """Return what is wrong with a message that is not valid."""
     try:
         data = from_json(text, allow_inf_nan=False)
     except ValueError as error:
@@ -248,10 +244,7 @@ def pack(header: dict[str, Any], payload: bytes) -> bytes:
 def unpack(message: bytes) -> tuple[dict[str, Any], bytes]:
     """Return the header and the file of a binary message.
 
-    Raises
-    ------
-    InputError
-        The message is cut off, or its header is not JSON.
+    Raises InputError: the message is cut off, or its header is not JSON.
     """
     start = 4 + int.from_bytes(message[:4], "little")
     try:

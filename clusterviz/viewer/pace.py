@@ -19,17 +19,11 @@ from clusterviz.scene.values import Scene
 
 @dataclass(frozen=True)
 class Level:
-    """Settings of pictures while the view moves.
+    """Settings of pictures while the view moves."""
 
-    Attributes
-    ----------
-    scale : of the picture's sides
-    early_termination : opacity left, at which rays may end, at least
-    """
-
-    scale: float
+    scale: float  # of the picture's sides
     step: float
-    early_termination: float
+    early_termination: float  # opacity left, at which rays may end, at least
 
     @property
     def cost(self) -> float:
@@ -67,12 +61,7 @@ SMALLEST_SIDE = 16
 
 
 class Pace:
-    """Choice of the level from frame to frame.
-
-    Attributes
-    ----------
-    level : index in `LEVELS` of the next frame
-    """
+    """Choice of the level from frame to frame. `level`: index in `LEVELS` of the next frame."""
 
     def __init__(self, budget_seconds: float) -> None:
         self._seconds = DRAWING_SHARE * budget_seconds
@@ -97,9 +86,7 @@ class Pace:
     def learn(self, pixels: int, seconds: float, fixed_seconds: float) -> None:
         """Learn from a frame of the present level.
 
-        Parameters
-        ----------
-        fixed_seconds : of these, those that do not depend on the picture's size
+        `fixed_seconds`: of these, those that do not depend on the picture's size.
         """
         self._costs.append(max(1e-6, seconds - fixed_seconds) / (LEVELS[self.level].cost * pixels))
         self._fixed.append(fixed_seconds)

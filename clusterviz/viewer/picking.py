@@ -27,10 +27,7 @@ Floats = NDArray[np.float64]
 def scene_of_pick(scene: Scene, x: float, y: float) -> Scene:
     """Return a scene that shows a point of the picture in the middle of a small one, with depth and object.
 
-    Parameters
-    ----------
-    scene : completed
-    x, y : in [0, 1] from the top left corner
+    `scene`: completed. `x`, `y`: in [0, 1] from the top left corner.
     """
     camera, (width, height) = scene.camera, scene.image.size
     position, focal_point, up_given = (np.array(each) for each in camera_vectors(camera))
@@ -70,10 +67,8 @@ def position_at(scene: Scene, depth: float) -> Floats:
 def names_of_objects(scene: Scene, hidden: Sequence[str] = ()) -> list[tuple[str, int | None]]:
     """Return the key of each object of the layer `object`, and the number of its volume, None for geometry.
 
-    Parameters
-    ----------
-    scene : without hidden entries
-    hidden : keys of entries that are left out, such as volumes.1; they count in the keys of the other ones
+    `scene`: without hidden entries. `hidden`: keys of entries that are left out, such as volumes.1; they count in the
+    keys of the other ones.
     """
     found, volumes = list[tuple[str, int | None]](), count()
     shown = {name: _keys(name, hidden) for name in LISTS}
@@ -85,7 +80,6 @@ def names_of_objects(scene: Scene, hidden: Sequence[str] = ()) -> list[tuple[str
 
 
 def _keys(name: str, hidden: Sequence[str]) -> Iterator[str]:
-    """Yield the keys of a list's entries that are shown."""
     return (key for n in count() if (key := f"{name}.{n}") not in hidden)
 
 

@@ -35,14 +35,8 @@ ADDRESS = re.compile(r"http://([\w.:\[\]]+)/\?token=(\S+)")
 class RemoteSession:
     """Session of an MPI job that this process starts, until it is closed.
 
-    Parameters
-    ----------
-    sources : arrays and data sources instead of the files that the scene names; they are copied into files
-
-    Raises
-    ------
-    ClustervizError
-        The scene cannot be opened, or the job cannot be started.
+    `sources`: arrays and data sources instead of the files that the scene names; they are copied into files. Raises
+    ClustervizError: the scene cannot be opened, or the job cannot be started.
     """
 
     def __init__(self, scene: Scene, sources: Given, ranks: int) -> None:
@@ -84,7 +78,6 @@ class RemoteSession:
         self._folder.cleanup()
 
     def _read_address(self) -> tuple[str, str]:
-        """Return host and token that the job prints."""
         assert self._job.stdout is not None, "the output is piped"
         for line in self._job.stdout:
             if found := ADDRESS.search(line):
@@ -94,7 +87,6 @@ class RemoteSession:
         raise InputError(reason) if self._job.poll() == InputError.exit_status else ClustervizError(reason)
 
     def _reason(self) -> str:
-        """Return why the job has ended."""
         if self._is_closed:
             return "it was closed"
         with suppress(subprocess.TimeoutExpired):
@@ -107,10 +99,8 @@ class RemoteSession:
 class RemoteConnection:
     """Client of a session at the other end of a websocket.
 
-    Parameters
-    ----------
-    put_text, put_binary : called with messages for the client
-    reason : called for the text of the last message, when the job ends without one
+    `put_text`, `put_binary`: called with messages for the client. `reason`: called for the text of the last message,
+    when the job ends without one.
     """
 
     def __init__(

@@ -51,20 +51,12 @@ class AbandonedError(ClustervizError):
 
 @dataclass(frozen=True)
 class Command:
-    """What all ranks do next.
+    """What all ranks do next."""
 
-    Attributes
-    ----------
-    kind : draw a frame, or end
-    scene : completed
-    alone : decide on the frame as on a single one
-    may_stop : whether newer input abandons the frame
-    """
-
-    kind: Literal["draw", "end"]
-    scene: Scene | None = None
-    alone: bool = False
-    may_stop: bool = False
+    kind: Literal["draw", "end"]  # draw a frame, or end
+    scene: Scene | None = None  # completed
+    alone: bool = False  # decide on the frame as on a single one
+    may_stop: bool = False  # whether newer input abandons the frame
 
 
 class Abandoning:
@@ -72,9 +64,7 @@ class Abandoning:
 
     Rank 0 sends each rank one message a frame: while it draws, if there is newer input, else at the end.
 
-    Parameters
-    ----------
-    has_input : on rank 0, whether there is newer input
+    `has_input`: on rank 0, whether there is newer input.
     """
 
     def __init__(self, channel: Channel, has_input: Callable[[], bool]) -> None:
@@ -92,10 +82,7 @@ class Abandoning:
     def poll(self) -> None:
         """Abandon the frame if there is reason to; called while a rank draws.
 
-        Raises
-        ------
-        AbandonedError
-            Rank 0 has decided so.
+        Raises AbandonedError: rank 0 has decided so.
         """
         if not self._is_open or self.abandoned:
             return
@@ -128,15 +115,8 @@ class Abandoning:
 class RenderLoop:
     """Frames of a session on all ranks.
 
-    Parameters
-    ----------
-    source : the data instead of the files that the scene names
-    opened_as : how the scene was opened, for command lines
-
-    Raises
-    ------
-    ClustervizError
-        As `FrameLoop` does.
+    `source`: the data instead of the files that the scene names. `opened_as`: how the scene was opened, for command
+    lines. Raises ClustervizError as `FrameLoop` does.
     """
 
     def __init__(
@@ -169,8 +149,7 @@ class RenderLoop:
     @property
     def content(self) -> Content:
         """What is known of the data."""
-        opened = self._loop.opened
-        return Content(opened.infos if opened else ())
+        return Content(self._loop.opened.infos)
 
     def follow(self) -> None:
         """Draw what rank 0 says until the end; for all other ranks."""
@@ -237,7 +216,6 @@ class RenderLoop:
         session.finished(request, rendered.image, seconds, statistics, remarks)
 
     def _do(self, session: Session, job: Job) -> None:
-        """Answer a pick, or send a file."""
         message, scene = job.message, job.request.completed
         try:
             if isinstance(message, Pick):
@@ -252,10 +230,8 @@ class RenderLoop:
             session.answer(job.client, lambda client: client.send(failed))
 
     def _picked(self, scene: Scene, hidden: Sequence[str], message: Pick) -> dict[str, Any]:
-        """Return what lies under a point of the picture."""
         nothing = {"position": None, "index": None, "value": None, "name": ""}
-        opened = self._loop.opened
-        if opened is None:
+        if not self._loop.opened.infos:
             return nothing
         small = scene_of_pick(scene, message.x, message.y)
         rendered = self._draw_on_all(Command("draw", small, alone=True))
@@ -266,9 +242,8 @@ class RenderLoop:
         position = position_at(small, float(layers["depth"][middle]))
         name, volume = names_of_objects(scene, hidden)[int(layers["object"][middle])]
         found = {**nothing, "position": position.tolist(), "name": name}
-        opened = self._loop.opened
-        if volume is not None and opened is not None:
-            source = opened.volumes[volume].source
+        if volume is not None:
+            source = self._loop.opened.volumes[volume].source
             index = index_of(source.grid, position)
             found |= {"index": index.tolist(), "value": value_at(source, index)}
         return found
@@ -355,14 +330,12 @@ class RenderLoop:
         self._loop, self._is_new = loop, True
 
     def _note(self, image: Image, scene: Scene, made: Provenance) -> None:
-        """Note how the last picture was made."""
         self._made = made
 
     def _has_input(self) -> bool:
         return self._session is not None and self._session.has_input()
 
     def _send(self, command: Command) -> None:
-        """Send a command to the waiting ranks."""
         wake = np.zeros(1, np.uint8)
         for rank in range(1, self._channel.size):
             self._channel.isend(wake, rank, WAKE)
@@ -381,7 +354,6 @@ class RenderLoop:
 
 
 def _statistics(rendered: Rendered) -> dict[str, Any]:
-    """Return the statistics of a frame as clients are told."""
     statistics = rendered.statistics
     stages = [name for name in statistics.seconds if name != "total"]
     names = ("samples", "bricks_drawn", "bytes_sent", "peak_memory_bytes")

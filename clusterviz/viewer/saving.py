@@ -60,14 +60,7 @@ class OpenedAs:
 def command_line(file: OpenedAs, scene: Scene, content: Content) -> str:
     """Return the command line that renders a scene, with the keys that differ from those of the opened file.
 
-    Parameters
-    ----------
-    scene : completed
-
-    Raises
-    ------
-    ClustervizError
-        The scene cannot be told by overrides.
+    `scene`: completed. Raises ClustervizError: the scene cannot be told by overrides.
     """
     first = open_scene(file.name, file.overrides, file.preset)
     if any(len(getattr(first, name)) != len(getattr(scene, name)) for name in CONTENT_SECTIONS):

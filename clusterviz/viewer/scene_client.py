@@ -45,34 +45,22 @@ class NotebookSession(Protocol):
 
 @dataclass
 class _Answers:
-    """What has come from the session; guarded by the client's lock.
+    """What has come from the session; guarded by the client's lock."""
 
-    Attributes
-    ----------
-    scene : that is shown, with edits that the session has not confirmed yet
-    told : the session's newest
-    given : keys that were set, of the newest scene
-    camera : of the newest picture, or set since
-    refused : reason why the session did not take an edit
-    """
-
-    scene: Scene | None = None
-    told: Scene | None = None
-    camera: Data = field(default_factory=dict)
-    given: Data = field(default_factory=dict)
+    scene: Scene | None = None  # that is shown, with edits that the session has not confirmed yet
+    told: Scene | None = None  # the session's newest
+    camera: Data = field(default_factory=dict)  # of the newest picture, or set since
+    given: Data = field(default_factory=dict)  # keys that were set, of the newest scene
     files: dict[int, bytes] = field(default_factory=dict)
     failures: dict[int, str] = field(default_factory=dict)
-    refused: str | None = None
+    refused: str | None = None  # reason why the session did not take an edit
     ended: str | None = None
 
 
 class SceneClient:
     """Client of a session that reads and changes the scene from Python.
 
-    Raises
-    ------
-    ClustervizError
-        The session has ended before it began.
+    Raises ClustervizError: the session has ended before it began.
     """
 
     def __init__(self, session: NotebookSession) -> None:
@@ -119,12 +107,8 @@ class SceneClient:
     def picture(self, size: tuple[int, int] | None) -> Image:
         """Return the picture of full quality that `clusterviz.render` makes of the scene.
 
-        Raises
-        ------
-        SceneError
-            An edit was refused.
-        ClustervizError
-            The picture cannot be drawn, or the session has ended.
+        Raises SceneError: an edit was refused. Raises ClustervizError: the picture cannot be drawn, or the session has
+        ended.
         """
         self._saves += 1
         number = self._saves

@@ -74,10 +74,7 @@ REFUSED = 400
 def open_socket(host: str, port: int) -> socket.socket:
     """Return a socket that listens; port 0 takes a free port.
 
-    Raises
-    ------
-    InputError
-        The port is in use or not allowed, or the host is not of this machine.
+    Raises InputError: the port is in use or not allowed, or the host is not of this machine.
     """
     try:
         if not 0 <= port <= MAX_PORT:  # the system's functions take it modulo 65536
@@ -94,10 +91,8 @@ def open_socket(host: str, port: int) -> socket.socket:
 class Server:
     """Server of one session in a thread of its own.
 
-    Parameters
-    ----------
-    token : secret that requests must know
-    origins : further origins of pages, such as https://hub.example, for proxies that change `Host`
+    `token`: secret that requests must know. `origins`: further origins of pages, such as https://hub.example, for
+    proxies that change `Host`.
     """
 
     def __init__(self, session: Session, listening: socket.socket, token: str, *, origins: Sequence[str] = ()) -> None:
@@ -192,9 +187,7 @@ class Waiting:
 class Guard:
     """ASGI middleware that serves only those who know the token, under an own name and to pages of an own origin.
 
-    Attributes
-    ----------
-    waiting : connections that have not shown the token
+    `waiting`: connections that have not shown the token.
     """
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int, origins: Sequence[str]) -> None:

@@ -6,26 +6,21 @@ messages that have come since, of which newer ones replace older ones of the sam
 
 from __future__ import annotations
 
-import copy
 import re
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from clusterviz.comm.agree import describe
-from clusterviz.content.flow.expansion import without_flows
-from clusterviz.content.flow.section import FlowSection
-from clusterviz.errors import ClustervizError, SceneError, public_address
+from clusterviz.errors import ClustervizError, public_address
 from clusterviz.scene.background import background_rgb
-from clusterviz.scene.files import change_paths, check_scene, public_data
-from clusterviz.scene.overrides import apply_changes
-from clusterviz.scene.values import Camera, Scene
+from clusterviz.scene.files import change_paths, public_data
+from clusterviz.scene.values import Scene
 from clusterviz.viewer.describe import Content
 from clusterviz.viewer.encoding import Picture
-from clusterviz.viewer.limits import LISTS, Limits, dotted
 from clusterviz.viewer.messages import (
     PROTOCOL,
     Edit,
@@ -41,8 +36,7 @@ from clusterviz.viewer.messages import (
     Undo,
     View,
 )
-
-Data = dict[str, Any]
+from clusterviz.viewer.shown import Data, Shown, camera_of
 
 REST_SECONDS = 0.25
 """Time without input after which a view counts as still, whatever the client said."""
@@ -50,20 +44,12 @@ ALONE_SECONDS = 10.0
 """Time in which a client may join again, as by a reload."""
 MOST_PENDING = 256
 """Messages that wait to be applied, at most."""
-MOST_UNDO = 200
-"""Edits that can be undone."""
 STATE_SECONDS = 0.2
 """Least time between two states while the scene is edited."""
 STATISTICS_SECONDS = 0.5
 """Least time between two statistics while the view moves."""
 Change = View | Edit | Undo | Redo | Reset | Preset | Size
 """Messages that change what is shown; only the client that steers may send them."""
-HIDDEN = "hidden"
-"""Key of edits, beside those of a scene: list of the entries that are not drawn, such as volumes.1."""
-CAMERA = ("position", "focal_point", "view_up", "view_angle", "parallel_scale")
-"""Keys of the camera that clients are told."""
-LENS = ("window_center", "aperture", "focal_distance")
-"""Keys of the camera that stay as it moves."""
 
 
 class Client(Protocol):
@@ -84,24 +70,15 @@ class Client(Protocol):
 
 @dataclass(frozen=True)
 class Request:
-    """Picture to draw.
-
-    Attributes
-    ----------
-    scene : as the user gave it, with a camera, without what is hidden
-    hidden : entries that are left out, such as volumes.1
-    revision : of the scene without its camera
-    inputs : number of the last input of each client that the picture shows
-    moving : whether the view is changing
-    """
+    """Picture to draw."""
 
     number: int
-    scene: Scene
+    scene: Scene  # as the user gave it, with a camera, without what is hidden
     completed: Scene
-    revision: int
-    inputs: Mapping[int, int]
-    moving: bool
-    hidden: tuple[str, ...] = ()
+    revision: int  # of the scene without its camera
+    inputs: Mapping[int, int]  # number of the last input of each client that the picture shows
+    moving: bool  # whether the view is changing
+    hidden: tuple[str, ...] = ()  # entries that are left out, such as volumes.1
 
 
 @dataclass(frozen=True)
@@ -119,26 +96,6 @@ class _Member:
 
     client: Client
     size: Size | None = None
-
-
-@dataclass(frozen=True)
-class _Undo:
-    """Scene data that an edit has replaced; consecutive edits with one tag are one step."""
-
-    data: Data
-    tag: str | None = None
-
-
-@dataclass
-class _Shown:
-    """What is shown; changed by the drawing thread only."""
-
-    data: Data
-    scene: Scene
-    completed: Scene
-    hidden: tuple[str, ...] = ()
-    undo: list[_Undo] = field(default_factory=list)
-    redo: list[Data] = field(default_factory=list)
 
 
 class Session:
@@ -166,20 +123,17 @@ class Session:
         folders: Sequence[Path] | None = None,
     ) -> None:
         self._lock = threading.Condition()
-        self._content, self._clock, self._shared, self._ends_alone = content, clock, shared, ends_alone
+        self._clock, self._shared, self._ends_alone = clock, shared, ends_alone
         self._about = {"ranks": ranks, "budget_ms": budget_ms}
-        data = _data_of(scene)
-        self._opened, self._limits = data, Limits(data, folders)
-        self._shown = _Shown(data, Scene.model_validate(data), scene)
-        self._drawn_data = data
+        self._shown = Shown(scene, content, self._lock, folders)
+        self._drawn_data = self._shown.data
         self._members: dict[int, _Member] = {}
         self._joined, self._left = 0, 0.0
         self._steering: int | None = None
         self._asking: list[int] = []
         self._pending: list[tuple[int, Change]] = []
         self._jobs: list[tuple[int, Pick | Save]] = []
-        self._number, self._drawn = 1, 0
-        self._revision, self._inputs = 1, dict[int, int]()
+        self._drawn, self._inputs = 0, dict[int, int]()
         self._moving, self._was_moving, self._is_busy = False, False, False
         self._newest_pose: Pose | None = None
         self._newest_size: Size | None = None
@@ -195,12 +149,12 @@ class Session:
     @property
     def scene(self) -> Scene:
         """The scene as it is shown, with camera and size: `render` of it gives the still picture."""
-        return visible(self._shown.scene, self._shown.hidden)
+        return self._shown.scene
 
     @property
     def completed(self) -> Scene:
         """The scene with all keys."""
-        return visible(self._shown.completed, self._shown.hidden)
+        return self._shown.completed
 
     def join(self, client: Client) -> int:
         """Add a client, send it the state and the newest picture, and return its number."""
@@ -208,7 +162,7 @@ class Session:
             self._joined += 1
             number = self._joined
             self._members[number] = _Member(client)
-            about = {**self._about, **self._content.hello()}
+            about = {**self._about, **self._shown.content.hello()}
             client.send({"type": "hello", "protocol": PROTOCOL, "client": number, **about})
             self._send_state()
             if self._picture is not None:
@@ -305,12 +259,9 @@ class Session:
     ) -> None:
         """Show a picture to all clients.
 
-        Parameters
-        ----------
-        picture : float32 (h, w, 4), premultiplied
-        warnings : texts about the scene
+        `picture`: float32 (h, w, 4), premultiplied. `warnings`: texts about the scene.
         """
-        camera = _camera_of(request.completed.camera)
+        camera = camera_of(request.completed.camera)
         still, now = not request.moving, self._clock()
         with self._lock:
             self._pictures += 1
@@ -339,9 +290,7 @@ class Session:
             self._send_all(_error(str(error)))
             self._drawn, self._was_moving = request.number, False
         if self._shown.data is not self._drawn_data:
-            with self._lock:
-                self._shown.undo = [each for each in self._shown.undo if each.data is not self._drawn_data]
-            self._show(self._drawn_data)
+            self._shown.go_back(self._drawn_data)
 
     def busy(self, text: str) -> None:
         """Tell all clients why the next picture takes long; its arrival ends that."""
@@ -351,7 +300,7 @@ class Session:
 
     def reopened(self, content: Content) -> None:
         """Take what is known of the data of a scene with other files or grids."""
-        self._content = content
+        self._shown.content = content
 
     def answer(self, client: int, send: Callable[[Client], None]) -> None:
         """Call a function with a client, if it has not left."""
@@ -378,11 +327,12 @@ class Session:
 
     @property
     def _wants_picture(self) -> bool:
-        return self._drawn < self._number or (self._was_moving and not self._is_moving)
+        return self._drawn < self._shown.number or (self._was_moving and not self._is_moving)
 
     def _request(self, moving: bool) -> Request:
-        scenes = self.scene, self.completed
-        return Request(self._number, *scenes, self._revision, self._inputs, moving, self._shown.hidden)
+        shown = self._shown
+        about = shown.revision, self._inputs, moving, shown.hidden
+        return Request(shown.number, shown.scene, shown.completed, *about)
 
     def _put(self, number: int, message: Change) -> None:
         """Store a message in place of earlier ones of the same kind, unless it changes nothing."""
@@ -406,95 +356,28 @@ class Session:
 
     def _apply(self, number: int, message: Change) -> None:
         """Apply a message to what is shown; an error, whatever it is, is answered and leaves it as it is."""
+        shown = self._shown
         try:
             match message:
                 case View(camera=camera):
-                    kept = {key: one for key, one in self._shown.data["camera"].items() if key not in CAMERA}
-                    self._show({**self._shown.data, "camera": {**kept, **camera.model_dump(mode="json")}}, view=True)
-                case Size():
-                    self._resize(message)
+                    shown.look(camera)
+                case Size(width=width, height=height):
+                    shown.resize((width, height))
                 case Edit(changes=changes, merge=tag):
-                    self._edit(changes, tag)
+                    shown.edit(changes, tag)
                 case Preset(volume=volume, name=name):
-                    self._edit(self._content.preset(volume, name), None)
+                    shown.edit(shown.content.preset(volume, name), None)
                 case Undo():
-                    self._undo()
+                    shown.undo()
                 case Redo():
-                    self._redo()
+                    shown.redo()
                 case Reset():
-                    self._reset()
+                    shown.reset()
         except Exception as error:
             found = _error(describe(error), message)
             self.answer(number, lambda client: client.send(found))
         if isinstance(message, (View, Edit)):
             self._inputs = {**self._inputs, number: max(message.input, self._inputs.get(number, 0))}
-
-    def _resize(self, message: Size) -> None:
-        size = [message.width, message.height]
-        if size != list(self._shown.completed.image.size):
-            self._show({**self._shown.data, "image": {**self._shown.data["image"], "size": size}})
-
-    def _undo(self) -> None:
-        shown = self._shown
-        if shown.undo:
-            before = shown.data
-            self._show(self._with_view(shown.undo[-1].data))
-            shown.undo.pop()
-            shown.redo.append(before)
-
-    def _redo(self) -> None:
-        shown = self._shown
-        if shown.redo:
-            before = shown.data
-            self._show(self._with_view(shown.redo[-1]))
-            shown.redo.pop()
-            shown.undo.append(_Undo(before))
-
-    def _reset(self) -> None:
-        before = self._shown.data
-        self._show({**self._with_view(self._opened), "camera": self._opened["camera"]})
-        self._remember(before, None)
-
-    def _edit(self, changes: Mapping[str, Any], tag: str | None) -> None:
-        before = self._shown.data
-        data = apply_changes(before, {key: value for key, value in changes.items() if key != HIDDEN})
-        if HIDDEN in changes:
-            data[HIDDEN] = changes[HIDDEN] or []
-        self._show(data)
-        if self._shown.data != before:
-            self._remember(before, tag)
-
-    def _remember(self, before: Data, tag: str | None) -> None:
-        """Note scene data that an edit has replaced."""
-        shown = self._shown
-        if tag is None or not shown.undo or shown.undo[-1].tag != tag or shown.redo:
-            shown.undo = [*shown.undo, _Undo(before, tag)][-MOST_UNDO:]
-        shown.redo = []
-
-    def _with_view(self, data: Data) -> Data:
-        """Return earlier scene data with the present camera and size."""
-        image = {**data.get("image", {}), "size": list(self._shown.completed.image.size)}
-        return {**data, "camera": self._shown.data["camera"], "image": image}
-
-    def _show(self, data: Data, view: bool = False) -> None:
-        """Check scene data, and show them.
-
-        Raises
-        ------
-        InputError
-            They are not a scene within the limits; what is shown stays.
-        """
-        given = self._limits.admit(_scene_part(data))
-        scene = check_scene(given, "scene", {})
-        self._limits.check(scene)
-        hidden = _checked_entries(data.get(HIDDEN, []), scene)
-        completed = self._content.complete(scene)
-        data = _with_view_of(given | ({HIDDEN: list(hidden)} if HIDDEN in data else {}), completed)
-        with self._lock:
-            self._shown.data, self._shown.scene, self._shown.completed = data, scene, completed
-            self._shown.hidden = hidden
-            self._number += 1
-            self._revision += not view
 
     def _steer(self, number: int, message: Steer) -> None:
         action, other = message.action, message.client
@@ -524,84 +407,28 @@ class Session:
         shown = self._shown
         return {
             "type": "state",
-            "revision": self._revision,
-            "scene": public_data(shown.completed),
-            "given": change_paths(_scene_part(shown.data), public_address),
+            "revision": shown.revision,
+            "scene": public_data(shown.whole),
+            "given": change_paths(shown.scene_data(), public_address),
             "hidden": list(shown.hidden),
             "steering": self._steering,
             "clients": list(self._members),
             "asking": list(self._asking),
-            "can_undo": bool(shown.undo),
-            "can_redo": bool(shown.redo),
+            "can_undo": shown.can_undo,
+            "can_redo": shown.can_redo,
             "warnings": list(self._warnings),
-            **self._content.state(shown.completed),
+            **shown.content.state(shown.whole),
         }
 
     def _send_state(self) -> None:
         self._state = self._described()
-        self._state_sent, self._state_revision = self._clock(), self._revision
+        self._state_sent, self._state_revision = self._clock(), self._shown.revision
         for number, member in self._members.items():
             member.client.send({**self._state, "input": self._inputs.get(number, 0)})
 
     def _send_all(self, message: Data) -> None:
         for member in self._members.values():
             member.client.send(message)
-
-
-def visible(scene: Scene, hidden: Collection[str]) -> Scene:
-    """Return a scene without hidden entries, such as "volumes.1"."""
-    if not hidden:
-        return scene
-    scene = without_flows(scene, {key for key in scene.entries if dotted(key) in hidden})
-    kept = {
-        name: tuple(one for n, one in enumerate(getattr(scene, name)) if f"{name}.{n}" not in hidden) for name in LISTS
-    }
-    kept["flows"] = tuple(_on_shown_surfaces(flow, hidden) for flow in kept["flows"])
-    found = scene.model_copy(update=kept)
-    if found.surface_keys:
-        return found
-    return found.model_copy(update={"flows": tuple(flow for flow in found.flows if flow.show != "surface-lic")})
-
-
-def _on_shown_surfaces(flow: FlowSection, hidden: Collection[str]) -> FlowSection:
-    """Return a flow whose surfaces have the numbers that are left without hidden entries."""
-    if flow.surfaces is None:
-        return flow
-    found = []
-    for name, number in (key.rstrip("]").split("[") for key in flow.surfaces):
-        before = sum(f"{name}.{n}" in hidden for n in range(int(number)))
-        found += [f"{name}[{int(number) - before}]"] if f"{name}.{number}" not in hidden else []
-    return flow.model_copy(update={"surfaces": tuple(found)})
-
-
-def _checked_entries(hidden: Any, scene: Scene) -> tuple[str, ...]:
-    known = list(map(dotted, scene.entries))
-    if not isinstance(hidden, list) or any(name not in known for name in hidden):
-        raise SceneError("not a list of entries", where=HIDDEN, found=hidden, allowed=", ".join(known))
-    return tuple(dict.fromkeys(hidden))
-
-
-def _data_of(scene: Scene) -> Data:
-    """Return a completed scene as data with the keys that were set or chosen, and a whole camera."""
-    data = scene.model_dump(mode="json", exclude_unset=True)
-    data.pop("automatic", None)
-    return _with_view_of(data, scene)
-
-
-def _with_view_of(data: Data, completed: Scene) -> Data:
-    """Return scene data with the whole camera and the size of a completed scene, whatever they leave out."""
-    lens = completed.camera.model_dump(mode="json", include=set(LENS), exclude_defaults=True)
-    image = {**data.get("image", {}), "size": list(completed.image.size)}
-    return {**data, "camera": {**_camera_of(completed.camera), **lens}, "image": image}
-
-
-def _scene_part(data: Data) -> Data:
-    """Return a copy of scene data without what is hidden."""
-    return copy.deepcopy({key: value for key, value in data.items() if key != HIDDEN})
-
-
-def _camera_of(camera: Camera) -> Data:
-    return camera.model_dump(mode="json", include=set(CAMERA))
 
 
 def _replaces(message: Change) -> Any:

@@ -8,7 +8,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import anywidget
 import traitlets
@@ -16,10 +16,12 @@ import traitlets
 from clusterviz.errors import SceneError
 from clusterviz.image.picture import Image
 from clusterviz.scene.overrides import with_settings
-from clusterviz.scene.settings import Settings
 from clusterviz.scene.values import Scene
 from clusterviz.viewer.bundle import bundled_modules, bundled_styles
 from clusterviz.viewer.scene_client import Connection, NotebookSession, SceneClient
+
+if TYPE_CHECKING:
+    from clusterviz.scene.settings import Settings
 
 SILENCE_SECONDS = 75.0
 """Time after which a view counts as gone: views send a heartbeat every 20 seconds, browsers in the background less."""
@@ -143,7 +145,6 @@ class Viewer(anywidget.AnyWidget):
             self.scene = self._client.scene
 
     def _receive(self, content: Any, buffers: Any) -> None:
-        """Take a message of a view."""
         view, now = str(content["view"]), time.monotonic()
         if "leaves" in content:
             self._remove(view)

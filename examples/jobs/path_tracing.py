@@ -32,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.content.transfer import transfer_function
-from clusterviz.content.volume.opening import OpenedVolume
 from clusterviz.data.bricks import Box
 from clusterviz.data.source import Grid, Source
 from clusterviz.data.summary import VolumeSummary, block_counts, block_sides
@@ -171,13 +170,13 @@ def trace_paths(
     with run.local("open"):
         _check_scene(scene)
     scene, opened, _ = open_content(run, scene, source)
-    assert isinstance(opened, OpenedVolume), "the scene holds one volume"
+    (volume,) = opened.volumes
     with run.local("plan"):
-        medium = make_medium(opened.grid.shape_zyx, transfer_function(scene.volumes[0]), opened.summary)
-        scattering = _scattering(scene, settings, medium, opened.grid)
-        view = make_view(scene.camera, scene.image.size, opened.grid)
+        medium = make_medium(volume.grid.shape_zyx, transfer_function(scene.volumes[0]), volume.summary)
+        scattering = _scattering(scene, settings, medium, volume.grid)
+        view = make_view(scene.camera, scene.image.size, volume.grid)
     held = _held_voxels(cluster, settings.voxels, medium, scene.cluster.memory_limit)
-    regions = _regions(cluster, held, opened.source, medium)
+    regions = _regions(cluster, held, volume.source, medium)
     width, height = view.size
     groups = -(-height // max(1, min(PIXELS_OF_JOB // width, height)))
     sums = cluster.array((groups, -(-height // groups), width, 8), np.float64, (1, height, width))
@@ -187,7 +186,7 @@ def trace_paths(
         @job(reads=lambda group: (sums, sums.box((group, 0, 0))))
         def trace_rows(group: int, first: int = first, end: int = end) -> None:
             rows = np.arange(group, height, groups)
-            paths, numbers = start_paths(view, opened.grid, medium, rows, first)
+            paths, numbers = start_paths(view, volume.grid, medium, rows, first)
             while (region := regions.most_wanted(numbers, end)) is not None:
                 voxels, *places = regions.voxels(region)
                 advance_paths[1, len(rows), width](

@@ -1,9 +1,7 @@
 // A sample between voxels, from the taps `taps.x` … `taps.y` − 1 of 0 … 3 along each axis; tap 1 is the cell's first voxel. Weights are those of
 // each of `factor` positions in a cell. A voxel beyond the volume is replaced by its neighbour in it, and an invalid one that is not a corner
 // of the cell by the corner next to it; next to an invalid corner there is no value.
-float voxel_at(ivec3 at) {
-    return volume_at(clamp(at, ivec3(0), last) - corner);
-}
+float voxel_at(ivec3 at) { return volume_at(clamp(at, ivec3(0), last) - corner); }
 
 void kernel(ivec3 at) {
     ivec3 target = at + first, cell = target / factor, part = target - cell * factor;

@@ -13,9 +13,7 @@ vec4 light_if_stored(uint number, double position) {
     return light_of(number, position);
 }
 
-void reach(double position) {
-    reached = position;
-}
+void reach(double position) { reached = position; }
 
 void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     start_fragments(ray, pixel, begins, slab);
@@ -24,9 +22,7 @@ void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     is_cut = false;
 }
 
-bool is_late() {
-    return is_cut;
-}
+bool is_late() { return is_cut; }
 
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
     if (hidden[pixel].state != DRAWN) return;

@@ -13,6 +13,4 @@ void put(uvec2 fragment) {
     ++found;
 }
 
-void end_list(int pixel) {
-    fragment_list[list_of(pixel) + 1] = uint(found);
-}
+void end_list(int pixel) { fragment_list[list_of(pixel) + 1] = uint(found); }

@@ -10,10 +10,5 @@ bool begin_list(int pixel) {
     return false;
 }
 
-void put(uvec2 fragment) {
-    key[place++] = fragment;
-}
-
-void end_list(int pixel) {
-    if (SORTED) sort(int(fragment_list[list_of(pixel)]), place);
-}
+void put(uvec2 fragment) { key[place++] = fragment; }
+void end_list(int pixel) { if (SORTED) sort(int(fragment_list[list_of(pixel)]), place); }

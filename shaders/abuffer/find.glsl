@@ -40,6 +40,4 @@ bool find(Ray ray, int row, int kind, int side, out uvec2 found) {
     return brick_offset[(brick.z * count.y + brick.y) * count.x + brick.x] >= 0; // else another rank's
 }
 
-int number_of(ivec2 pixel) {
-    return pixel.y * frame.rect.z + pixel.x;
-}
+int number_of(ivec2 pixel) { return pixel.y * frame.rect.z + pixel.x; }

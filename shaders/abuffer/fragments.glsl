@@ -13,9 +13,7 @@ bool was_taken(int k, float place); // in the dispatch before, a place from the 
 double fragment_position; // of the next fragment, and the slab that holds it, or the number of none
 int fragment_slab;
 
-double next_position() {
-    return position_of(depth_of(nearest_fragment().x));
-}
+double next_position() { return position_of(depth_of(nearest_fragment().x)); }
 
 void find_next() {
     fragment_slab = NO_SLAB;
@@ -36,9 +34,7 @@ void start_fragments(Ray ray, int pixel, bool begins, inout int slab) {
 }
 
 // Whether nothing behind a batch that has reached an opacity can matter.
-bool is_opaque(float opacity) {
-    return (1.0 - in_front) * (1.0 - opacity) <= frame.optics.y;
-}
+bool is_opaque(float opacity) { return (1.0 - in_front) * (1.0 - opacity) <= frame.optics.y; }
 
 // Tiles of one class are drawn by one program.
 bool is_drawn_now(int tile) {

@@ -12,9 +12,7 @@ void reset_start() {
     is_cut = false;
 }
 
-void keep_start(int packet) {
-    kept_rays[packet] = Composited(fragments_left(), reached, is_cut);
-}
+void keep_start(int packet) { kept_rays[packet] = Composited(fragments_left(), reached, is_cut); }
 
 void take_start(int packet) {
     go_back(kept_rays[packet].left);

@@ -1,9 +1,7 @@
 // Lists of fragments of the rays of a tile, packet by packet.
 uvec4 kept_fragments[1024 / (PACKET_WIDTH * PACKET_HEIGHT)], kept_cells[(GRIDS + 1) * 1024 / (PACKET_WIDTH * PACKET_HEIGHT)];
 
-void reset_start() {
-    go_back(uvec4(0u));
-}
+void reset_start() { go_back(uvec4(0u)); }
 
 void keep_start(int packet) {
     kept_fragments[packet] = fragments_left();

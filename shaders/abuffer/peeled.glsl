@@ -45,13 +45,8 @@ void begin_fragments(int pixel) {
     }
 }
 
-bool has_fragment() {
-    return next_key.y != LAST_KEY;
-}
-
-uvec2 nearest_fragment() {
-    return next_key;
-}
+bool has_fragment() { return next_key.y != LAST_KEY; }
+uvec2 nearest_fragment() { return next_key; }
 
 void next_fragment() {
     ++peeled_at;
@@ -61,9 +56,7 @@ void next_fragment() {
 }
 
 // What brings a ray back to where it was, and takes it there; the array is filled when the next fragment is asked for.
-uvec4 fragments_left() {
-    return uvec4(list_first, list_length, next_key);
-}
+uvec4 fragments_left() { return uvec4(list_first, list_length, next_key); }
 
 void go_back(uvec4 left) {
     list_first = int(left.x);

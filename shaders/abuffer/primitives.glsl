@@ -18,9 +18,7 @@ const int NONE = -0x7fffffff, TRIANGLE = 0, TUBE = 1, SPHERE = 2, ENTRY = 3, LIT
 vec2 ray_origin, ray_slope;
 dvec2 ray_depth; // of the first midpoint, and slabs for each cell of depth
 
-double along(dvec4 axis, dvec3 position) {
-    return dot(axis.xyz, position) + axis.w;
-}
+double along(dvec4 axis, dvec3 position) { return dot(axis.xyz, position) + axis.w; }
 
 void face_primitives(Ray ray) {
     double first = along(geometry.forward, ray.first), by = dot(geometry.forward.xyz, ray.slab);
@@ -31,9 +29,7 @@ void face_primitives(Ray ray) {
 }
 
 // Position along the ray in slabs, with midpoints at integers, and the slab that holds it.
-double position_of(float depth) {
-    return (double(depth) - ray_depth.x) * ray_depth.y;
-}
+double position_of(float depth) { return (double(depth) - ray_depth.x) * ray_depth.y; }
 
 int slab_at_position(double position, int slabs) {
     return int(clamp(floor(position + 0.5LF), 0.0LF, double(slabs - 1)));
@@ -44,13 +40,8 @@ uint sorted_bits(float depth) {
     return bits ^ (bits >> 31 != 0u ? 0xffffffffu : 0x80000000u);
 }
 
-float depth_of(uint bits) {
-    return uintBitsToFloat(bits ^ (bits >> 31 != 0u ? 0x80000000u : 0xffffffffu));
-}
-
-bool is_behind(uvec2 a, uvec2 b) {
-    return a.x > b.x || (a.x == b.x && a.y > b.y);
-}
+float depth_of(uint bits) { return uintBitsToFloat(bits ^ (bits >> 31 != 0u ? 0x80000000u : 0xffffffffu)); }
+bool is_behind(uvec2 a, uvec2 b) { return a.x > b.x || (a.x == b.x && a.y > b.y); }
 
 int layer_of(int row) {
     int low = 0, high = geometry.counts.x;

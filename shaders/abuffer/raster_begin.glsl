@@ -2,6 +2,7 @@
 // Moves the vertices to the camera's coordinates, finds the pixels in which they are, as `move` of tile_kernel.py does, and empties the lists.
 layout(local_size_x = 64) in;
 
+#include <FRAME>
 #include <RASTER>
 struct Move {
     dvec4 right, up, forward; // the camera's coordinates of (x, y, z, 1) of the file
@@ -29,9 +30,7 @@ float moved(dvec4 axis, dvec3 from) {
     return float(found);
 }
 
-double below(double number) {
-    return number - MARGIN - ROUNDED * abs(number);
-}
+double below(double number) { return number - MARGIN - ROUNDED * abs(number); }
 
 // As walks may begin behind the eye, corners of cells there have the pixels of the line through the eye.
 vec4 box_of(vec4 at, bool of_cell) {

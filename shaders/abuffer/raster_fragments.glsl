@@ -4,17 +4,10 @@
 #include <CONSTANTS>
 flat in int row, kind;
 
-#include "reals_double.glsl"
-#include <FRAME>
-#include "vectors_double.glsl"
-#include "reals.glsl"
+#include <RAYS>
 layout(std430, binding = 3) readonly buffer OffsetsBlock { int brick_offset[]; };  // as in buffers.glsl
 layout(std430, binding = 25) buffer OpaqueBlock { uint nearest_opaque[]; };       // of each pixel: bits of the depth of the nearest opaque fragment
-ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
 
-#include <LATTICE>
-#include "numbers.glsl"
-#include "ray.glsl"
 #include <CLIP>
 #include <GEOMETRY>
 #include "primitives.glsl"

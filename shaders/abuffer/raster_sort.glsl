@@ -3,15 +3,9 @@
 // side; no order of work groups is needed, so that one counter does for the sums of prefixes.
 layout(local_size_x = 64) in;
 
-#include <RASTER>
-#include "reals_double.glsl"
-#include "vectors_double.glsl"
-#include "reals.glsl"
 #include <CONSTANTS>
-#include <LATTICE>
-ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
-#include "numbers.glsl"
-#include "ray.glsl"
+#include <RAYS>
+#include <RASTER>
 #include <GEOMETRY>
 #include "primitives.glsl"
 #include "stored.glsl"
@@ -20,9 +14,7 @@ ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = 
 layout(std430, binding = 26) readonly buffer LinkedBlock { uvec2 linked[]; };
 shared uint all_of, first;
 
-bool is_opaque(int place) {
-    return (int(layer[layer_of(int(key[place].y >> 1))].table.w) & OPAQUE) != 0;
-}
+bool is_opaque(int place) { return (int(layer[layer_of(int(key[place].y >> 1))].table.w) & OPAQUE) != 0; }
 
 void main() {
     int pixel = invocation(), list = list_of(pixel);

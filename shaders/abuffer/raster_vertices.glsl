@@ -5,15 +5,8 @@
 #include <CONSTANTS>
 flat out int row, kind;
 
-#include "reals_double.glsl"
-#include <FRAME>
-#include "vectors_double.glsl"
-#include "reals.glsl"
+#include <RAYS>
 layout(std430, binding = 18) readonly buffer BoxesBlock { vec4 box[]; };
-ivec3 box_begin = frame.box_begin.xyz, box_end = frame.box_end.xyz, last_cell = frame.cells.xyz - 1;
-#include <LATTICE>
-#include "numbers.glsl"
-#include "ray.glsl"
 #include <GEOMETRY>
 #include "primitives.glsl"
 #include <SNAPPED>

@@ -2,9 +2,7 @@
 layout(std430, binding = 15) readonly buffer AttributesBlock { float values[]; }; // normals, colours and segments of transfer functions
 dvec3 first_midpoint, slab_way; // of the ray
 
-float number_in(int first, int count, int at, int part) {
-    return values[first + count * at + part];
-}
+float number_in(int first, int count, int at, int part) { return values[first + count * at + part]; }
 
 // Straight colour and opacity of a scalar in units of clim: the last segment that starts at or below it.
 vec4 classified(float s, int first) {
@@ -85,21 +83,14 @@ void face_all(Ray ray) {
     face(ray);
 }
 
-void begin_all(dvec3 position, int brick) {
-    begin_before(position, brick);
-}
+void begin_all(dvec3 position, int brick) { begin_before(position, brick); }
 
 void take_all(inout Mixed mixed, inout Mixed next, int k, int at, double middle, float length, bool both) {
     take_before(mixed, next, k, at, middle, length, both);
 }
 
-void slope_all(int volume, float offset) {
-    slope_before(volume, offset);
-}
-
-int object_of(uint number) {
-    return VOLUMES + layer_of(int(number >> 1));
-}
+void slope_all(int volume, float offset) { slope_before(volume, offset); }
+int object_of(uint number) { return VOLUMES + layer_of(int(number >> 1)); }
 
 vec3 fragment_normal(Ray ray, uint number) {
     face_primitives(ray);

@@ -7,13 +7,8 @@ void begin_fragments(int pixel) {
     fragments_ahead = PRIMITIVES ? int(fragment_list[list_of(pixel) + 1]) : 0;
 }
 
-bool has_fragment() {
-    return fragments_ahead > 0;
-}
-
-uvec2 nearest_fragment() {
-    return key[fragment_place];
-}
+bool has_fragment() { return fragments_ahead > 0; }
+uvec2 nearest_fragment() { return key[fragment_place]; }
 
 void next_fragment() {
     ++fragment_place;
@@ -21,9 +16,7 @@ void next_fragment() {
 }
 
 // What brings a ray back to where it was, and takes it there.
-uvec4 fragments_left() {
-    return uvec4(fragment_place, fragments_ahead, 0, 0);
-}
+uvec4 fragments_left() { return uvec4(fragment_place, fragments_ahead, 0, 0); }
 
 void go_back(uvec4 left) {
     fragment_place = int(left.x);

@@ -5,9 +5,7 @@ layout(std430, binding = 8) STORED buffer KeysBlock { uvec2 key[]; };
 layout(std430, binding = 16) STORED buffer LinksBlock { uint link[]; };             // of each page
 const int PAGE_SHIFT = 0, ROOM = 1, TAKEN = 2, DRAWN_CLASS = 3, HEAD = 4;             // of the head; a page holds 1 << PAGE_SHIFT fragments
 
-int list_of(int pixel) {
-    return HEAD + 2 * pixel;
-}
+int list_of(int pixel) { return HEAD + 2 * pixel; }
 
 int place_after(int place, int page_shift) {
     int after = place + 1;

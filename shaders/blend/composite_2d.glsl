@@ -11,6 +11,4 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     sum += ((1.0 - sum.a) * opacity) * lit(vec4(entry.rgb, 1.0), gradient, place, beyond, true);
 }
 
-void take(inout vec4 sum, float s, Place place, vec3 beyond) {
-    take_share(sum, s, place, beyond, 1.0);
-}
+void take(inout vec4 sum, float s, Place place, vec3 beyond) { take_share(sum, s, place, beyond, 1.0); }

@@ -14,9 +14,7 @@ vec4 merged(vec4 front, vec4 behind) {
     return both;
 }
 
-bool is_seen(float s) {
-    return is_valid(s);
-}
+bool is_seen(float s) { return is_valid(s); }
 
 void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     if (!is_seen(s)) return;
@@ -24,14 +22,6 @@ void take(inout vec4 sum, float s, Place place, vec3 beyond) {
     sum = merged(sum, vec4(above ? s : 0.0, s, above ? float(STARTS | EXISTS) : 0.0, 1.0));
 }
 
-void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) {
-    take(sum, s, place, beyond);
-}
-
-void add_run(inout Sum sum, vec4 run) {
-    sum.high = merged(sum.high, run);
-}
-
-bool is_done(Sum sum) {
-    return (int(sum.high.z) & CLOSED) != 0;
-}
+void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) { take(sum, s, place, beyond); }
+void add_run(inout Sum sum, vec4 run) { sum.high = merged(sum.high, run); }
+bool is_done(Sum sum) { return (int(sum.high.z) & CLOSED) != 0; }

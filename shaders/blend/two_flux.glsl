@@ -18,9 +18,7 @@ void take_share(inout vec4 sum, float s, Place place, vec3 beyond, float share) 
     if (depths.x + depths.y > 0.0) sum = stacked(sum.w > 0.0 ? sum : NOTHING_IN_FRONT, slab_fluxes(depths.x, depths.y));
 }
 
-void take(inout vec4 sum, float s, Place place, vec3 beyond) {
-    take_share(sum, s, place, beyond, 1.0);
-}
+void take(inout vec4 sum, float s, Place place, vec3 beyond) { take_share(sum, s, place, beyond, 1.0); }
 
 void add_run(inout Sum sum, vec4 run) {
     if (sum.high.w == 0.0) sum.high = NOTHING_IN_FRONT;
@@ -33,6 +31,4 @@ void add_run(inout Sum sum, vec4 run) {
     }
 }
 
-bool is_done(Sum sum) {
-    return false;
-}
+bool is_done(Sum sum) { return false; }

@@ -8,9 +8,7 @@ Class known[GRIDS];                 // of the scalar up to which the ray was com
 float cell_length;                  // of the ray, in cells of the domain, for each cell of depth
 vec2 unclipped;                     // depths
 
-float depth_at(double position) {
-    return float(ray_depth.x + clamp(position, -1e30LF, 1e30LF) / ray_depth.y);
-}
+float depth_at(double position) { return float(ray_depth.x + clamp(position, -1e30LF, 1e30LF) / ray_depth.y); }
 
 void begin_segments(Ray ray) {
     cell_length = sqrt(1.0 + dot(ray_slope, ray_slope));

@@ -2,7 +2,7 @@
 // order as far as its entries suffice. Of the nearest two the first one ends, and between them is a segment, if the ray is inside.
 layout(std430, binding = 9) readonly buffer TilesBlock { uint tile_begin[]; }; // of each tile in `tile_row`, and their end
 layout(std430, binding = 10) readonly buffer ListsBlock { uint tile_row[]; };  // rows of faces, ascending
-layout(std430, binding = 16) writeonly buffer CountsBlock { uvec2 counted[]; }; // of each pixel: fragments, and 2 * comparisons; plus 1 if wrong
+layout(std430, binding = 16) writeonly buffer CountedBlock { uvec2 counted[]; }; // of each pixel: fragments, and 2 * comparisons; plus 1 if wrong
 
 struct Fragment {
     float depth, scalar; // farther than NOWHERE: none
@@ -26,9 +26,7 @@ void begin_entries();
 void put(Fragment fragment);
 void take_rest();
 
-void compare(Fragment a, Fragment b) {
-    comparisons += uint(max(abs(a.depth), abs(b.depth)) < NOWHERE);
-}
+void compare(Fragment a, Fragment b) { comparisons += uint(max(abs(a.depth), abs(b.depth)) < NOWHERE); }
 
 void swap(inout Fragment a, inout Fragment b) {
     Fragment moved = a;
@@ -50,9 +48,7 @@ void find_run() {
 }
 
 // Whether nothing behind can matter.
-bool is_ended() {
-    return (1.0 - in_front) * (1.0 - seen.a) <= frame.optics.y;
-}
+bool is_ended() { return (1.0 - in_front) * (1.0 - seen.a) <= frame.optics.y; }
 
 // Composite the segment from the nearest fragment to the second one, whole in the box that owns its begin.
 void take(Fragment nearest, Fragment second) {
@@ -128,7 +124,4 @@ void face(Ray ray) {
 
 // What rays that march need.
 void take_run(inout vec4 sum, Ray ray, int origin, int from, int to, Place place, vec3 slab) {}
-
-vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) {
-    return vec4(0.0);
-}
+vec4 last_of(Ray ray, int k, Place place, vec3 slab, float share) { return vec4(0.0); }

@@ -9,9 +9,7 @@ struct Class {
     vec3 kappa;
 };
 
-Class class_at(float s) {
-    return Class(s, 0, vec3(1.0));
-}
+Class class_at(float s) { return Class(s, 0, vec3(1.0)); }
 
 vec4 between_scalars(int at, vec2 share) {
     vec4 front = mix(integral[at], integral[at + 1], share.x), back = mix(integral[at + SCALARS], integral[at + SCALARS + 1], share.x);

@@ -1,20 +1,9 @@
 // Scenes without unstructured grids.
-bool is_entry(uint number) {
-    return false;
-}
-
+bool is_entry(uint number) { return false; }
 void begin_cells(int pixel, bool begins) {}
-
-bool was_taken(int k, float place) {
-    return false;
-}
-
+bool was_taken(int k, float place) { return false; }
 void face_cells(Ray ray) {}
-
-uvec4 cells_left(int g) {
-    return uvec4(0u);
-}
-
+uvec4 cells_left(int g) { return uvec4(0u); }
 void go_back_in_cells(int g, uvec4 left) {}
 
 // Uniform absorption in a part of a slab.

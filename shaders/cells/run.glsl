@@ -17,17 +17,9 @@ int cells_list, cells_pixel;
 int steps[GRIDS];                    // of the walk, since it was nearest to the depth that it is to reach
 float resumed;                       // depth up to which dispatches before have composited
 
-vec4 cell_vertex(int row) {
-    return vec4(sheared(vertex[row]), vertex[row].zw);
-}
-
-int cell_corner(int half_face) {
-    return cell_table[half_face + (half_face & ~3)];
-}
-
-int cell_next(int half_face) {
-    return cell_table[half_face + (half_face & ~3) + 4];
-}
+vec4 cell_vertex(int row) { return vec4(sheared(vertex[row]), vertex[row].zw); }
+int cell_corner(int half_face) { return cell_table[half_face + (half_face & ~3)]; }
+int cell_next(int half_face) { return cell_table[half_face + (half_face & ~3) + 4]; }
 
 bool is_entry(uint number) {
     return (number >> 1) >= layer[geometry.counts.x - GRIDS].table.x && number < NO_ENTRY - 1u;
@@ -64,9 +56,7 @@ void pass_next(int g) {
 }
 
 // Whether the dispatch has done as much as it may, on a GPU.
-bool has_to_stop() {
-    return IN_SHARES && has_done_share(run_iterations, 0);
-}
+bool has_to_stop() { return IN_SHARES && has_done_share(run_iterations, 0); }
 
 // Go on to where the ray leaves the tetrahedron, or enters the grid, behind a depth. Where rounding folds slivers, a walk may go in a circle. It is
 // cut short after as many steps as there are tetrahedra, and counted.
@@ -122,13 +112,8 @@ void begin_cells(int pixel, bool begins) {
     if (was_suspended) place_walks();
 }
 
-bool was_taken(int k, float place) {
-    return IN_SHARES && depth_at(double(k) + double(place)) <= resumed;
-}
-
-uvec4 cells_left(int g) {
-    return uvec4(passed[g], entry[g], cells_list);
-}
+bool was_taken(int k, float place) { return IN_SHARES && depth_at(double(k) + double(place)) <= resumed; }
+uvec4 cells_left(int g) { return uvec4(passed[g], entry[g], cells_list); }
 
 void go_back_in_cells(int g, uvec4 left) {
     passed[g] = int(left.x);

@@ -11,9 +11,7 @@ void keep_walks(float depth) {
     }
 }
 
-void count_cut_short() {
-    ++progress[place_in(WALKS_PLANE + 1, cells_pixel)];
-}
+void count_cut_short() { ++progress[place_in(WALKS_PLANE + 1, cells_pixel)]; }
 
 // Later dispatches may take walks that were kept long before: they lead to the same place.
 bool take_walks(bool begins) {

@@ -1,4 +1,4 @@
-// Reflectance and transmittance of a homogeneous slab, and of stacks, after Kubelka and Munk; as plan/kubelka_munk.py and image/spectral/two_flux.py,
+// Reflectance and transmittance of a homogeneous slab, and of stacks, after Kubelka and Munk; as image/spectral/two_flux.py,
 // which say more. Fluxes of a stack are (R from the front, R from behind, T, 1 - T): of thin layers the last one has the digits, of thick ones T.
 // Needs opacity.glsl.
 

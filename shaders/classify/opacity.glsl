@@ -26,6 +26,4 @@ float absorbed(float depth) {
 }
 
 // The opacity of a slab that is `units` opacity unit distances long.
-float slab_opacity(float a, float units) {
-    return absorbed(units * optical_depth(a));
-}
+float slab_opacity(float a, float units) { return absorbed(units * optical_depth(a)); }

@@ -1,4 +1,2 @@
 // No gradient opacity.
-float faded(vec3 gradient) {
-    return 1.0;
-}
+float faded(vec3 gradient) { return 1.0; }

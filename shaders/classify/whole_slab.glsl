@@ -1,4 +1,2 @@
 // Segment of a whole slab.
-Segment slab_at(float s) {
-    return segment_at(s);
-}
+Segment slab_at(float s) { return segment_at(s); }

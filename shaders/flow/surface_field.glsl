@@ -64,13 +64,8 @@ float noise_at(dvec3 place, double side) {
     return 0.5 + ((1.0 - share) * lower + share * upper) / sqrt((1.0 - share) * (1.0 - share) + share * share);
 }
 
-bool has_line(ivec3 at) {
-    return any(notEqual(directions_at(at).xy, vec2(0.0)));
-}
-
-bool is_near(vec4 surface, dvec3 offset, double bound) {
-    return abs(dot(dvec3(surface.yzw), offset)) <= bound;
-}
+bool has_line(ivec3 at) { return any(notEqual(directions_at(at).xy, vec2(0.0))); }
+bool is_near(vec4 surface, dvec3 offset, double bound) { return abs(dot(dvec3(surface.yzw), offset)) <= bound; }
 
 void kernel(ivec3 at) {
     ivec3 size = surface_size();

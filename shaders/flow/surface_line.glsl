@@ -5,9 +5,7 @@ const float AWAY = 1e20; // so far that a step there has no link
 
 vec2 last; // displacement of the pixel nearest to the place from which a line goes on
 
-bool is_linked(vec4 field, vec2 step) {
-    return (int(field.z) >> (int(step.y) + 1) * 3 + int(step.x) + 1 & 1) != 0;
-}
+bool is_linked(vec4 field, vec2 step) { return (int(field.z) >> (int(step.y) + 1) * 3 + int(step.x) + 1 & 1) != 0; }
 
 bool is_inside(ivec3 start, vec3 moved) {
     vec2 step = floor(moved.xy + 0.5) - last;
@@ -34,9 +32,7 @@ vec4 field_between(ivec3 start, vec3 moved) {
 }
 
 // Whether there is a direction, and those around it do not cancel.
-bool has_vector(vec4 here) {
-    return dot(here.xy, here.xy) > 1e-6;
-}
+bool has_vector(vec4 here) { return dot(here.xy, here.xy) > 1e-6; }
 
 vec3 velocity(vec4 here) {
     if (here.z == 0.0) return vec3(AWAY);

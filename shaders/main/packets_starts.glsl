@@ -29,9 +29,7 @@ void take_start(int packet) {
     before_start = start.before_start;
 }
 
-bool is_drawn() {
-    return !again || outcome == LATE;
-}
+bool is_drawn() { return !again || outcome == LATE; }
 
 void begin_tile() {
     late_rays = 0;

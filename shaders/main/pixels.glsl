@@ -1,12 +1,7 @@
 // One invocation a pixel. A dispatch may end before its rays do; the next one continues.
 
-bool has_done_share(int iterations, int k) {
-    return float(iterations) >= frame.optics.w;
-}
-
-int first_plane() {
-    return frame.rect.z * frame.rect.w + int(gl_NumWorkGroups.x * gl_NumWorkGroups.y);
-}
+bool has_done_share(int iterations, int k) { return float(iterations) >= frame.optics.w; }
+int first_plane() { return frame.rect.z * frame.rect.w + int(gl_NumWorkGroups.x * gl_NumWorkGroups.y); }
 
 const int NEVER = 0x7fffffff, ABSENT = -3; // of bricks: their voxels are not on the device yet
 int noted_brick = -1; // brick
@@ -21,9 +16,7 @@ bool is_awaited(int brick) {
 }
 
 // Dispatches are queued: where rays have to go on in an earlier box, those behind it wait for another turn.
-bool waits_for_box_in_front() {
-    return frame.notes.y >= 0 && progress[frame.notes.y] != 0;
-}
+bool waits_for_box_in_front() { return frame.notes.y >= 0 && progress[frame.notes.y] != 0; }
 
 void note_unfinished() {
     unfinished = 1u;

@@ -7,9 +7,7 @@ int row; // of the pixel that is drawn
 uvec2 began;
 
 void count_ray(int pixel, Ray ray, int k) {}
-
 void count_gap(int from, int to) {}
-
 void count_run(Ray ray, int k, int slabs) {}
 
 void begin_share(int pixel) {

@@ -29,8 +29,5 @@ void count_run(Ray ray, int k, int slabs) {
     run_iterations += slabs; // of the loop here, too
 }
 
-void begin_share(int pixel) {
-    row = COUNTS * pixel;
-}
-
+void begin_share(int pixel) { row = COUNTS * pixel; }
 void end_share() {}

@@ -13,21 +13,10 @@ Packet packets[PACKETS];
 shared int tile, nearest_slab; // the nearest with which a ray of the tile goes on
 int share_end;                 // end of the batch of slabs that is drawn
 
-bool has_done_share(int iterations, int k) {
-    return k >= share_end;
-}
-
-bool is_awaited(int brick) {
-    return false;
-}
-
-int squares_across() {
-    return (frame.rect.z + SQUARE - 1) / SQUARE;
-}
-
-int first_plane() {
-    return 1 + squares_across() * ((frame.rect.w + SQUARE - 1) / SQUARE);
-}
+bool has_done_share(int iterations, int k) { return k >= share_end; }
+bool is_awaited(int brick) { return false; }
+int squares_across() { return (frame.rect.z + SQUARE - 1) / SQUARE; }
+int first_plane() { return 1 + squares_across() * ((frame.rect.w + SQUARE - 1) / SQUARE); }
 
 // First pixel of a packet, and the pixel of a lane, in the footprint.
 ivec2 first_pixel(ivec2 corner, int packet) {
@@ -39,18 +28,11 @@ ivec2 pixel_of(ivec2 corner, int packet) {
     return first_pixel(corner, packet) + ivec2(lane % PACKET_WIDTH, lane / PACKET_WIDTH);
 }
 
-bool is_in_picture(ivec2 pixel) {
-    return all(lessThan(pixel, frame.rect.zw));
-}
-
-int number_of(ivec2 pixel) {
-    return pixel.y * frame.rect.z + pixel.x;
-}
+bool is_in_picture(ivec2 pixel) { return all(lessThan(pixel, frame.rect.zw)); }
+int number_of(ivec2 pixel) { return pixel.y * frame.rect.z + pixel.x; }
 
 // Of the rounding error of a pixel's sum.
-int lost(ivec2 pixel) {
-    return frame.rect.z * frame.rect.w + number_of(pixel);
-}
+int lost(ivec2 pixel) { return frame.rect.z * frame.rect.w + number_of(pixel); }
 
 void begin_packet(ivec2 pixel, out Packet packet) {
     packet.sum = Sum(vec4(0.0), vec4(0.0));

@@ -21,13 +21,8 @@ void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     if (kept_in(OBJECT, pixel) >= 0.0) slab = ray.slabs;
 }
 
-int up_to_start(int k, int slabs, float kept, float batch) {
-    return slabs;
-}
-
-void note_light(vec4 light) {
-    noted = light;
-}
+int up_to_start(int k, int slabs, float kept, float batch) { return slabs; }
+void note_light(vec4 light) { noted = light; }
 
 void note(int k, vec2 part, float opacity, int object) {
     vec4 light = noted;
@@ -53,9 +48,7 @@ void note_fragment(double position, float opacity, uint number, int object) {
     fragment_passed = number;
 }
 
-bool is_late() {
-    return has_passed;
-}
+bool is_late() { return has_passed; }
 
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
     if (!has_passed && kept_in(OBJECT, pixel) < 0.0) end_fragments(ray, sum, slab);

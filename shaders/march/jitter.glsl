@@ -15,8 +15,5 @@ Real shift_of(ivec2 pixel, Real entry, Real step_world) {
     return quotient(real(int(hash >> 8)), real(1 << 24));
 }
 
-Real thickness_of(Real across, Real above) {
-    return ONE;
-}
-
+Real thickness_of(Real across, Real above) { return ONE; }
 void set_thickness(float of_ray) {}

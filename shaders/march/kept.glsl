@@ -1,13 +1,9 @@
 // Range of a ray's slabs whose midpoints a clipping plane keeps, dot(xyz, p) + w >= 0, in double precision. All boxes use the same expression
 // for the whole ray, so that they agree.
-bool is_kept(Real at, Real by, int k) {
-    return !is_less(fused(k, by, at), ZERO);
-}
+bool is_kept(Real at, Real by, int k) { return !is_less(fused(k, by, at), ZERO); }
 
 // Height of a position above a plane.
-Real height_of(Real3 position, Column plane) {
-    return sum_of(dot_product(xyz_of(plane), position), plane.w);
-}
+Real height_of(Real3 position, Column plane) { return sum_of(dot_product(xyz_of(plane), position), plane.w); }
 
 ivec2 kept_slabs(Ray ray, Column plane) {
     Real at = height_of(ray.first, plane), by = dot_product(xyz_of(plane), ray.slab);

@@ -60,14 +60,10 @@ Place place_at(Real3 position, vec3 slab) {
     return Place(visible ? brick_offset[brick] : GAP, cell, beyond, inside);
 }
 
-Place place_of(Ray ray, int k, vec3 slab) {
-    return place_at(midpoint(ray, k), slab);
-}
+Place place_of(Ray ray, int k, vec3 slab) { return place_at(midpoint(ray, k), slab); }
 
 // Place of slab k on the lattice, in any brick; the last slab, and a first one cut by the entry, are not on the lattice.
-Real3 on_lattice(Ray ray, int k) {
-    return fused(k, ray.slab, ray.first);
-}
+Real3 on_lattice(Ray ray, int k) { return fused(k, ray.slab, ray.first); }
 
 // Place of slab k on the lattice, relative to the brick of another place.
 Place on_lattice(Ray ray, int k, Place place) {
@@ -77,9 +73,7 @@ Place on_lattice(Ray ray, int k, Place place) {
 }
 
 // Origin of a batch by its first slab. Where rays enter the volume, rounding must not put the end of a slab beyond its face.
-int origin_of(int first) {
-    return first == 0 ? 0 : first + (slabs_in_batch >> 1);
-}
+int origin_of(int first) { return first == 0 ? 0 : first + (slabs_in_batch >> 1); }
 
 // Profile (profile_counts.glsl): the first slab of a ray in this box, from slab k on, and the one behind its last; a gap that is
 // skipped; and a run of slabs that are sampled.
@@ -112,9 +106,7 @@ void add_run(inout Sum sum, vec4 run);
 bool is_done(Sum sum);
 
 // Put a batch behind the pixel, unless it is empty, which changes no bit.
-void put_behind(inout Sum sum, vec4 batch) {
-    if (batch.a > 0.0) add_run(sum, batch);
-}
+void put_behind(inout Sum sum, vec4 batch) { if (batch.a > 0.0) add_run(sum, batch); }
 
 // Whether a dispatch has done its share of a ray after so many iterations, when it has come to slab k.
 bool has_done_share(int iterations, int k);

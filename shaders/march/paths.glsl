@@ -8,8 +8,5 @@ void start_at(Ray ray, int pixel, bool begins, inout int slab) {
     if (kept_in(STATUS, pixel) >= float(DONE)) slab = ray.slabs;
 }
 
-bool is_late() {
-    return false;
-}
-
+bool is_late() { return false; }
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {}

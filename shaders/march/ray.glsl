@@ -66,13 +66,8 @@ Real3 midpoint(Ray ray, int k) {
 }
 
 // The cell that holds a midpoint; rounding may put one on the volume's far faces, which belong to the last cells.
-ivec3 cell_of(Real3 position) {
-    return clamp(floor_of(position), ivec3(0), last_cell);
-}
-
-bool owned(ivec3 cell) {
-    return all(greaterThanEqual(cell, box_begin)) && all(lessThan(cell, box_end));
-}
+ivec3 cell_of(Real3 position) { return clamp(floor_of(position), ivec3(0), last_cell); }
+bool owned(ivec3 cell) { return all(greaterThanEqual(cell, box_begin)) && all(lessThan(cell, box_end)); }
 
 // Whether a cell lies in front of a face by which a ray comes into the box.
 bool is_before(Ray ray, ivec3 cell) {

@@ -10,7 +10,6 @@ struct Path {
     dvec3 position, momentum;             // in voxels; in index space
 };
 double kept_number(int plane) { return double(kept_in(plane, path_pixel)) + double(kept_in(plane + 1, path_pixel)); }
-
 dvec3 kept_vector(int plane) { return dvec3(kept_number(plane), kept_number(plane + 2), kept_number(plane + 4)); }
 
 void keep_vector(int plane, dvec3 vector) {
@@ -83,18 +82,14 @@ vec2 index_at(float s) {
     return vec2(part_of(segment, 1).y + c.x * (s - a.x), c.x);
 }
 
-int side_of(float s) {
-    return is_valid(s) ? int(part_of(segment_of(s), 2).w) : UNKNOWN;
-}
+int side_of(float s) { return is_valid(s) ? int(part_of(segment_of(s), 2).w) : UNKNOWN; }
 
 // n^2 on one side less n^2 on another one, by what both are above the index outside.
 double change_of(float before, float after) {
     return (double(after) - double(before)) * (2.0LF * refraction.limits.x + double(before) + double(after));
 }
 
-dvec3 unit(int axis) {
-    return dvec3(axis == 0 ? 1.0LF : 0.0LF, axis == 1 ? 1.0LF : 0.0LF, axis == 2 ? 1.0LF : 0.0LF);
-}
+dvec3 unit(int axis) { return dvec3(axis == 0 ? 1.0LF : 0.0LF, axis == 1 ? 1.0LF : 0.0LF, axis == 2 ? 1.0LF : 0.0LF); }
 
 bool is_shown(ivec3 cell) {
     return all(greaterThanEqual(cell, refraction.shown_begin.xyz)) && all(lessThan(cell, refraction.shown_end.xyz));
@@ -247,14 +242,10 @@ void advance(inout Path path, inout Sum sum, inout uint samples) {
     if (!goes_on) ++path.reflections;
 }
 
-int first_slab(Ray ray) {
-    return 0;
-}
+int first_slab(Ray ray) { return 0; }
 
 // Slabs of rays that bend are not counted.
-ivec2 slabs_in_box(Ray ray, int k) {
-    return ivec2(k, k);
-}
+ivec2 slabs_in_box(Ray ray, int k) { return ivec2(k, k); }
 
 // The whole way of a path in the bricks that are here. Slab 0 stands for all that is left of it, and the number of slabs for nothing.
 void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {

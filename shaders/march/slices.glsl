@@ -12,6 +12,4 @@ Real thickness_of(Real across, Real above) {
     return is_zero(frame.lens.w) ? product(frame.right.w, length_of_view_ray(across, above)) : frame.right.w;
 }
 
-void set_thickness(float of_ray) {
-    thickness = of_ray;
-}
+void set_thickness(float of_ray) { thickness = of_ray; }

@@ -2,9 +2,7 @@
 // and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.3). Along a ray, s counts slabs from where its lattice begins.
 // Intersections with faces of bricks come from one expression, which is monotone from face to face, so that all boxes find the same pieces.
 
-double met(Ray ray, int axis, int face) {
-    return (double(face * BRICK) - ray.first[axis]) / ray.slab[axis] + 0.5LF;
-}
+double met(Ray ray, int axis, int face) { return (double(face * BRICK) - ray.first[axis]) / ray.slab[axis] + 0.5LF; }
 
 // Brick at s along an axis, and its end; the volume's own faces are not ends.
 int brick_along(Ray ray, int axis, double s, out double end) {
@@ -53,9 +51,7 @@ bool may_be_seen(Ray ray, int brick, double s, out double end) {
     return skip_at(brick, group) == 0;
 }
 
-int first_slab(Ray ray) {
-    return ray.begin;
-}
+int first_slab(Ray ray) { return ray.begin; }
 
 // Begin of the part of a ray in this box, from slab k on.
 double begin_in_box(Ray ray, int k, dvec2 box) {

@@ -53,10 +53,7 @@ void note(int k, vec2 part, float opacity, int object) {
 }
 
 void note_light(vec4 light) {}
-
-bool is_late() {
-    return hit == started && !is_checked && hit != NO_SLAB;
-}
+bool is_late() { return hit == started && !is_checked && hit != NO_SLAB; }
 
 void end_at(Ray ray, int pixel, inout Sum sum, inout int slab) {
     if (is_late()) {

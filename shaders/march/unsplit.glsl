@@ -1,7 +1,5 @@
 // No splitting: a slab belongs to the brick of its midpoint.
-int first_slab(Ray ray) {
-    return max(first_owned(ray), ray.begin);
-}
+int first_slab(Ray ray) { return max(first_owned(ray), ray.begin); }
 
 // The slabs that the box owns lie side by side.
 ivec2 slabs_in_box(Ray ray, int k) {
@@ -14,6 +12,4 @@ ivec2 slabs_in_box(Ray ray, int k) {
     return ivec2(k, low);
 }
 
-void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) {
-    march(ray, sum, k, samples);
-}
+void go_on(Ray ray, inout Sum sum, inout int k, inout uint samples) { march(ray, sum, k, samples); }

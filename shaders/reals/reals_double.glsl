@@ -19,7 +19,6 @@ Real root(Real a) { precise Real c = sqrt(a); return c; }
 
 // n * a + b, rounded once.
 Real fused(int n, Real a, Real b) { precise Real c = fma(double(n), a, b); return c; }
-
 bool is_zero(Real a) { return a == 0.0LF; }
 bool is_less(Real a, Real b) { return a < b; }
 Real smaller(Real a, Real b) { return min(a, b); }
@@ -27,7 +26,6 @@ Real larger(Real a, Real b) { return max(a, b); }
 int floor_of(Real a) { return int(floor(a)); }
 int ceiling_of(Real a) { return int(ceil(a)); }
 float to_float(Real a) { return float(a); }
-
 uvec2 words_of(Pair a) { return unpackDouble2x32(a); }
 Real3 xyz_of(Column column) { return column.xyz; }
 Real along(Real3 a, int axis) { return a[axis]; }

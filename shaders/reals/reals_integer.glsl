@@ -12,9 +12,7 @@ const uint SIGN = 0x80000000u;
 const int UNIT_EXPONENT = 1023, FRACTION_BITS = 52;
 
 // Number of the highest bit that is 1; −127 for 0. No two ones follow it, so that the conversion cannot round up to the next power.
-int highest_bit(uint x) {
-    return int(floatBitsToUint(float(x & ~(x >> 1))) >> 23) - 127;
-}
+int highest_bit(uint x) { return int(floatBitsToUint(float(x & ~(x >> 1))) >> 23) - 127; }
 
 // Integers of 96 bits, the highest word first.
 uvec3 shifted_left(uvec3 a, int n) {
@@ -51,9 +49,7 @@ uvec3 wide_sum(uvec3 a, uvec3 b) {
     return uvec3(a.x + b.x + from_y, y, z);
 }
 
-uvec3 wide_negative(uvec3 a) {
-    return wide_sum(~a, uvec3(0u, 0u, 1u));
-}
+uvec3 wide_negative(uvec3 a) { return wide_sum(~a, uvec3(0u, 0u, 1u)); }
 
 // Low and high word of a product.
 uvec2 wide_product(uint a, uint b) {
@@ -129,9 +125,7 @@ Real rounded_sum(Parts a, Parts b) {
     return rounded(found);
 }
 
-Real real(int n) {
-    return rounded(Parts(n < 0, 0, uvec3(0u, 0u, uint(abs(n)))));
-}
+Real real(int n) { return rounded(Parts(n < 0, 0, uvec3(0u, 0u, uint(abs(n))))); }
 
 Real real(float x) {
     uint bits = floatBitsToUint(x), exponent = bits >> 23 & 0xffu;
@@ -162,17 +156,9 @@ Real fused(int n, Real a, Real b) {
 }
 
 // Pairs of words, the high one in y.
-bool is_at_least(uvec2 a, uvec2 b) {
-    return a.y > b.y || (a.y == b.y && a.x >= b.x);
-}
-
-uvec2 less_by(uvec2 a, uvec2 b) {
-    return uvec2(a.x - b.x, a.y - b.y - (a.x < b.x ? 1u : 0u));
-}
-
-uvec2 doubled(uvec2 a) {
-    return uvec2(a.x << 1, a.y << 1 | a.x >> 31);
-}
+bool is_at_least(uvec2 a, uvec2 b) { return a.y > b.y || (a.y == b.y && a.x >= b.x); }
+uvec2 less_by(uvec2 a, uvec2 b) { return uvec2(a.x - b.x, a.y - b.y - (a.x < b.x ? 1u : 0u)); }
+uvec2 doubled(uvec2 a) { return uvec2(a.x << 1, a.y << 1 | a.x >> 31); }
 
 Real quotient(Real a, Real b) {
     Parts p = parts_of(a), q = parts_of(b);

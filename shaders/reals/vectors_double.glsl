@@ -9,6 +9,4 @@ ivec3 floor_of(Real3 a) { return ivec3(floor(a)); }
 vec3 to_float(Real3 a) { return vec3(a); }
 
 // Offset of a position from the corner of a cell.
-vec3 offset_from(ivec3 cell, Real3 position) {
-    return vec3(position - dvec3(cell));
-}
+vec3 offset_from(ivec3 cell, Real3 position) { return vec3(position - dvec3(cell)); }

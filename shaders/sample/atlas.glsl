@@ -9,15 +9,4 @@ vec3 slot_origin(int slot) {
 }
 
 // Unfiltered texels.
-float stored_at(int slot, ivec3 place) {
-    return texelFetch(atlas, ivec3(slot_origin(slot)) + place, 0).r;
-}
-
-vec4 row_at(int slot, ivec3 place) {
-    return vec4(stored_at(slot, place), stored_at(slot, place + ivec3(1, 0, 0)), stored_at(slot, place + ivec3(2, 0, 0)),
-                stored_at(slot, place + ivec3(3, 0, 0)));
-}
-
-vec2 pair_at(int slot, ivec3 place) {
-    return vec2(stored_at(slot, place), stored_at(slot, place + ivec3(1, 0, 0)));
-}
+float stored_at(int slot, ivec3 place) { return texelFetch(atlas, ivec3(slot_origin(slot)) + place, 0).r; }

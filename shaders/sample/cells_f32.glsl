@@ -1,7 +1,5 @@
 // float32 voxels, a word each.
-float stored_at(uint word) {
-    return uintBitsToFloat(word);
-}
+float stored_at(uint word) { return uintBitsToFloat(word); }
 
 void cell_at(int brick, int word, int more, out vec4 near, out vec4 far) {
     near = uintBitsToFloat(uvec4(words_at(brick, word, more), words_at(brick, word, more + ROW_WORDS)));

@@ -1,13 +1,9 @@
 // Voxels on CPUs: a word for each, which holds others beside it if they are small, so that few loads bring a cell.
 // Words from one voxel to another.
-int words_to(ivec3 voxel) {
-    return voxel.x + voxel.y * ROW_WORDS + voxel.z * SLICE_WORDS;
-}
+int words_to(ivec3 voxel) { return voxel.x + voxel.y * ROW_WORDS + voxel.z * SLICE_WORDS; }
 
 // Word of a voxel in its brick.
-int word_of(ivec3 place) {
-    return FIRST_WORD + words_to(place);
-}
+int word_of(ivec3 place) { return FIRST_WORD + words_to(place); }
 
 // Word of a cell `away` from another one: whole numbers below 2^24, so that float32 is exact. Rounding may put the cell beside its brick, where there
 // are words, too (render/cpu/memory.py).
@@ -22,9 +18,7 @@ float stored_at(uint word);
 void cell_at(int brick, int word, int more, out vec4 near, out vec4 far);
 void rows_at(int brick, int word, int more, out vec4 r00, out vec4 r10, out vec4 r01, out vec4 r11);
 
-float stored_at(int brick, ivec3 place) {
-    return stored_at(word_at(brick, word_of(place)));
-}
+float stored_at(int brick, ivec3 place) { return stored_at(word_at(brick, word_of(place))); }
 
 vec2 pair_at(int brick, ivec3 place) {
     uvec2 words = words_at(brick, word_of(place), 0);

@@ -1,11 +1,6 @@
 // 16-bit voxels: a word holds a voxel and that of the next row, so that a cell lies in two pairs of words.
-float stored_at(uint word) {
-    return float(int(word & 65535u) - frame.base);
-}
-
-vec2 halves_of(uint word) {
-    return vec2(ivec2(word & 65535u, word >> 16) - frame.base);
-}
+float stored_at(uint word) { return float(int(word & 65535u) - frame.base); }
+vec2 halves_of(uint word) { return vec2(ivec2(word & 65535u, word >> 16) - frame.base); }
 
 void cell_at(int brick, int word, int more, out vec4 near, out vec4 far) {
     uvec2 low = words_at(brick, word, more), high = words_at(brick, word, more + SLICE_WORDS);

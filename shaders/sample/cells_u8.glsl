@@ -1,11 +1,6 @@
 // 8-bit voxels: a word holds a voxel, that of the next row, that of the next layer, and that of both, so that a cell lies in two words.
-float stored_at(uint word) {
-    return float(int(word & 255u));
-}
-
-vec4 bytes_of(uint word) {
-    return vec4(ivec4((uvec4(word) >> uvec4(0, 8, 16, 24)) & 255u));
-}
+float stored_at(uint word) { return float(int(word & 255u)); }
+vec4 bytes_of(uint word) { return vec4(ivec4((uvec4(word) >> uvec4(0, 8, 16, 24)) & 255u)); }
 
 void cell_at(int brick, int word, int more, out vec4 near, out vec4 far) {
     uvec2 words = words_at(brick, word, more);

@@ -1,9 +1,7 @@
 // Gradient of a trilinear field, in units of clim per voxel: derivatives at voxels, interpolated as the field is.
 // They are central differences. Where a neighbour lies outside of the volume, or is invalid, they are one-sided ones of three voxels, as exact
 // as the others: of the two derivatives at the ends of an edge, the mean is then the edge's own slope.
-bvec4 invalid(vec4 voxels) {
-    return not(are_numbers(voxels));
-}
+bvec4 invalid(vec4 voxels) { return not(are_numbers(voxels)); }
 
 // Derivatives at both ends of an edge, from its own and from central differences, all of two voxels' length.
 vec2 at_ends(float edge, float from, float to, bool none_before, bool none_after) {

@@ -1,8 +1,6 @@
 // Gradient of a hardware-filtered field, in units of clim per voxel: as in gradient.glsl, from samples of the field. The central difference of
 // samples equals the interpolated difference of voxels. Next to an invalid voxel the difference is one-sided.
-bool is_missing(float s) {
-    return !is_valid(s);
-}
+bool is_missing(float s) { return !is_valid(s); }
 
 float along(int brick, ivec3 at, vec3 w, ivec3 axis, bool begins, bool ends) {
     float before = scalar_at(brick, at - axis, w), after = scalar_at(brick, at + axis, w);

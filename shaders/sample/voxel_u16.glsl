@@ -5,13 +5,3 @@ float stored_at(int brick, ivec3 place) {
     int value = int((two >> (16 * (place.x & 1))) & 65535u);
     return float(value - frame.base);
 }
-
-// Four voxels along x, and two.
-vec4 row_at(int brick, ivec3 place) {
-    return vec4(stored_at(brick, place), stored_at(brick, place + ivec3(1, 0, 0)), stored_at(brick, place + ivec3(2, 0, 0)),
-                stored_at(brick, place + ivec3(3, 0, 0)));
-}
-
-vec2 pair_at(int brick, ivec3 place) {
-    return vec2(stored_at(brick, place), stored_at(brick, place + ivec3(1, 0, 0)));
-}

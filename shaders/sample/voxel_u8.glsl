@@ -1,8 +1,6 @@
 // 8-bit voxels: four to a word, the fourth repeated as the first of the next word, so that every cell lies within one word of its row.
 // x / 3, exact for 0 <= x <= 1024, the largest brick.
-int third(int x) {
-    return x * 683 >> 11;
-}
+int third(int x) { return x * 683 >> 11; }
 
 float stored_at(int brick, ivec3 place) {
     place += MARGIN;

@@ -1,7 +1,5 @@
 // Words of bricks: a brick's number is that of its first word.
-uint word_at(int brick, int word) {
-    return voxels[brick + word];
-}
+uint word_at(int brick, int word) { return voxels[brick + word]; }
 
 // A word and the next one. `more` is the same for all pixels, and so part of the loads' addresses.
 uvec2 words_at(int brick, int word, int more) {
@@ -12,6 +10,4 @@ uvec2 words_at(int brick, int word, int more) {
 void prefetch_word(int brick, int word, int more) {}
 
 // One of several volumes in a brick, whose words begin with `begin`.
-int part_in(int brick, int begin, int volume) {
-    return brick + begin;
-}
+int part_in(int brick, int begin, int volume) { return brick + begin; }

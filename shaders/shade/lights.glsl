@@ -13,9 +13,7 @@ void face(Ray ray) {
 }
 
 // x^y for x in [0, 1]; 0^0 is 1.
-float power(float x, float y) {
-    return y == 0.0 ? 1.0 : pow(x, y);
-}
+float power(float x, float y) { return y == 0.0 ? 1.0 : pow(x, y); }
 
 // Unit vector from a sample towards a light whose rows begin at `row`; `strength` becomes the light that arrives.
 vec3 toward_light(int row, Place place, vec3 beyond, inout vec3 strength);

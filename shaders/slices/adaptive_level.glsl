@@ -14,9 +14,7 @@ vec2 synthesized(ivec2 pixel) {
                mix(coarser_at(ivec3(a.x, b.y, 0)), coarser_at(ivec3(b, 0)), part.x), part.y);
 }
 
-float voxel(ivec3 cell, int corner) {
-    return voxels_at(cell + ivec3(corner & 1, corner >> 1 & 1, corner >> 2));
-}
+float voxel(ivec3 cell, int corner) { return voxels_at(cell + ivec3(corner & 1, corner >> 1 & 1, corner >> 2)); }
 
 float scalar_at(vec3 place) {
     ivec3 cell = clamp(ivec3(floor(place)), ivec3(0), voxels_size() - 2);
@@ -39,9 +37,7 @@ vec4 entry(float at, int row) {
     return mix(table_at(ivec3(low, row, 0)), table_at(ivec3(low + 1, row, 0)), place - float(low));
 }
 
-vec4 sum_up_to(float at) {
-    return entry(at, 0) + (at - clamp(at, 0.0, float(table_size().x - 1))) * entry(at, 1);
-}
+vec4 sum_up_to(float at) { return entry(at, 0) + (at - clamp(at, 0.0, float(table_size().x - 1))) * entry(at, 1); }
 
 vec4 slab(float front, float back, float length) {
     float a = (front - domain.x) * domain.y, b = (back - domain.x) * domain.y;

@@ -11,10 +11,5 @@ bool extent_of(int brick, ivec3 at, out vec2 extent) {
     return !MAY_BE_INVALID || floatBitsToUint(abs(extent.x)) < 0x7f800000u;
 }
 
-vec4 cubic_of(int brick, ivec3 at, vec3 begin, vec3 by) {
-    return vec4(voxel_at(brick, at), 0.0, 0.0, 0.0);
-}
-
-float field_on(int brick, ivec3 at, vec3 begin, vec3 by, vec4 cubic, float t) {
-    return cubic.x;
-}
+vec4 cubic_of(int brick, ivec3 at, vec3 begin, vec3 by) { return vec4(voxel_at(brick, at), 0.0, 0.0, 0.0); }
+float field_on(int brick, ivec3 at, vec3 begin, vec3 by, vec4 cubic, float t) { return cubic.x; }

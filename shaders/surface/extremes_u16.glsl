@@ -1,11 +1,6 @@
 // Least and greatest voxel of a cell on CPUs, which compare both halves of words at once.
-uint least_halves(uint a, uint b) {
-    return min(a & 65535u, b & 65535u) | min(a >> 16, b >> 16) << 16;
-}
-
-uint most_halves(uint a, uint b) {
-    return max(a & 65535u, b & 65535u) | max(a >> 16, b >> 16) << 16;
-}
+uint least_halves(uint a, uint b) { return min(a & 65535u, b & 65535u) | min(a >> 16, b >> 16) << 16; }
+uint most_halves(uint a, uint b) { return max(a & 65535u, b & 65535u) | max(a >> 16, b >> 16) << 16; }
 
 bool extremes_at(int brick, ivec3 place, out float low, out float high) {
     int word = word_of(place);

@@ -83,17 +83,9 @@ Course course_of(Walk walk, ivec3 cell, float leaves) {
 }
 
 // Numbers of surfaces met before the first extreme, between both, and behind the second.
-ivec3 crossed(Course course) {
-    return abs(course.reached.yzw - course.reached.xyz);
-}
-
-vec3 faces_of(Walk walk) {
-    return fma(walk.cell + walk.up, walk.per_voxel, walk.offset);
-}
-
-float leaves_of(Walk walk, vec3 faces) {
-    return max(min(faces.x, min(faces.y, faces.z)), walk.enters);
-}
+ivec3 crossed(Course course) { return abs(course.reached.yzw - course.reached.xyz); }
+vec3 faces_of(Walk walk) { return fma(walk.cell + walk.up, walk.per_voxel, walk.offset); }
+float leaves_of(Walk walk, vec3 faces) { return max(min(faces.x, min(faces.y, faces.z)), walk.enters); }
 
 void to_next_cell(inout Walk walk) {
     vec3 faces = faces_of(walk);

@@ -1,7 +1,5 @@
 // Absorption of slabs in one of several volumes, from their midpoints: optical depth, and colour times optical depth.
-bool is_inside(int k) {
-    return k >= seen.x && k < seen.y;
-}
+bool is_inside(int k) { return k >= seen.x && k < seen.y; }
 
 vec4 absorption(float s, vec3 beyond, float length) {
     vec3 gradient = gradient_at(here.brick, here.cell, beyond);

@@ -1,8 +1,6 @@
 // Pre-integrated absorption of a slab in one of several volumes: optical depth, exact for a field that is linear between the slab's ends,
 // and mean colour. The order of absorption within a slab is ignored.
-void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change) {
-    sum += depth * vec4(clamp(mean, 0.0, 1.0), 1.0);
-}
+void absorb(inout vec4 sum, float depth, vec3 mean, vec3 change) { sum += depth * vec4(clamp(mean, 0.0, 1.0), 1.0); }
 
 vec4 absorption(int at, double middle, float length) {
     vec2 part, ends;

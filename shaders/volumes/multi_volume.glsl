@@ -1,9 +1,7 @@
 // Runs of slabs in several volumes: extinctions add up, and a slab's colour is the mean weighted by them. `volume_layer.glsl` gives the absorption
 // of each volume, `in_order` composites it. A brick begins with four words for each volume: the offset of its voxels from here (-1 for none),
 // and their first cell in the volume.
-void face(Ray ray) {
-    face_all(ray);
-}
+void face(Ray ray) { face_all(ray); }
 
 // Add slab k, of a length and with its midpoint `middle` slabs along the ray, `at` slabs behind the begin; and the next one if `both`, which are whole.
 void take_slabs(inout vec4 sum, int k, int at, double middle, float length, bool both) {

@@ -70,9 +70,7 @@ bool find_ends(int at, double middle, float length, out vec2 part, out vec2 ends
 void absorbing(inout Mixed mixed, inout Mixed next, int k, int at, double middle, float length, bool first, bool second);
 void meet_surfaces(int at, double middle, float length);
 
-bool is_uncut(double middle) {
-    return WHOLE_SLABS || (middle >= uncut.x && middle <= uncut.y);
-}
+bool is_uncut(double middle) { return WHOLE_SLABS || (middle >= uncut.x && middle <= uncut.y); }
 
 void take_all(inout Mixed mixed, inout Mixed next, int k, int at, double middle, float length, bool both) {
     take_before(mixed, next, k, at, middle, length, both);

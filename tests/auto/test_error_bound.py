@@ -13,6 +13,8 @@ from clusterviz.composite import rounding_bound
 from clusterviz.data import open_source
 from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Run, prepare, render_frame
+from clusterviz.frame.loop import planned
+from clusterviz.frame.work import Planning
 from clusterviz.image import compare
 from clusterviz.plan.accuracy import VERIFIED_FINEST, Aim
 from clusterviz.reference import render_reference
@@ -108,14 +110,16 @@ def test_a_blank_picture_says_nothing_of_what_its_steps_miss(seen_at: int, level
     """A first view that shows nothing is drawn down to the shortest step, where a pixel may show something."""
     steps = list[float]()
 
-    def draw(scene: Scene) -> SmallPicture:
+    def draw(scene: Scene) -> Planning[SmallPicture]:
+        yield from ()
         steps.append(scene.quality.step)
         image = np.zeros((*scene.image.size[::-1], 4), np.float32)
         image[3, 5] = max(2.0**-seen_at / scene.quality.step // 1, 0.0) / 50
-        return SmallPicture(image, 1, 0.0, "exact", False)
+        return SmallPicture(image, 1, 0.0, "exact", False, 1)
 
     scene = scene_of("gaussian", RAMP, BOUND)
-    found = calibrate(scene, Aim(BOUND, 560, ("post",)), LoopbackChannel(), draw)
+    nothing: Any = None
+    found = planned(nothing, calibrate(scene, Aim(BOUND, 560, ("post",)), LoopbackChannel(), draw))
     assert min(steps) == 2.0**-VERIFIED_FINEST
     assert found.choice.trial.level == level
     assert (found.choice.error <= BOUND) == holds

@@ -17,6 +17,7 @@ from clusterviz.distribution.contract import candidates
 from clusterviz.distribution.memory_budget import MemoryBudget
 from clusterviz.frame import Run
 from clusterviz.frame.drawing import Drawing
+from clusterviz.frame.loop import planned
 from clusterviz.frame.work import RankWork
 from clusterviz.image import PartialImage
 from clusterviz.partition.screen import rank_groups
@@ -31,7 +32,7 @@ def probe_of(settings: dict[str, Any]) -> tuple[Plan, CostProbe]:
     def job(channel: Channel) -> tuple[Plan, CostProbe | None]:
         run, scene, opened, drawing = opened_on(channel, settings)
         plan = opened.plan(scene)
-        return plan, probe_cost(run, drawing, scene, plan)
+        return plan, planned(drawing, probe_cost(run, scene, plan))
 
     told = run_loopback(RANKS, job)
     assert [probe is None for _, probe in told] == [False, True, True, True]

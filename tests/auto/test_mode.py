@@ -11,13 +11,19 @@ from frame.views import check_same, on_ranks, pixels
 
 from clusterviz.auto.mode import PAUSE, AutoMode, compositing_seconds
 from clusterviz.comm import Channel, LoopbackChannel, run_loopback
-from clusterviz.distribution.contract import candidates
+from clusterviz.distribution.contract import Distribution, candidates
 from clusterviz.distribution.sort_first import SortFirst
 from clusterviz.distribution.static import Coherent, Interleaved
 from clusterviz.errors import InputError
 from clusterviz.frame import FrameLoop, Rendered
+from clusterviz.frame.loop import planned
 from clusterviz.plan.accuracy import Picked
 from clusterviz.report.decisions import Accuracy
+
+
+def no_hooks(_: Distribution) -> None:
+    """Nothing happens around drawing, which these tests leave out."""
+
 
 ACCURACY = Accuracy(0.1, 0.0, True, 1.0, "post", "exact", 0.0, "float32", 0, 0, 0.0)
 
@@ -37,8 +43,8 @@ def test_the_pixels_of_the_frame_are_those_that_are_weighed(
     def told(channel: Channel) -> tuple[list[float], list[float]]:
         run, scene, opened, drawing = opened_on(channel, settings)
         plan = opened.plan(scene)
-        auto_mode = AutoMode(run, drawing, opened, scene, True)
-        auto_mode.update(run, scene, plan, accuracy=accuracy)
+        auto_mode = AutoMode(run, no_hooks, True, scene, True)
+        planned(drawing, auto_mode.update(run, scene, plan, accuracy=accuracy))
         found = auto_mode.sharing.forecasts
         floats = [compositing_seconds(plan, NODES, each.groups, slow, "float32") for each in found]
         return floats, [each.seconds_compositing for each in found]
@@ -70,8 +76,8 @@ def test_what_the_scene_says_counts(
 
     def chosen(channel: Channel) -> int | None:
         run, scene, opened, drawing = opened_on(channel, settings)
-        auto_mode = AutoMode(run, drawing, opened, scene, several)
-        auto_mode.update(run, scene, opened.plan(scene))
+        auto_mode = AutoMode(run, no_hooks, True, scene, several)
+        planned(drawing, auto_mode.update(run, scene, opened.plan(scene)))
         if isinstance(auto_mode.distribution, SortFirst):
             assert bool(auto_mode.sharing.forecasts) == (settings == OPAQUE)
             return len(auto_mode.distribution.groups)
@@ -86,10 +92,10 @@ def test_ranks_share_no_screen_whose_bricks_have_become_too_many(monkeypatch: py
 
     def chosen(channel: Channel) -> list[type]:
         run, scene, opened, drawing = opened_on(channel, OPAQUE)
-        auto_mode, found = AutoMode(run, drawing, opened, scene, True), []
+        auto_mode, found = AutoMode(run, no_hooks, True, scene, True), []
         for limit in (1 << 40, 700_000):
             auto_mode._budget = replace(auto_mode._budget, limit_bytes=limit)
-            auto_mode.update(run, scene, opened.plan(scene))
+            planned(drawing, auto_mode.update(run, scene, opened.plan(scene)))
             found.append(type(auto_mode.distribution))
         return found
 

@@ -178,8 +178,10 @@ sys.exit(f"imported {heavy}" if heavy else status)
     ("command", "streams", "status", "said"),
     [
         ("info field:ramp:4", ">/dev/full", 2, "clusterviz: error: no space left on device\n"),
-        ("--version", ">/dev/full", 2, "clusterviz: error: no space left on device\n"),
-        ("info none.npy", "2>/dev/full", 2, ""),
+        pytest.param(
+            "--version", ">/dev/full", 2, "clusterviz: error: no space left on device\n", marks=pytest.mark.long
+        ),
+        pytest.param("info none.npy", "2>/dev/full", 2, "", marks=pytest.mark.long),
         ("info none.npy", "2>&-", 2, ""),
         ("info field:ramp:4", ">&- 2>&-", 0, ""),
     ],

@@ -14,8 +14,7 @@ import pytest
 from data import grid_writers, mesh_writers, writers
 from PIL import Image as Pillow
 
-from clusterviz.cli.histogram import histograms_of
-from clusterviz.cli.info import format_name, sparkline
+from clusterviz.cli.info import format_name, histograms_of, sparkline
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,8 @@ def test_a_folder_that_cannot_be_written_is_said(
     cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(prepare, "_files", lambda *_: {tmp_path / "cast-1.o": (len, ("",))})
+    # Processes would import the package for seconds.
+    monkeypatch.setattr(prepare, "ProcessPoolExecutor", lambda count, mp_context: ThreadPoolExecutor(count))
     outcome = cli("prepare")
     assert (outcome.status, "kernels cannot be kept" in outcome.err) == (2, True)
 

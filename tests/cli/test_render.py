@@ -161,7 +161,7 @@ def test_a_render_imports_only_what_it_needs(cli: Callable[..., Any], tmp_path: 
 import sys
 from clusterviz.cli import run
 status = run({arguments})
-rooms = ("spmd.codegen", "render.raycast", "frame.moving", "frame.settling", "frame.mode", "data.tiff")
+rooms = ("spmd.codegen", "render.opengl", "frame.moving", "frame.settling", "frame.mode", "data.tiff")
 others = ("numba", "rich", "h5py", "nibabel", "matplotlib", "numpy.ma", "numpy.polynomial")
 heavy = [name for name in (*others, *(f"clusterviz.{{room}}" for room in rooms)) if name in sys.modules]
 sys.exit(f"imported {{heavy}}" if heavy else status)

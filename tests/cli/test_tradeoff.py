@@ -19,7 +19,7 @@ from clusterviz.scene import Scene
 
 FIELD = "field:gaussian:12"
 LOOK = Path(__file__).parents[2] / "examples/looks/octants.glsl"
-SMALL = ("--size", "32x24", "--frames", "1")
+SMALL = ("--size", "16x12", "--frames", "1")
 KEYS = {"clusterviz", "scene", "ranks", "size", "frames", "renderer", "verdict", "truth", "settings", "failed"}
 KEYS |= {"left_out", "drift", "rounds", "judged_by"}
 COST = Cost(0.1, 0.2, 0.2, 0.2, 10, 10, 10, 0, 0)
@@ -27,7 +27,7 @@ COST = Cost(0.1, 0.2, 0.2, 0.2, 10, 10, 10, 0, 0)
 
 @pytest.mark.fresh
 @pytest.mark.gl
-@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_page_and_numbers(
     ranks: int, cli: Callable[..., Any], tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
@@ -44,7 +44,7 @@ def test_page_and_numbers(
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["index.html", "out", "tradeoff.json"]
     numbers = json.loads((out / "tradeoff.json").read_text())
     assert set(numbers) == KEYS
-    assert (numbers["ranks"], numbers["size"], numbers["frames"]) == (ranks, [32, 24], 1)
+    assert (numbers["ranks"], numbers["size"], numbers["frames"]) == (ranks, [16, 12], 1)
     assert numbers["truth"]["source"] == ("renderer" if ranks == 1 else "reference")
     scene, *others = numbers["settings"]
     assert (scene["kind"], scene["changes"]) == ("scene", {})
@@ -103,7 +103,7 @@ def test_a_setting_that_fails_is_told_and_takes_no_other_along(
     assert numbers["truth"]["source"] == "renderer"
     assert (numbers["rounds"], numbers["drift"]) == (2, 1)
     # All are drawn from the completed scene, with the camera of the first.
-    assert len({scene.camera for scene in jobs[1:] if scene.image.size == (32, 24)}) == 1
+    assert len({scene.camera for scene in jobs[1:] if scene.image.size == (16, 12)}) == 1
 
 
 def test_ranks_that_share_memory_are_told_to_have_sent_nothing(

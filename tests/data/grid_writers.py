@@ -40,10 +40,9 @@ def streams(path: Path, form: str = "vtu", more: Arrays = NO_ARRAYS) -> Path:
         arrays = {"face_connectivity": np.concatenate(flat), "face_offsets": np.cumsum([len(face) for face in flat])}
         arrays["polyhedron_to_faces"] = np.arange(len(flat))
         arrays["polyhedron_offsets"] = np.cumsum([len(some) for some in faces])
-    tags = "".join(
-        f'<DataArray type="Int64" Name="{name}" format="ascii">{" ".join(map(str, array.tolist()))}</DataArray>'
-        for name, array in arrays.items()
-    )
+    head, tags = '<DataArray type="Int64" format="ascii" Name=', ""
+    for name, array in arrays.items():
+        tags += f'{head}"{name}">{" ".join(map(str, array.tolist()))}</DataArray>'
     text = vtu(path, more=more).read_text().replace("</Cells>", tags + "</Cells>").replace("10 14 13 12", "42 42 42 42")
     path.write_text(text)
     return path
@@ -51,16 +50,11 @@ def streams(path: Path, form: str = "vtu", more: Arrays = NO_ARRAYS) -> Path:
 
 def vtu(path: Path, form: str = "ascii", rows: tuple[int, ...] = (0, 1, 2, 3), more: Arrays = NO_ARRAYS) -> Path:
     corners = [CORNERS[row] for row in rows]
-    arrays: dict[str, dict[str, np.ndarray]] = {
-        "Points": {"": GRID.points.astype("f4")},
-        "Cells": {
-            "connectivity": np.concatenate([np.zeros(0, int), *corners]).astype("<i8"),
-            "offsets": np.cumsum([len(row) for row in corners]).astype("<i4"),
-            "types": NUMBERS[list(rows)],
-        },
-        "PointData": {"f": HEAT},
-        "CellData": {"kind": KIND[list(rows)]},
-    }
+    connectivity = np.concatenate([np.zeros(0, int), *corners]).astype("<i8")
+    offsets = np.cumsum([len(row) for row in corners]).astype("<i4")
+    cells = {"connectivity": connectivity, "offsets": offsets, "types": NUMBERS[list(rows)]}
+    arrays: dict[str, dict[str, np.ndarray]] = {"Points": {"": GRID.points.astype("f4")}, "Cells": cells}
+    arrays |= {"PointData": {"f": HEAT}, "CellData": {"kind": KIND[list(rows)]}}
     for section, each in more.items():
         arrays[section] |= {name: np.array(array, "u1") for name, array in each.items()}
     counts = f'NumberOfPoints="{len(HEAT)}" NumberOfCells="{len(rows)}"'
@@ -102,11 +96,8 @@ def vtk(
     path: Path, form: str = "BINARY", version: int = 5, rows: Any = None, types: Any = NUMBERS, more: Arrays = NO_ARRAYS
 ) -> Path:
     rows = CORNERS if rows is None else rows
-    parts: list[Any] = [
-        f"POINTS {len(HEAT)} float",
-        GRID.points.astype("f4"),
-        *writers.vtk_cells("CELLS", rows, version),
-    ]
+    parts: list[Any] = [f"POINTS {len(HEAT)} float", GRID.points.astype("f4")]
+    parts += writers.vtk_cells("CELLS", rows, version)
     parts += [f"CELL_TYPES {len(types)}", types.astype("i4"), f"CELL_DATA {len(NUMBERS)}"]
 
     def ghosts(section: str) -> list[Any]:
@@ -233,9 +224,8 @@ def decomposed(path: Path) -> Path:
     for file in (path.parent / "processor1").rglob("*"):
         if file.is_file() and file.suffix != ".foam":
             head, end, body = file.read_bytes().partition(b"// * * * //\n")
-            empty = re.sub(
-                rb"(?s)(nonuniform List<scalar>\s*|^\s*)\d+\s*\(.*\)", rb"\g<1>0()", body.partition(b"// ***")[0]
-            )
+            body, lists = body.partition(b"// ***")[0], rb"(?s)(nonuniform List<scalar>\s*|^\s*)\d+\s*\(.*\)"
+            empty = re.sub(lists, rb"\g<1>0()", body)
             file.write_bytes(head + end + empty + b"// *** //\n")
     path.touch()
     return path
@@ -300,21 +290,17 @@ def gmsh(path: Path, version: str = "2.2", binary: bool = False, steps: tuple[fl
     places = zip(nodes, GRID.points, strict=True)
     if version == "2.2":
         body += section("Nodes", b"%d\n" % len(nodes), *(pack(n, place) for n, place in places))
-        head = [pack([kind, 1, 2]) if binary else b"" for _, kind, _ in elements]
-        rows = [
-            pack([n, *([] if binary else [kind, 2]), 4, 5], nodes[corners[0]])
-            for n, (_, kind, corners) in zip(numbers, elements, strict=True)
-        ]
-        body += section("Elements", b"6\n", *(part for pair in zip(head, rows, strict=True) for part in pair))
+        rows = list[bytes]()
+        for n, (_, kind, corners) in zip(numbers, elements, strict=True):
+            rows.append(pack([kind, 1, 2]) if binary else b"")
+            rows.append(pack([n, *([] if binary else [kind, 2]), 4, 5], nodes[corners[0]]))
+        body += section("Elements", b"6\n", *rows)
     else:
         new, size = version == "4.1", "<u8"
         box = [0.0] * 6
-        body += section(
-            "Entities",
-            pack([1, 0, 0, 1], size=size),
-            pack([9]) + pack(box[: 3 if new else 6]) + pack([0], size=size),
-            pack([5]) + pack(box) + pack([1], size=size) + pack([4]) + pack([0], size=size),
-        )
+        point = pack([9]) + pack(box[: 3 if new else 6]) + pack([0], size=size)
+        volume = pack([5]) + pack(box) + pack([1], size=size) + pack([4]) + pack([0], size=size)
+        body += section("Entities", pack([1, 0, 0, 1], size=size), point, volume)
         counts = [1, len(nodes), 10, 120] if new else [1, len(nodes)]
         heads = pack(counts, size=size), pack([3, 5, 0] if new else [5, 3, 0]), pack([len(nodes)], size=size)
         each = [pack(nodes, size=size), pack(GRID.points)] if new else [pack(n, place) for n, place in places]
@@ -390,27 +376,20 @@ def xdmf(path: Path, form: str = "dolfinx", numbers: str = "HDF") -> Path:
     heat, cells = [array("f", sign * HEAT, "Node") for sign in (-1, 1)], array("kind", KIND, "Cell")
     if form == "dolfinx":
         place = include("/Xdmf/Domain/Grid[@GridType=&apos;Uniform&apos;][1]")
-        steps = [
-            [grid(place, time, each) for time, each in zip(times, arrays, strict=True)]
-            for arrays in (heat, [cells] * 2)
-        ]
-        body = grid(mesh(), name="mesh") + collection(steps[0], "f") + collection(steps[1][:1], "kind")
+        of_heat = collection([grid(place, *each) for each in zip(times, heat, strict=True)], "f")
+        body = grid(mesh(), name="mesh") + of_heat + collection([grid(place, times[0], cells)], "kind")
     elif form == "dolfin":
         place = include('//Grid[@Name="TimeSeries"]/Grid[1]')
         body = collection([grid(mesh(), times[0], heat[0], cells), grid(place, times[1], heat[1], cells)], "TimeSeries")
     else:
-        pieces = [
-            collection(
-                [grid(mesh(rows), each, array("kind", KIND[rows], "Cell")) for rows in ([0, 1], [2, 3])], "", "Spatial"
-            )
-            for each in heat
-        ]
+        halves, pieces = ([0, 1], [2, 3]), list[str]()
+        for each in heat:
+            own = [grid(mesh(rows), each, array("kind", KIND[rows], "Cell")) for rows in halves]
+            pieces.append(collection(own, "", "Spatial"))
         listed = f'<Time TimeType="List">{item(np.array([0.5, 1.5]))}</Time>'
         body = collection([listed, *pieces])
-    head = '<?xml version="1.0"?><!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []>'
-    path.write_text(
-        f'{head}<Xdmf Version="3.0" xmlns:xi="http://www.w3.org/2001/XInclude"><Domain>{body}</Domain></Xdmf>'
-    )
+    head = '<?xml version="1.0"?><!DOCTYPE Xdmf SYSTEM "Xdmf.dtd" []><Xdmf Version="3.0" '
+    path.write_text(f'{head}xmlns:xi="http://www.w3.org/2001/XInclude"><Domain>{body}</Domain></Xdmf>')
     return path
 
 

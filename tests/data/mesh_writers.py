@@ -25,18 +25,9 @@ LABEL = np.array([7, 8, 9, 10], np.int32)
 PATH = np.array([[0, 0, 0], [1, 1, 0], [2, 1, 0.5], [5, 5, 5], [6, 5, 5]], np.float32)
 OFFSETS = np.array([0, 3, 5])
 
-PLY_HEAD = """ply
-format {form} 1.0
-comment by hand
-element vertex 4
-property float x
-property float y
-property float z
-property float heat
-element face {faces}
-property list uchar int vertex_indices
-{label}end_header
-"""
+PLY_HEAD = "ply\nformat {form} 1.0\ncomment by hand\nelement vertex 4\n"
+PLY_HEAD += "".join(f"property float {name}\n" for name in ("x", "y", "z", "heat"))
+PLY_HEAD += "element face {faces}\nproperty list uchar int vertex_indices\n{label}end_header\n"
 
 
 def ply(path: Path, form: str = "ascii", quads: bool = False, points: bool = False) -> Path:
@@ -84,11 +75,7 @@ def obj(path: Path) -> Path:
 
 
 def off(path: Path, head: str = "COFF") -> Path:
-    rows = (
-        [f"{x} {y} {z} 0.5 0.25 1 1" for x, y, z in VERTICES]
-        if head == "COFF"
-        else [f"{x} {y} {z}" for x, y, z in VERTICES]
-    )
+    rows = [f"{x} {y} {z}" + " 0.5 0.25 1 1" * (head == "COFF") for x, y, z in VERTICES]
     faces = [f"3 {a} {b} {c}" for a, b, c in TRIANGLES]
     faces[0] += " 1 0 0"  # a colour
     path.write_text("\n".join([f"{head} # a comment", "4 4 6", "", *rows, *faces]) + "\n")
@@ -100,26 +87,16 @@ def gltf(path: Path, **changes: Any) -> Path:
     parts = [(VERTICES / 2).tobytes(), TRIANGLES.astype("<u2").tobytes(), PATH.tobytes(), HEAT.tobytes()]
     begins = np.cumsum([0, *map(len, parts)]).tolist()
     types = [(5126, "VEC3", 4), (5123, "SCALAR", 12), (5126, "VEC3", 5), (5126, "SCALAR", 4)]
-    document: dict[str, Any] = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"translation": [1, 2, 3], "children": [1, 2]}, {"scale": [2, 2, 2], "mesh": 0}, {"mesh": 1}],
-        "meshes": [
-            {"primitives": [{"attributes": {"POSITION": 0, "_HEAT": 3}, "indices": 1}]},
-            {"primitives": [{"attributes": {"POSITION": 2}, "mode": 3}, {"attributes": {"POSITION": 2}, "mode": 0}]},
-        ],
-        "accessors": [
-            {"bufferView": n, "componentType": kind, "type": name, "count": count}
-            for n, (kind, name, count) in enumerate(types)
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": begin, "byteLength": len(part)}
-            for begin, part in zip(begins, parts, strict=False)
-        ],
-        "buffers": [{"byteLength": begins[-1]}],
-        **changes,
-    }
+    document: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}]}
+    nodes = [{"translation": [1, 2, 3], "children": [1, 2]}, {"scale": [2, 2, 2], "mesh": 0}, {"mesh": 1}]
+    mesh = [{"attributes": {"POSITION": 0, "_HEAT": 3}, "indices": 1}]
+    rest = [{"attributes": {"POSITION": 2}, "mode": mode} for mode in (3, 0)]
+    keys = ("bufferView", "componentType", "type", "count")
+    accessors = [dict(zip(keys, (n, *each), strict=True)) for n, each in enumerate(types)]
+    spans = zip(begins, map(len, parts), strict=False)
+    views = [{"buffer": 0, "byteOffset": begin, "byteLength": count} for begin, count in spans]
+    document |= {"nodes": nodes, "meshes": [{"primitives": mesh}, {"primitives": rest}], "accessors": accessors}
+    document |= {"bufferViews": views, "buffers": [{"byteLength": begins[-1]}], **changes}
     data = b"".join(parts)
     if path.suffix == ".gltf":
         document["buffers"][0]["uri"] = "data:application/octet-stream;base64," + b64encode(data).decode()
@@ -135,22 +112,12 @@ def gltf(path: Path, **changes: Any) -> Path:
 def vtp(path: Path, form: str = "ascii", compressor: str = "") -> Path:
     """Two vertices, two lines, two triangles and a strip of two: the cells are numbered in this order."""
     strip = [0, 3, 2, 1]  # the triangles 0 3 2 and 3 1 2
-    cells = {
-        "Verts": ([1, 2], [3, 4]),
-        "Lines": (OFFSETS[1:], np.arange(4, 9)),
-        "Polys": ([3, 6], TRIANGLES[:2].ravel()),
-        "Strips": ([4], strip),
-    }
-    points = np.concatenate([VERTICES, PATH])
-    arrays = {
-        "Points": {"": points},
-        "PointData": {"heat": np.arange(9, dtype="f8")},
-        "CellData": {"label": np.arange(7)},
-    }
-    arrays |= {
-        name: {"offsets": np.array(ends, "<i4"), "connectivity": np.array(along, "<i8")}
-        for name, (ends, along) in cells.items()
-    }
+    cells = {"Verts": ([1, 2], [3, 4]), "Lines": (OFFSETS[1:], np.arange(4, 9))}
+    cells |= {"Polys": ([3, 6], TRIANGLES[:2].ravel()), "Strips": ([4], strip)}
+    arrays = {"Points": {"": np.concatenate([VERTICES, PATH])}, "PointData": {"heat": np.arange(9, dtype="f8")}}
+    arrays["CellData"] = {"label": np.arange(7)}
+    for name, (ends, along) in cells.items():
+        arrays[name] = {"offsets": np.array(ends, "<i4"), "connectivity": np.array(along, "<i8")}
     counts = 'NumberOfPoints="9" NumberOfVerts="2" NumberOfLines="2" NumberOfPolys="2" NumberOfStrips="1"'
     return writers.vtk_xml(path, "PolyData", counts, arrays, form, compressor)
 
@@ -165,11 +132,10 @@ def vtk(path: Path, form: str = "BINARY", version: int = 5) -> Path:
 
 
 def gifti(path: Path) -> Path:
-    arrays = [
-        nibabel.gifti.GiftiDataArray(VERTICES, "NIFTI_INTENT_POINTSET", "NIFTI_TYPE_FLOAT32"),
-        nibabel.gifti.GiftiDataArray(TRIANGLES.astype("i4"), "NIFTI_INTENT_TRIANGLE", "NIFTI_TYPE_INT32"),
-        nibabel.gifti.GiftiDataArray(HEAT, "NIFTI_INTENT_SHAPE", "NIFTI_TYPE_FLOAT32", meta={"Name": "heat"}),
-    ]
+    of = nibabel.gifti.GiftiDataArray
+    triangles = of(TRIANGLES.astype("i4"), "NIFTI_INTENT_TRIANGLE", "NIFTI_TYPE_INT32")
+    heat = of(HEAT, "NIFTI_INTENT_SHAPE", "NIFTI_TYPE_FLOAT32", meta={"Name": "heat"})
+    arrays = [of(VERTICES, "NIFTI_INTENT_POINTSET", "NIFTI_TYPE_FLOAT32"), triangles, heat]
     content = nibabel.GiftiImage(darrays=arrays).to_bytes()
     path.write_bytes(gzip.compress(content) if path.suffix == ".gz" else content)
     return path

@@ -12,7 +12,8 @@ import pytest
 from data import grid_writers, mesh_writers
 from data.checks import refused
 
-from clusterviz.data import EXTENSIONS, GRID_EXTENSIONS, MESH_EXTENSIONS, open_source, read_geometry, read_grid
+from clusterviz.data import open_source, read_geometry, read_grid
+from clusterviz.data.formats import EXTENSIONS, GRID_EXTENSIONS, MESH_EXTENSIONS
 from clusterviz.data.formats.raw import KEYS
 from clusterviz.errors import DataError
 
@@ -77,7 +78,7 @@ def test_a_file_that_ends_early_is_refused(kind: str, name: str, tmp_path: Path)
     path = write(tmp_path / file)
     content = path.read_bytes()
     whole = gzip.decompress(content) if path.suffix == ".gz" else content
-    last = b"</Appended" if b"</Appended" in whole else LAST_BYTES.get(name)
+    last = b"\n</Appended" if b"</Appended" in whole else LAST_BYTES.get(name)
     end = whole.rindex(last) - 12 * (name == "freesurfer") if last else len(whole.rstrip())
     taken = []
     for count in range(0, end, max(1, end // 40)):
@@ -133,7 +134,7 @@ DAMAGED: dict[str, list[tuple[str, bytes, bytes, str]]] = {
         ("vtp-ascii", b"PolyData", b"UnstructuredGrid", "not a VTK file of type PolyData"),
         ("vtp-ascii", b'NumberOfPolys="2"', b'NumberOfPolys="3"', "lies about its size"),
         ("vtp-ascii", b'NumberOfPoints="9"', b'NumberOfPoints="many"', "impossible NumberOfPoints"),
-        ("vtp-ascii", b'"ascii">3 6<', b'"ascii">6 3<', "lies about its size|offsets"),
+        ("vtp-ascii", b"\n3 6\n", b"\n6 3\n", "lies about its size|offsets"),
         ("vtp-ascii", b"0 2 1 0 1 3", b"0 2 1 0 1 9", "out of range; found 9"),
         ("vtp-raw", b'NumberOfPolys="2"', b'NumberOfPolys="9"', "size is not the dataset's"),
         ("vtk-ascii", b"POLYGONS 5 12", b"POLYGONS 5 99999999999", "lies about its size"),

@@ -30,10 +30,8 @@ def write(folder: Path, array: np.ndarray = SERIES, places: Any = None, **elemen
     for n, (layer, place) in enumerate(zip(array, places, strict=True)):
         position = np.array([1.0, 2, 3]) + NORMAL * 2.5 * np.array(place)
         own = {key: value[n] if isinstance(value, list) else value for key, value in elements.items()}
-        save_dicom(
-            dicom(layer, position, InstanceNumber=n, **own),
-            folder / f"{own.get('SeriesNumber', '')}{7 * n % 11:02}.dcm",
-        )
+        name = f"{own.get('SeriesNumber', '')}{7 * n % 11:02}.dcm"
+        save_dicom(dicom(layer, position, InstanceNumber=n, **own), folder / name)
     return folder
 
 
@@ -94,11 +92,8 @@ def test_parametric_maps_hold_floats(tmp_path: Path, dtype: str, slope: float | 
     stored = np.linspace(-1, 1, 5 * 6 * 7, dtype=dtype).reshape(5, 6, 7)
     folder = write(tmp_path / "a", stored, RescaleSlope=slope)
     check_source(open_source(folder), (stored * np.float64(slope or 1)).astype(dtype))
-    refused(
-        lambda: open_source(write(tmp_path / "b", stored, BitsAllocated=16)),
-        "found 16 bits",
-        f"allowed {8 * int(dtype[1])}",
-    )
+    other = write(tmp_path / "b", stored, BitsAllocated=16)
+    refused(lambda: open_source(other), "found 16 bits", f"allowed {8 * int(dtype[1])}")
 
 
 def enhanced(array: np.ndarray) -> Dataset:

@@ -1,4 +1,4 @@
-"""What every format does alike: sample types, steps and channels, files larger than memory, impossible headers."""
+"""What every format does alike: sample types, steps, files larger than memory, impossible headers; byte storages."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ from clusterviz.data import open_source
 from clusterviz.data.axes import Subset, first_parts
 from clusterviz.data.formats.metaimage import TYPES as META_TYPES
 from clusterviz.data.memory import ArraySource
+from clusterviz.data.storage import CHUNK, FileBytes, FileRange, LoadedBytes, StreamBytes
+from clusterviz.errors import DataError
 
 ROOT = Path(__file__).parents[2]
 SHEARED = np.array([[-2, 0.5, 0, 10], [0, 3, 0.1, -20], [0.2, 0, 0.5, 30], [0, 0, 0, 1.0]])
@@ -112,19 +114,17 @@ def nibabel_write(path: Path) -> None:
     nibabel.save(nibabel.Nifti1Image(np.moveaxis(ARRAY, 1, 0).T, np.eye(4), dtype="<i2"), path)
 
 
+FOUR_AXES = {"NDims": "4", "DimSize": "6 5 4 3", "ElementNumberOfChannels": "2"}
+BIG: dict[str, Any] = {"byteorder": ">", "metadata": {"axes": "TZCYX"}}
 WITH_AXES: dict[str, Callable[[Path], object]] = {
     "a.npy": lambda path: np.save(path, ARRAY),
     "fortran.npy": lambda path: np.save(path, np.asfortranarray(ARRAY)),
     "a.raw": lambda path: writers.raw(path, ARRAY),
     "a.nrrd": lambda path: writers.pynrrd(path, LAST, encoding="gzip", kinds=["vector", *["domain"] * 3, "time"]),
-    "a.mha": lambda path: writers.packed_metaimage(
-        path, LAST, NDims="4", DimSize="6 5 4 3", ElementNumberOfChannels="2"
-    ),
+    "a.mha": lambda path: writers.packed_metaimage(path, LAST, **FOUR_AXES),
     "a.nii": nibabel_write,
     "a.nii.gz": nibabel_write,
-    "a.tif": lambda path: tifffile.imwrite(
-        path, np.moveaxis(ARRAY, 1, 2), imagej=True, byteorder=">", metadata={"axes": "TZCYX"}
-    ),
+    "a.tif": lambda path: tifffile.imwrite(path, np.moveaxis(ARRAY, 1, 2), imagej=True, **BIG),
     "a.ome.tif": ome_tiff,
     "rgb.tif": interleaved_tiff,
     "a.h5": labelled_hdf5,
@@ -189,6 +189,7 @@ def test_four_axes_three_and_two(tmp_path: Path) -> None:
 
 HUGE = (2500, 2000, 2000)  # 20 GB of holes
 HUGE_XYZ, HUGE_EXTENT = "2000 2000 2500", "0 1999 0 1999 0 2499"
+HUGE_LINES = "POINT_DATA 10000000000", "SCALARS s short 1"
 
 
 def huge_vti(path: Path, array: np.ndarray) -> None:
@@ -205,11 +206,7 @@ HEADS: dict[str, dict[str, Any]] = {
     "a.mha": {"DimSize": HUGE_XYZ},
     "a.mrc": {"w0": 2000, "w1": 2000, "w2": 2500, "w7": 2000, "w8": 2000, "w9": 2500, "w10": 1.0},
     "a.nii": {"version": 2, "dim": [3, 2000, 2000, 2500, 1, 1, 1, 1]},
-    "a.vtk": {
-        "by": lambda path, array: writers.vtk_parts(
-            path, "BINARY", "POINT_DATA 10000000000", "SCALARS s short 1", size=HUGE_XYZ
-        )
-    },
+    "a.vtk": {"by": lambda path, array: writers.vtk_parts(path, "BINARY", *HUGE_LINES, size=HUGE_XYZ)},
     "a.vti": {"by": huge_vti},
 }
 
@@ -435,3 +432,77 @@ def test_damage_in_packed_samples_is_found_when_they_are_read(name: str, tmp_pat
     refused(lambda: read_all(path), name, part)
     if "vti" in name or "tif" in name:  # blocks of their own
         np.testing.assert_array_equal(open_source(path).read((0, 0, 0), (1, 30, 40)), array[:1])
+
+
+@pytest.fixture
+def packed(tmp_path: Path) -> tuple[Path, bytes]:
+    content = np.random.default_rng(0).integers(0, 50, 5 * CHUNK + 77, np.uint8).tobytes()
+    path = tmp_path / "a.gz"
+    path.write_bytes(gzip.compress(content, 1))
+    return path, content
+
+
+class Opened:
+    """Decoder that counts how often a stream is opened."""
+
+    def __init__(self) -> None:
+        self.times = 0
+
+    def __call__(self, file: Any) -> Any:
+        self.times += 1
+        return gzip.open(file)
+
+
+def test_a_stream_is_passed_once_in_order_and_again_only_when_asked_back(packed: tuple[Path, bytes]) -> None:
+    path, content = packed
+    opened = Opened()
+    stream = StreamBytes(path, opened, keep=1000)
+    for begin in range(0, len(content) - 10_000, 9_000):  # each overlaps the last by 1000
+        assert stream.read_at(begin, 10_000) == content[begin : begin + 10_000]
+    assert opened.times == 1
+    assert stream.read_at(3, 10) == content[3:13]
+    assert opened.times == 2
+    with pytest.raises(DataError, match="truncated"):
+        stream.read_at(len(content) - 1, 2)
+
+
+def test_a_stream_holds_little(packed: tuple[Path, bytes]) -> None:
+    path, content = packed
+    stream = StreamBytes(path, Opened(), keep=1000)
+    stream.read_at(len(content) - 10, 10)
+    assert sum(map(len, stream._chunks)) <= 2 * CHUNK
+
+
+def test_pieces_of_files_follow_one_another(tmp_path: Path) -> None:
+    for name, content in (("a", b"..12345"), ("b", b"67890.."), ("c", b"AB")):
+        (tmp_path / name).write_bytes(content)
+    pieces = [FileRange(tmp_path / "a", 2, 5), FileRange(tmp_path / "b", 0, 5), FileRange(tmp_path / "c", 0, 2)]
+    storage = FileBytes(pieces)
+    for begin in range(12):
+        for count in range(12 - begin):
+            assert storage.read_at(begin, count) == b"1234567890AB"[begin : begin + count]
+    with pytest.raises(DataError, match="ends 1 bytes early"):
+        storage.read_at(11, 2)
+
+
+def test_a_file_that_shrank_or_went_since_it_was_opened(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"12345")
+    storage = FileBytes([FileRange(path, 0, 5)])
+    assert storage.read_at(0, 5) == b"12345"
+    path.write_bytes(b"12")
+    with pytest.raises(DataError, match="ends 3 bytes early"):
+        storage.read_at(0, 5)
+    path.unlink()
+    with pytest.raises(DataError, match="no such file"):
+        FileBytes([FileRange(path, 0, 5)]).read_at(0, 1)
+
+
+def test_loaded_bytes_are_made_once_and_end() -> None:
+    calls: list[int] = []
+    storage = LoadedBytes(lambda: calls.append(1) or b"12345", "here")  # type: ignore[func-returns-value]
+    assert bytes(storage.read_at(1, 2)) == b"23"
+    assert bytes(storage.read_at(4, 1)) == b"5"
+    assert calls == [1]
+    with pytest.raises(DataError, match="here: the data ends early"):
+        storage.read_at(4, 2)

@@ -15,7 +15,8 @@ from data import writers
 from data.checks import refused
 from data.mesh_writers import FILES, HEAT, LABEL, OFFSETS, PATH, TRIANGLES, VERTICES
 
-from clusterviz.data import mesh_format_of, open_source, read_geometry
+from clusterviz.data import open_source, read_geometry
+from clusterviz.data.formats import mesh_format_of
 from clusterviz.data.geometry import (
     Geometry,
     Lines,
@@ -121,17 +122,9 @@ def test_pieces_of_vtp_are_joined(tmp_path: Path) -> None:
 
 
 CORNERS = ("0 0 0", "1 0 0", "0 1 0")
-PLY_OF_COLOURS = """ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-{vertex}element face 1
-property list uchar int vertex_indices
-{face}end_header
-{rows}3 0 1 2{last}
-"""
+PLY_HEAD = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+PLY_LIST = "property list uchar int vertex_indices\n"
+PLY_OF_COLOURS = PLY_HEAD.format(3) + "{vertex}element face 1\n" + PLY_LIST + "{face}end_header\n{rows}3 0 1 2{last}\n"
 
 
 def coloured(kind: str, colours: list[str]) -> tuple[str, str]:
@@ -284,11 +277,8 @@ def test_meshes_are_morphed_by_their_weights(name: str, tmp_path: Path) -> None:
 def test_meshes_are_repeated_by_instances(tmp_path: Path) -> None:
     def change(document: dict[str, Any]) -> None:
         document["extensionsRequired"] = ["EXT_mesh_gpu_instancing"]
-        attributes = {"TRANSLATION": 2, "SCALE": 2}
-        document["nodes"][0] |= {
-            "scale": [2, 2, 2],
-            "extensions": {"EXT_mesh_gpu_instancing": {"attributes": attributes}},
-        }
+        instances = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2, "SCALE": 2}}}
+        document["nodes"][0] |= {"scale": [2, 2, 2], "extensions": instances}
 
     mesh = changed_gltf(tmp_path / "a.gltf", change).mesh
     expected = 2 * (PATH[:, None] * VERTICES[TRIANGLES].reshape(1, -1, 3) / 2 + PATH[:, None])
@@ -419,16 +409,9 @@ def test_points_alone_and_the_world_of_freesurfer(tmp_path: Path) -> None:
 
 EMPTY: dict[str, tuple[str, str | bytes]] = {
     "stl": ("a.stl", bytes(84)),
-    "vtp": (
-        "a.vtp",
-        '<VTKFile type="PolyData" byte_order="LittleEndian"><PolyData><Piece NumberOfPoints="0"/></PolyData></VTKFile>',
-    ),
+    "vtp": ("a.vtp", '<VTKFile type="PolyData"><PolyData><Piece NumberOfPoints="0"/></PolyData></VTKFile>'),
     "off": ("a.off", "OFF\n0 0 0\n"),
-    "ply": (
-        "a.ply",
-        "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
-        "element face 0\nproperty list uchar int vertex_indices\nend_header\n",
-    ),
+    "ply": ("a.ply", PLY_HEAD.format(0) + "element face 0\n" + PLY_LIST + "end_header\n"),
     "csv": ("a.csv", "x,y,z\n"),
     "gltf": ("a.gltf", '{"asset": {"version": "2.0"}}'),
     "vtk": ("a.vtk", "# vtk DataFile Version 5.1\nt\nASCII\nDATASET POLYDATA\nPOINTS 0 float\nPOLYGONS 0 0\n"),

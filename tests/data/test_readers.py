@@ -22,19 +22,12 @@ from data.checks import check_placed, check_source, cut, refused, values
 from data.writers import SHORTS
 from PIL import Image
 
-from clusterviz.data import (
-    EXTENSIONS,
-    GRID_EXTENSIONS,
-    MESH_EXTENSIONS,
-    open_source,
-    open_volume,
-    read_geometry,
-    read_grid,
-)
+from clusterviz.data import open_source, open_volume, read_geometry, read_grid
 from clusterviz.data.axes import Subset
+from clusterviz.data.files import AMREX, GADGET, UNREAD
+from clusterviz.data.formats import EXTENSIONS, GRID_EXTENSIONS, MESH_EXTENSIONS
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
-from clusterviz.data.unread import AMREX, GADGET, UNREAD
 from clusterviz.errors import DataError, DataWarning, guard
 from clusterviz.scene import Volume
 
@@ -57,7 +50,6 @@ NANOMETRES = {**OME, "PhysicalSizeX": 200.0, "PhysicalSizeY": 200.0, "PhysicalSi
 NANOMETRES |= {"PhysicalSizeXUnit": "nm", "PhysicalSizeYUnit": "nm", "PhysicalSizeZUnit": "µm"}
 IMAGEJ_MIXED = {**IMAGEJ, "metadata": {**IMAGEJ["metadata"], "unit": "nm", "yunit": "nm", "zunit": "micron"}}
 ENDS = {"axis mins": "0 0 0", "axis maxs": "14 18 20"}
-ROOT = Path(__file__).parents[2]
 CELLS, EXTENT = "0 7 0 6 0 5", "2 8 -1 4 3 7"
 VTI = 'Origin="10 20 30" Spacing="2 3 4" WholeExtent='
 PLACED: list[tuple[str, dict[str, Any], str]] = [
@@ -140,36 +132,25 @@ def test_a_scene_places_its_volume_where_it_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "fields", "orientation"),
+    ("name", "fields", "orientation", "modality"),
     [
-        ("a.nrrd", {"space": "left-posterior-superior"}, "LPS"),
-        ("a.nrrd", {"space": "RAS"}, "RAS"),
-        ("a.nrrd", {"space": "left-anterior-superior-time"}, "LAS"),
-        ("a.nrrd", {"space": "scanner-xyz"}, ""),
-        ("a.mha", {"AnatomicalOrientation": "RAI"}, "LPS"),
-        ("a.mha", {}, ""),
+        ("a.nrrd", {"space": "left-posterior-superior"}, "LPS", ""),
+        ("a.nrrd", {"space": "RAS"}, "RAS", ""),
+        ("a.nrrd", {"space": "left-anterior-superior-time"}, "LAS", ""),
+        ("a.nrrd", {"space": "scanner-xyz"}, "", ""),
+        ("a.mha", {"AnatomicalOrientation": "RAI", "Modality": "MET_MOD_UNKNOWN"}, "LPS", ""),
+        ("a.mha", {"Modality": "MET_MOD_CT"}, "", "CT"),
+        ("a.nii", {"intent_code": 1002}, "RAS", "labels"),
+        ("a.nii", {}, "RAS", ""),
+        ("a.mrc", {}, "", "density"),
+        ("a.tif", {}, "", "microscopy"),
     ],
 )
-def test_the_orientation_is_that_of_the_space(
-    name: str, fields: dict[str, str], orientation: str, tmp_path: Path
+def test_orientation_and_modality_are_what_the_header_says(
+    name: str, fields: dict[str, Any], orientation: str, modality: str, tmp_path: Path
 ) -> None:
-    assert open_source(writers.write(tmp_path / name, **fields)).grid.orientation == orientation
-
-
-@pytest.mark.parametrize(
-    ("name", "fields", "modality"),
-    [
-        ("a.nii", {"intent_code": 1002}, "labels"),
-        ("a.nii", {}, ""),
-        ("a.mrc", {}, "density"),
-        ("a.tif", {}, "microscopy"),
-        ("a.mha", {"Modality": "MET_MOD_CT"}, "CT"),
-        ("a.mha", {"Modality": "MET_MOD_UNKNOWN"}, ""),
-        ("a.nrrd", {}, ""),
-    ],
-)
-def test_the_modality_is_what_the_header_says(name: str, fields: dict[str, Any], modality: str, tmp_path: Path) -> None:
-    assert open_source(writers.write(tmp_path / name, **fields)).grid.modality == modality
+    grid = open_source(writers.write(tmp_path / name, **fields)).grid
+    assert (grid.orientation, grid.modality) == (orientation, modality)
 
 
 def test_names(tmp_path: Path) -> None:
@@ -231,8 +212,6 @@ def test_npy(tmp_path: Path) -> None:
     source = open_source(path)  # rows far apart are read one by one
     np.testing.assert_array_equal(source.read((0, 1, 1990), (2, 3, 1995)), array[:, 1:, 1990:1995])
     np.testing.assert_array_equal(source.read((1, 0, 5), (2, 3, 8)), array[1:, :, 5:8])
-    np.save(path, values("f4"))
-    refused(lambda: open_source(cut(path, 1)), "truncated", "839 bytes", "840")
     path.write_bytes(path.read_bytes() + b"more.")
     refused(lambda: open_source(path), "longer than the header says")
 
@@ -508,8 +487,6 @@ def test_old_mrc_files_leave_axes_and_intervals_blank(tmp_path: Path) -> None:
     check_placed(open_source(path), affine("2 0 0 0, 0 3 0 0, 0 0 4 0"))
     writers.mrc(path, SHORTS, **blank, w10=0.0, w11=0.0, w12=0.0)
     check_placed(open_source(path), np.eye(4))
-    refused(lambda: open_source(writers.mrc(path, SHORTS, w16=0)), "impossible axis order")
-    refused(lambda: open_source(writers.mrc(path, SHORTS, w7=0)), "impossible grid intervals")
 
 
 def test_a_singular_sform_gives_way_to_a_good_qform(tmp_path: Path) -> None:

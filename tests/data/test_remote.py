@@ -175,48 +175,39 @@ def test_failures_that_pass(fault: Any, site: Site, monkeypatch: pytest.MonkeyPa
         np.testing.assert_array_equal(open_source(f"{site.url}/{name}").read((0, 0, 0), FIELD.shape), FIELD)
 
 
+META, LEVEL = f"{OTHER}/zarr.json", f"{OTHER}/0/zarr.json"
+STAYING = [
+    (SHARD, "404", "own.ome.zarr/0/c/0/0/0: no such file"),
+    (SHARD, "500", "0/c/0/0/0: HTTP 500 .*, 2 times"),
+    (SHARD, "403", "HTTP 403 Forbidden"),
+    (SHARD, "cut", "the answer ends early, 2 times"),
+    (SHARD, "shifted", "another range"),
+    (SHARD, "slow", "no answer within 0.2 s, 2 times"),
+    (CHUNK, "500", "0/c/0/0/0: HTTP 500 .*, 2 times"),
+    (CHUNK, "403", "HTTP 403 Forbidden"),
+    (CHUNK, "cut", "the answer ends early, 2 times"),
+    (f"{OWN}/zarr.json", "404", "not a store of Zarr"),
+    (META, "401", "HTTP 401 Unauthorized"),
+    (LEVEL, "404", "no such array"),
+    # answers without end
+    (META, "endless", "more than there may be; allowed up to 100000 bytes"),
+    (META, "chunks", "more than there may be; allowed up to 100000 bytes"),
+    (META, "bytewise", "slower than 4096 bytes a second, 2 times"),
+    (META, "headers", "no answer within 0.2 s, 2 times"),
+    (META, "around", "not a store of Zarr"),
+    (LEVEL, "lost", "no such array"),
+    (CHUNK, "endless", "more than there may be; allowed up to 79850 bytes"),
+    (SHARD, "endless", "the server sends no ranges"),
+    (SHARD, "part", "more than there may be; allowed up to 132 bytes"),
+]
+
+
 @pytest.mark.cover
-@pytest.mark.parametrize(
-    ("path", "fault", "text"),
-    [
-        (SHARD, "404", "own.ome.zarr/0/c/0/0/0: no such file"),
-        (SHARD, "500", "0/c/0/0/0: HTTP 500 .*, 5 times"),
-        (SHARD, "403", "HTTP 403 Forbidden"),
-        (SHARD, "cut", "the answer ends early, 5 times"),
-        (SHARD, "shifted", "another range"),
-        (SHARD, "slow", "no answer within 0.05 s, 5 times"),
-        (CHUNK, "500", "0/c/0/0/0: HTTP 500 .*, 5 times"),
-        (CHUNK, "403", "HTTP 403 Forbidden"),
-        (CHUNK, "cut", "the answer ends early, 5 times"),
-        (f"{OWN}/zarr.json", "404", "not a store of Zarr"),
-        (f"{OTHER}/zarr.json", "401", "HTTP 401 Unauthorized"),
-        (f"{OTHER}/0/zarr.json", "404", "no such array"),
-    ],
-)
+@pytest.mark.parametrize(("path", "fault", "text"), STAYING)
 def test_failures_that_stay(path: str, fault: str, text: str, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote, "TIMEOUT_SECONDS", 0.05 if fault == "slow" else 5.0)
-    site.faults[path] = fault
-    refused(lambda: read_all(f"{site.url}/{path.partition('/')[0]}"), site.url, text)
-
-
-@pytest.mark.parametrize(
-    ("path", "fault", "text"),
-    [
-        (f"{OTHER}/zarr.json", "endless", "more than there may be; allowed up to 100000 bytes"),
-        (f"{OTHER}/zarr.json", "chunks", "more than there may be; allowed up to 100000 bytes"),
-        (f"{OTHER}/zarr.json", "bytewise", "slower than 4096 bytes a second, 2 times"),
-        (f"{OTHER}/zarr.json", "headers", "no answer within 0.2 s, 2 times"),
-        (f"{OTHER}/zarr.json", "around", "not a store of Zarr"),
-        (f"{OTHER}/0/zarr.json", "lost", "no such array"),
-        (CHUNK, "endless", "more than there may be; allowed up to 79850 bytes"),
-        (SHARD, "endless", "the server sends no ranges"),
-        (SHARD, "part", "more than there may be; allowed up to 132 bytes"),
-    ],
-)
-def test_answers_without_end(path: str, fault: str, text: str, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote, "TIMEOUT_SECONDS", 0.2)
-    monkeypatch.setattr(remote, "WHOLE_FILE_BYTES", 100_000)
-    monkeypatch.setattr(remote, "ATTEMPTS", 2)
+    endless = fault in ENDLESS or fault == "slow"
+    for name, value in {"TIMEOUT_SECONDS": 0.2 if endless else 5.0, "WHOLE_FILE_BYTES": 100_000, "ATTEMPTS": 2}.items():
+        monkeypatch.setattr(remote, name, value)
     site.faults[path] = fault
     refused(lambda: read_all(f"{site.url}/{path.partition('/')[0]}"), site.url, text)
 

@@ -84,10 +84,8 @@ def test_bricks_of_any_shape_come_back(shape: tuple[int, int, int], dtype: str, 
 def adversaries(dtype: str) -> list[np.ndarray]:
     """Bricks whose predictions are as wrong as can be, or whose samples are at the ends of the range."""
     native, shape = np.dtype(dtype), (16, 11, 18)
-    low, high = (
-        (np.finfo if native.kind == "f" else np.iinfo)(native).min,
-        (np.finfo if native.kind == "f" else np.iinfo)(native).max,
-    )
+    limits = (np.finfo if native.kind == "f" else np.iinfo)(native)
+    low, high = limits.min, limits.max
     checkers, random = np.indices(shape).sum(axis=0) % 2, np.random.default_rng(5)
     ends = np.array([low, high], native)
     spikes = np.where(random.random(shape) < 0.02, ends[1], ends[0])

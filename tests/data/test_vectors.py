@@ -1,4 +1,4 @@
-"""Vectors in files, formulas and arrays: the same numbers by every way, and clear errors."""
+"""Vectors in files, formulas and arrays, and formulas of scalars: the same numbers by every way, and clear errors."""
 
 from __future__ import annotations
 
@@ -9,8 +9,14 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from data import writers
+from data.checks import check_source, refused
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from clusterviz.data import open_source
+from clusterviz.data.field import FIELDS, open_field
 from clusterviz.data.source import Grid
 from clusterviz.data.vectors import (
     VectorArray,
@@ -27,79 +33,48 @@ BOX = ((1, 0, 2), (4, 3, 6))
 PART = VALUES[1:4, 0:3, 2:6]
 
 
-def npy(path: Path) -> Path:
-    np.save(path / "v.npy", VALUES)
-    return path / "v.npy"
+def _file(name: str, **arrays: NDArray[Any]) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        path = folder / name
+        if name.endswith("npz"):
+            np.savez_compressed(path, **arrays)
+        elif name.endswith("npy"):
+            np.save(path, *arrays.values())
+        else:
+            with h5py.File(path, "w") as file:
+                file.update(arrays)
+        return path
+
+    return write
 
 
-def npy_components_first(path: Path) -> Path:
-    np.save(path / "v.npy", np.moveaxis(VALUES, -1, 0))
-    return path / "v.npy"
+def vti(folder: Path) -> Path:
+    more = {"piece": "0 5 0 4 0 3", "extra": 'NumberOfComponents="3"'}
+    return writers.vti(folder / "v.vti", {"U": VALUES}, "ascii", **more)
 
 
-def npz_of_three(path: Path) -> Path:
-    np.savez_compressed(path / "v.npz", **dict(zip("uvw", np.moveaxis(VALUES, -1, 0), strict=True)))
-    return path / "v.npz"
+def vtk(folder: Path) -> Path:
+    parts = ("POINT_DATA 120", "SCALARS p float", "LOOKUP_TABLE default", VALUES[..., 0], "VECTORS U float", VALUES)
+    return writers.vtk_parts(folder / "v.vtk", "BINARY", *parts, size="6 5 4")
 
 
-def hdf5(path: Path) -> Path:
-    with h5py.File(path / "v.h5", "w") as file:
-        file["p"] = VALUES[..., 0]
-        file["flow/U"] = VALUES
-    return path / "v.h5"
+UVW = dict(zip("uvw", np.moveaxis(VALUES, -1, 0), strict=True))
+WRITERS: dict[str, Callable[[Path], Path]] = {
+    "npy": _file("v.npy", v=VALUES),
+    "npy-components-first": _file("v.npy", v=np.moveaxis(VALUES, -1, 0)),
+    "npz-of-three": _file("v.npz", **UVW),
+    "hdf5": _file("v.h5", **{"p": VALUES[..., 0], "flow/U": VALUES}),
+    "netcdf-of-three": _file("v.nc", **UVW),
+    "vtk": vtk,
+    "vti": vti,
+    "vtkhdf": lambda folder: writers.vtkhdf(folder / "v.vtkhdf", {"p": VALUES[..., 0], "U": VALUES}),
+    "nrrd": lambda folder: writers.nrrd(folder / "v.nrrd", VALUES, kinds="vector domain domain domain"),
+}
 
 
-def netcdf_of_three(path: Path) -> Path:
-    with h5py.File(path / "v.nc", "w") as file:
-        for name, values in zip("uvw", np.moveaxis(VALUES, -1, 0), strict=True):
-            file[name] = values
-    return path / "v.nc"
-
-
-def vtk(path: Path) -> Path:
-    z, y, x = SHAPE
-    head = f"# vtk DataFile Version 3.0\nt\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS {x} {y} {z}\n"
-    head += f"ORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA {x * y * z}\nSCALARS p float\nLOOKUP_TABLE default\n"
-    text = head.encode() + VALUES[..., 0].astype(">f4").tobytes() + b"\nVECTORS U float\n"
-    (path / "v.vtk").write_bytes(text + VALUES.astype(">f4").tobytes())
-    return path / "v.vtk"
-
-
-def vti(path: Path, packed: bool = False) -> Path:
-    z, y, x = SHAPE
-    numbers = " ".join(map(repr, VALUES.astype(float).ravel().tolist()))
-    extent = f"0 {x - 1} 0 {y - 1} 0 {z - 1}"
-    (path / "v.vti").write_text(
-        f'<VTKFile type="ImageData"><ImageData WholeExtent="{extent}"><Piece Extent="{extent}"><PointData>'
-        f'<DataArray type="Float32" Name="U" NumberOfComponents="3" format="ascii">{numbers}</DataArray>'
-        "</PointData></Piece></ImageData></VTKFile>"
-    )
-    return path / "v.vti"
-
-
-def vtkhdf(path: Path) -> Path:
-    with h5py.File(path / "v.vtkhdf", "w") as file:
-        root = file.create_group("VTKHDF")
-        z, y, x = SHAPE
-        root.attrs.update(Version=(2, 0), Type=np.bytes_("ImageData"), WholeExtent=(0, x - 1, 0, y - 1, 0, z - 1))
-        root["PointData/p"], root["PointData/U"] = VALUES[..., 0], VALUES
-    return path / "v.vtkhdf"
-
-
-def nrrd(path: Path) -> Path:
-    head = "NRRD0004\ntype: float\ndimension: 4\nsizes: 3 6 5 4\nkinds: vector domain domain domain\n"
-    (path / "v.nrrd").write_bytes(
-        (head + "encoding: raw\nendian: little\n\n").encode() + VALUES.astype("<f4").tobytes()
-    )
-    return path / "v.nrrd"
-
-
-WRITERS = (npy, npy_components_first, npz_of_three, hdf5, netcdf_of_three, vtk, vti, vtkhdf, nrrd)
-
-
-@pytest.mark.parametrize("write", WRITERS)
-def test_every_format_gives_the_same_vectors(write: Callable[[Path], Path], tmp_path: Path) -> None:
-    path = write(tmp_path)
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_the_same_vectors(name: str, tmp_path: Path) -> None:
+    path = WRITERS[name](tmp_path)
     vectors = open_vectors(path)
     assert vectors.grid.shape_zyx == SHAPE
     assert vectors.times == ()
@@ -128,18 +103,6 @@ def test_two_names_are_a_flow_without_the_third_component(tmp_path: Path) -> Non
     np.savez(tmp_path / "v.npz", a=VALUES[..., 0], b=VALUES[..., 1])
     found = open_vectors(tmp_path / "v.npz", "b,a").read(*BOX)
     np.testing.assert_array_equal(found, PART[..., [1, 0, 0]] * (1, 1, 0))
-
-
-def _file(name: str, **arrays: NDArray[Any]) -> Callable[[Path], Path]:
-    def write(folder: Path) -> Path:
-        path = folder / name
-        if name.endswith("npz"):
-            np.savez(path, **arrays)
-        else:
-            np.save(path, *arrays.values())
-        return path
-
-    return write
 
 
 def _holes(folder: Path) -> Path:
@@ -216,3 +179,80 @@ def test_arrays_in_memory() -> None:
     ):
         with pytest.raises(DataError):
             VectorArray(values, grid, steps)
+
+
+@pytest.mark.parametrize("name", list(FIELDS))
+@pytest.mark.parametrize("size", [1, 2, 13])
+def test_a_sample_does_not_depend_on_its_box(name: str, size: int) -> None:
+    source = open_field(f"field:{name}:{size}")
+    whole = source.read((0, 0, 0), (size,) * 3)
+    assert np.isfinite(whole).all()
+    check_source(source, whole, brick=5)
+
+
+@given(st.data())
+def test_any_box_of_marschner_lobb(data: st.DataObject) -> None:
+    source = open_field("field:marschner-lobb:20")
+    whole = source.read((0, 0, 0), (20, 20, 20))
+    begin = [data.draw(st.integers(0, 19)) for _ in range(3)]
+    end = [data.draw(st.integers(b + 1, 20)) for b in begin]
+    box = tuple(slice(b, e) for b, e in zip(begin, end, strict=True))
+    np.testing.assert_array_equal(source.read(tuple(begin), tuple(end)), whole[box])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [1, 2, 64, 1001])
+def test_the_world_box(size: int) -> None:
+    grid = open_field(f"field:gaussian:{size}").grid
+    expected = 1.0 if size > 1 else 0.0
+    np.testing.assert_allclose(np.abs(grid.corners), expected, atol=1e-14)
+
+
+def test_a_size_that_fits_no_memory_is_read_by_the_box() -> None:
+    source = open_field("field:shells:100001")
+    middle = source.read((50000, 50000, 50000), (50001, 50001, 50001))
+    assert middle.item() == pytest.approx(np.exp(-36), rel=1e-6)
+
+
+def value(name: str, x: float, y: float, z: float) -> float:
+    return float(FIELDS[name](*np.array([[x], [y], [z]])).item())
+
+
+def test_values_that_are_known() -> None:
+    assert value("ramp", -1, 0, 0) == 0
+    assert value("ramp", 1, 0.3, 0.2) == 1
+    assert value("constant", 0.1, 0.2, 0.3) == 0.5
+    assert value("gaussian", 0, 0, 0.4) == pytest.approx(np.exp(-0.5))
+    # Marschner and Lobb's formula, written out at points where its cosines are simple
+    assert value("marschner-lobb", 0, 0, 0) == pytest.approx((1 + 0.25 * 2) / 2.5)
+    assert value("marschner-lobb", 0, 0, 1) == pytest.approx(0.25 * 2 / 2.5)
+    assert value("marschner-lobb", 1, 0, -1) == pytest.approx((2 + 0.25 * 2) / 2.5)
+    assert value("marschner-lobb", 0, 2 / 3, 0) == pytest.approx((1 + 0.25 * 2) / 2.5)
+    # hydrogen: the largest value is 1, 6 Bohr radii up the axis; none on the cone 3 cos² = 1
+    assert value("hydrogen", 0, 0, 0.25) == pytest.approx(1)
+    assert value("hydrogen", 0.2, 0, 0.2 / 2**0.5) == pytest.approx(0, abs=1e-12)
+    z = np.linspace(-1, 1, 2001)
+    assert FIELDS["hydrogen"](0 * z, 0 * z, z).max() == pytest.approx(1)
+    assert value("shells", 0, 0.6, 0) == pytest.approx(2 / 3, rel=1e-6)
+
+
+def test_x_y_and_z_are_where_they_belong() -> None:
+    ramp = open_field("field:ramp:3").read((0, 0, 0), (3, 3, 3))
+    np.testing.assert_array_equal(ramp, np.broadcast_to(np.float32([0, 0.5, 1]), (3, 3, 3)))
+    lobes = open_field("field:hydrogen:9").read((0, 0, 0), (9, 9, 9))
+    assert lobes[5, 4, 4] > 3.9 * lobes[4, 4, 5] > 0
+
+
+@pytest.mark.parametrize(
+    ("spec", "part"),
+    [
+        ("field:", "no such field"),
+        ("field:nothing:3", "marschner-lobb, gaussian"),
+        ("field:ramp:0", "impossible size"),
+        ("field:ramp:-3", "impossible size"),
+        ("field:ramp:3.5", "impossible size"),
+        ("field:ramp:", "impossible size"),
+        ("field:ramp:3:4", "impossible size"),
+    ],
+)
+def test_impossible_fields(spec: str, part: str) -> None:
+    refused(lambda: open_source(spec), part)

@@ -1,8 +1,10 @@
-"""VTK's images in pieces, and its rectilinear grids: XML and legacy."""
+"""VTK's images in pieces, its rectilinear grids, and VTKHDF: images, time steps, and overlapping levels."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -11,6 +13,8 @@ from data import writers
 from data.checks import check_placed, check_source, cut, refused, values
 
 from clusterviz.data import open_source, open_volume
+from clusterviz.data.axes import Subset
+from clusterviz.data.formats import grid_format_of
 from clusterviz.scene import Volume
 
 ARRAY = values("<i2")
@@ -126,14 +130,9 @@ def test_ghost_samples_of_a_piece_count_where_no_other_has_them(tmp_path: Path) 
             bits[..., own:] = 1
             part[..., own:] = 99
         extent = f"{first} {last} 0 5 0 4"
-        each = "".join(
-            f'<DataArray type="{kind}" Name="{key}" format="ascii">{" ".join(map(str, a.ravel().tolist()))}</DataArray>'
-            for kind, key, a in (("Int16", "s", part), ("UInt8", "vtkGhostType", bits))
-        )
-        (tmp_path / f"{name}.vti").write_text(
-            f'<VTKFile type="ImageData"><ImageData WholeExtent="0 6 0 5 0 4"><Piece Extent="{extent}"><PointData>{each}'
-            "</PointData></Piece></ImageData></VTKFile>"
-        )
+        arrays = {"PointData": {"s": part, "vtkGhostType": bits}}
+        whole = 'WholeExtent="0 6 0 5 0 4"'
+        writers.vtk_xml(tmp_path / f"{name}.vti", "ImageData", f'Extent="{extent}"', arrays, whole=whole)
         tags += f'<Piece Extent="{extent}" Source="{name}.vti"/>'
     path = tmp_path / "a.pvti"
     image = f'<PImageData GhostLevel="1" WholeExtent="0 6 0 5 0 4">{tags}</PImageData>'
@@ -169,11 +168,9 @@ def vtr(
 
 
 def legacy(path: Path, array: np.ndarray, form: str) -> Path:
-    lines = [
-        part
-        for name, line in zip("XYZ", (X, Y, Z), strict=True)
-        for part in (f"{name}_COORDINATES {len(line)} double", line)
-    ]
+    lines = list[str | np.ndarray]()
+    for name, line in zip("XYZ", (X, Y, Z), strict=True):
+        lines += [f"{name}_COORDINATES {len(line)} double", line]
     head = "# vtk DataFile Version 3.0\na title\n{form}\nDATASET RECTILINEAR_GRID\nDIMENSIONS {size}\n"
     kind = "POINT_DATA" if array.shape == ARRAY.shape else "CELL_DATA"
     parts = (*lines, f"{kind} {array.size}", "SCALARS s short 1", "LOOKUP_TABLE default", array)
@@ -192,12 +189,8 @@ def pvtr(path: Path) -> Path:
 
 
 def test_rectilinear_grids(tmp_path: Path) -> None:
-    points = [
-        vtr(tmp_path / "p.vtr", ARRAY),
-        pvtr(tmp_path / "q.pvtr"),
-        legacy(tmp_path / "a.vtk", ARRAY, "ASCII"),
-        legacy(tmp_path / "b.vtk", ARRAY, "BINARY"),
-    ]
+    points = [vtr(tmp_path / "p.vtr", ARRAY), pvtr(tmp_path / "q.pvtr")]
+    points += [legacy(tmp_path / f"{form}.vtk", ARRAY, form) for form in ("ASCII", "BINARY")]
     expected = np.apply_along_axis(lambda line: np.interp(np.arange(8), X, line), 2, ARRAY.astype(float))
     expected = np.apply_along_axis(lambda line: np.interp(np.arange(9), Z, line), 0, expected)
     for path in points:
@@ -206,7 +199,7 @@ def test_rectilinear_grids(tmp_path: Path) -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-2)
         check_source(source, found)
         check_placed(source, np.eye(4))
-    refused(lambda: open_source(cut(points[3], 9)), "b.vtk", "lies about its size")
+    refused(lambda: open_source(cut(points[3], 9)), "BINARY.vtk", "lies about its size")
     assert open_volume(Volume(path=str(points[0]), spacing=(1, 2, 3))).grid.spacing == (1, 2, 3)
     # Cells' centres: x 0.5 to 4.5 and 6, z 0.5, 1.5, 3 and 6.
     for path in (
@@ -239,3 +232,134 @@ def test_coordinates_that_are_none(tmp_path: Path) -> None:
     path = legacy(tmp_path / "a.vtk", ARRAY, "ASCII")
     path.write_text(path.read_text().replace("X_COORDINATES", "Y_COORDINATES"))
     refused(lambda: open_source(path), "no coordinates")
+
+
+FLOATS, SHORTS = values("<f4"), values(">i2")
+TURNED = np.array([[0, -3, 0, 10], [2, 0, 0, 22], [0, 0, 4, 30], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize("section", ["PointData", "CellData"])
+def test_images(tmp_path: Path, section: str) -> None:
+    path = writers.vtkhdf(tmp_path / "a.vtkhdf", {"f": FLOATS, "g": SHORTS}, section)
+    assert grid_format_of(path) is None
+    moved = TURNED.astype(float)
+    moved[:3, 3] += np.array([-1.5, 1, 2]) * (section == "CellData")
+    check_source(open_source(path, "f"), FLOATS)
+    check_source(open_source(path, "g"), SHORTS)
+    check_placed(open_source(path, "g"), moved)
+    refused(lambda: open_source(path), "several arrays", "f", "g")
+    refused(lambda: open_source(path, "h"), "no such array", "h")
+
+
+def test_steps_and_components(tmp_path: Path) -> None:
+    array = values("<f4", (2, 5, 6, 7, 3))
+    path = writers.vtkhdf(tmp_path / "a.vtkhdf", {"f": array}, steps=[0, 1, 1])
+    for step, stored in enumerate((0, 1, 1)):
+        check_source(open_source(path, subset=Subset(time=step, channel=2)), array[stored, ..., 2])
+    refused(lambda: open_source(path, subset=Subset(channel=0)), "several time steps", "0 to 2")
+    refused(lambda: open_source(path, subset=Subset(time=3, channel=0)), "no such time step")
+    path = writers.vtkhdf(tmp_path / "b.vtkhdf", {"f": array}, steps=[0, 2])
+    refused(lambda: open_source(path, subset=Subset(time=1, channel=0)), "no such samples of a time step", "found 2")
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"WholeExtent": (0, 6, 0, 5, 0, 5)}, ["the array's size is not the dataset's", r"\(5, 6, 7\)"]),
+        ({"WholeExtent": None}, ["impossible WholeExtent"]),
+        ({"Spacing": (1.0, 0, 1)}, ["singular placement"]),
+        ({"Direction": (1.0, 0, 1)}, ["impossible Direction", "9 numbers"]),
+        ({"Type": np.bytes_("PolyData")}, ["PolyData"]),
+    ],
+)
+def test_images_that_are_none(tmp_path: Path, changes: dict[str, Any], parts: list[str]) -> None:
+    path = writers.vtkhdf(tmp_path / "a.vtkhdf", {"f": FLOATS}, **changes)
+    refused(lambda: open_source(path), *parts)
+
+
+COARSE = np.random.default_rng(1).normal(size=(4, 4, 6)).astype("f4")
+FINE, FINEST = COARSE[:2, :2, :3].repeat(2, 0).repeat(2, 1).repeat(2, 2) + 5, np.full((3, 6, 3), 9, "f4")
+LEVELS = [(4.0, {(0, 0, 0): COARSE[:, :, :2].copy(), (2, 0, 0): COARSE[:, :, 2:].copy()}), (2.0, {(4, 2, 2): FINE})]
+LEVELS.append((2 / 3, {(15, 6, 9): FINEST}))
+
+
+def test_overlapping_levels(tmp_path: Path) -> None:
+    path = writers.amr(tmp_path / "a.vtkhdf", LEVELS)
+    source = open_source(path)
+    whole = source.read((0, 0, 0), (24, 24, 36))
+    check_source(source, whole, brick=9)
+    spacing = 2 / 3
+    check_placed(source, np.diag([spacing] * 3 + [1]) + np.pad(np.array([[4 / 3, 7 / 3, 10 / 3]]).T, ((0, 1), (3, 0))))
+
+    def linear(cells: np.ndarray, ratio: int) -> np.ndarray:
+        found = cells.astype(float)
+        for axis in range(3):
+            n = found.shape[axis]
+            at = (np.arange(ratio * n) + 0.5) / ratio - 0.5  # np.interp is constant beyond the ends
+            found = np.apply_along_axis(lambda line, at=at, n=n: np.interp(at, np.arange(n), line), axis, found)
+        return found
+
+    middle = linear(COARSE, 2)
+    middle[2:6, 2:6, 4:10] = FINE
+    expected = linear(middle, 3)
+    expected[9:12, 6:12, 15:18] = FINEST
+    np.testing.assert_allclose(whole, expected, rtol=1e-5, atol=1e-5)
+    single = writers.amr(tmp_path / "b.vtkhdf", LEVELS[:1])
+    check_source(open_source(single), COARSE)
+
+
+def test_hidden_cells_of_a_level(tmp_path: Path) -> None:
+    path = writers.amr(tmp_path / "a.vtkhdf", LEVELS[:1])
+    with h5py.File(path, "r+") as file:
+        root = file["VTKHDF"]
+        bits = np.full(root["Level0/CellData/c"].shape, 8, "u1")  # refined, but drawn where no finer box is
+        bits[5] = 40
+        root["Level0/CellData/vtkGhostType"] = bits
+    expected = COARSE.copy()
+    expected[0, 2, 1] = np.nan  # x fastest in the first box of 4 x 4 x 2
+    check_source(open_source(path), expected)
+    with h5py.File(path, "r+") as file:
+        del file["VTKHDF/Level0/CellData/vtkGhostType"]
+        file["VTKHDF/Level0/CellData/vtkGhostType"] = bits[:3]
+    refused(lambda: open_source(path), "vtkGhostType does not fit")
+
+
+def test_a_domain_that_is_no_box(tmp_path: Path) -> None:
+    corner = {(0, 0, 0): np.full((2, 2, 4), 1, "f4"), (0, 2, 0): np.full((2, 2, 2), 3, "f4")}
+    path = writers.amr(tmp_path / "a.vtkhdf", [(2.0, corner), (1.0, {(0, 0, 0): np.full((2, 2, 2), 7, "f4")})])
+    found = open_source(path).read((0, 0, 0), (4, 8, 8))
+    assert np.isnan(found[:, 4:, 4:]).all()
+    assert np.isfinite(found).sum() == 4 * 8 * 8 - 4 * 4 * 4
+    assert (found[:2, :2, :2] == 7).all()
+
+
+@pytest.mark.parametrize(
+    ("levels", "parts"),
+    [
+        ([LEVELS[0], (3.0, LEVELS[1][1])], ["spacings do not fit"]),
+        ([LEVELS[0], (2.0, {(10, 2, 2): FINE})], ["level 1 lie outside the first"]),
+    ],
+)
+def test_levels_that_do_not_fit(tmp_path: Path, levels: Any, parts: list[str]) -> None:
+    refused(lambda: open_source(writers.amr(tmp_path / "a.vtkhdf", levels)), *parts)
+
+
+def boxed(*box: int) -> Callable[[Any], object]:
+    return lambda root: root["Level1/AMRBox"].write_direct(np.array([box]))
+
+
+@pytest.mark.parametrize(
+    ("change", "parts"),
+    [
+        (boxed(9, 5, 0, 1, 0, 1), ["impossible AMRBox"]),
+        (boxed(0, 5, 0, 1, 0, 1), ["cells do not fit", "level 1"]),
+        (lambda root: root.pop("Level1/CellData/c"), ["cells do not fit", "found nothing"]),
+        (lambda root: root.pop("Level0"), ["no levels"]),
+        (lambda root: root.create_group("Steps"), ["has time steps"]),
+    ],
+)
+def test_damaged_levels(change: Callable[[Any], object], parts: list[str], tmp_path: Path) -> None:
+    path = writers.amr(tmp_path / "a.vtkhdf", LEVELS)
+    with h5py.File(path, "r+") as file:
+        change(file["VTKHDF"])
+    refused(lambda: open_source(path), *parts)

@@ -36,14 +36,8 @@ META_NAMES = {code: name for name, code in reversed(meta.TYPES.items())}
 MRC_MODES = {"i1": 0, "i2": 1, "f4": 2, "u2": 6, "f2": 12}
 VTK_NAMES = {"i1": "char", "u1": "unsigned_char", "i2": "short", "u2": "unsigned_short", "i4": "int"}
 VTK_NAMES |= {"u4": "unsigned_int", "i8": "vtktypeint64", "u8": "unsigned_long", "f4": "float", "f8": "double"}
-VTK_HEAD = """# vtk DataFile Version 5.1
-a title
-{form}
-DATASET STRUCTURED_POINTS
-DIMENSIONS {size}
-SPACING 2 3 4
-ORIGIN 1 2 3
-"""
+VTK_HEAD = "# vtk DataFile Version 5.1\na title\n{form}\nDATASET STRUCTURED_POINTS\n"
+VTK_HEAD += "DIMENSIONS {size}\nSPACING 2 3 4\nORIGIN 1 2 3\n"
 
 
 def _native(array: np.ndarray) -> str:
@@ -266,31 +260,10 @@ def vti(
     arrays = arrays if isinstance(arrays, dict) else {"s": arrays}
     one = next(iter(arrays.values()), SHORTS)
     piece = piece or " ".join(f"0 {n - (where == 'PointData')}" for n in one.shape[::-1])
-    tags, appended = "", b""
-    for name, array in arrays.items():
-        start = f'<DataArray type="{VTI_NAMES[_native(array)]}" Name="{name}" {extra}'
-        data = vti_packed(array.tobytes(), _order(one) + header, compressor, form != "raw")
-        if form == "ascii":
-            tags += f'{start} format="ascii">\n{" ".join(map(repr, array.ravel().tolist()))}\n</DataArray>'
-        elif form == "binary":
-            key = '<InformationKey name="RANGE" location="x">7</InformationKey>'
-            inner = f"{key}\n  {data.decode()}\n " if tags else f"\n {data.decode()}\n  {key} "  # VTK has written both
-            tags += f'{start} format="binary">{inner}</DataArray>'
-        else:
-            tags += f'{start} format="appended" offset="{len(appended)}"/>'
-            appended += data
-    order = "LittleEndian" if _order(one) == "<" else "BigEndian"
-    kind = {"u4": "UInt32", "u8": "UInt64"}[header]
-    active = f'Scalars="{scalars}"' if scalars else ""
-    packing = f'compressor="{compressor}"' if compressor else ""
     image = image or f'WholeExtent="{piece}" Origin="0 0 0" Spacing="1 1 1"'
-    text = f'<?xml version="1.0"?>\n<VTKFile type="ImageData" byte_order="{order}" header_type="{kind}" {packing}>'
-    text += f'<ImageData {image}><Piece Extent="{piece}"><{where} {active}>{tags}</{where}></Piece></ImageData>'
-    content = text.encode()
-    if appended:
-        content += f'<AppendedData encoding="{form}">\n   _'.encode() + appended + b"\n</AppendedData>"
-    path.write_bytes(content + b"</VTKFile>")
-    return path
+    active = f'Scalars="{scalars}"' if scalars else ""
+    of_piece = f'Extent="{piece}"'
+    return vtk_xml(path, "ImageData", of_piece, {where: arrays}, form, compressor, image, header, extra, active)
 
 
 def vtk_xml(
@@ -301,25 +274,38 @@ def vtk_xml(
     form: str = "ascii",
     compressor: str = "",
     whole: str = "",
+    header: str = "u4",
+    extra: str = "",
+    active: str = "",
 ) -> Path:
-    """A file of one piece with arrays by section and name, as text or appended; `piece` and `whole` are attributes."""
+    """A file of one piece with arrays by section and name; `piece`, `whole`, `extra` and `active` are attributes."""
+    one = next((array for members in sections.values() for array in members.values()), SHORTS)
     tags, appended = "", b""
     for section, members in sections.items():
-        tags += f"<{section}>"
+        tags += f"<{section} {active}>"
         for name, array in members.items():
-            components = array.shape[1] if array.ndim == 2 else 1
-            tags += f'<DataArray type="{VTI_NAMES[_native(array)]}" Name="{name}" NumberOfComponents="{components}" '
+            more = f'NumberOfComponents="{array.shape[1]}"' if array.ndim == 2 else extra
+            start = f'<DataArray type="{VTI_NAMES[_native(array)]}" Name="{name}" {more}'
+            data = vti_packed(array.tobytes(), _order(one) + header, compressor, form in VTI_FORMS[:3])
             if form == "ascii":
-                tags += f'format="ascii">{" ".join(map(repr, array.ravel().tolist()))}</DataArray>'
+                tags += f'{start} format="ascii">\n{" ".join(map(repr, array.ravel().tolist()))}\n</DataArray>'
+            elif form == "binary":
+                key = '<InformationKey name="RANGE" location="x">7</InformationKey>'
+                first = tags.endswith(f"<{section} {active}>")
+                inner = f"\n {data.decode()}\n  {key} " if first else f"{key}\n  {data.decode()}\n "  # VTK wrote both
+                tags += f'{start} format="binary">{inner}</DataArray>'
             else:
-                tags += f'format="appended" offset="{len(appended)}"/>'
-                appended += vti_packed(array.tobytes(), "<u4", compressor, False)
+                tags += f'{start} format="appended" offset="{len(appended)}"/>'
+                appended += data
         tags += f"</{section}>"
-    packing = f'compressor="{compressor}"' if compressor else ""
-    text = f'<VTKFile type="{kind}" byte_order="LittleEndian" {packing}><{kind} {whole}>'
-    text += f"<Piece {piece}>{tags}</Piece></{kind}>"
-    more = b'<AppendedData encoding="raw">_' + appended + b"</AppendedData>" if appended else b""
-    path.write_bytes(text.encode() + more + b"</VTKFile>")
+    order, packing = {"<": "Little", ">": "Big"}[_order(one)], f'compressor="{compressor}"' if compressor else ""
+    packing += ' header_type="UInt64"' if header == "u8" else ""
+    text = f'<?xml version="1.0"?>\n<VTKFile type="{kind}" byte_order="{order}Endian" {packing}><{kind} {whole}>'
+    content = f"{text}<Piece {piece}>{tags}</Piece></{kind}>".encode()
+    if appended:
+        encoding = "base64" if form == "base64" else "raw"
+        content += f'<AppendedData encoding="{encoding}">\n   _'.encode() + appended + b"\n</AppendedData>"
+    path.write_bytes(content + b"</VTKFile>")
     return path
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.distribution.brick_cost import expected_samples
@@ -31,7 +32,8 @@ def plan_of(camera: Camera, hidden: np.ndarray | None = None) -> Plan:
     opacity = ((0.0, 0.0), (1.0, 0.5))
     volume = Volume(path="in memory", cmap=grey, clim=(0.0, 1.0), opacity=opacity, opacity_unit_distance=4.0)
     scene = Scene(volumes=(volume,), camera=camera, image=ImageSettings(size=(80, 60)))
-    return make_plan(scene, [KnownVolume(Grid(LAYOUT.shape_zyx, SPACING), np.dtype(np.float32), LAYOUT, summary)])
+    source = ArraySource(np.zeros(LAYOUT.shape_zyx, np.float32), Grid(LAYOUT.shape_zyx, SPACING))
+    return make_plan(scene, [KnownVolume(source, LAYOUT, summary)])
 
 
 def counted(plan: Plan) -> np.ndarray:

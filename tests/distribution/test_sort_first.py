@@ -57,6 +57,7 @@ def plain() -> list[Rendered]:
     return frames
 
 
+@pytest.mark.cover
 @pytest.mark.parametrize(
     ("tiling", "ranks", "groups"),
     [

@@ -31,7 +31,7 @@ def _run(*arguments: str, ranks: int) -> tuple[int, str]:
     [
         ("raise", "parallel-pipeline", 1, 5, "rank 1, frame 0, composite: stage 2 of 4: no more"),
         ("corrupt", "direct-send", 0, 3, r"rank \d, frame 0, composite: stage 1 of 1: message from rank 1: .*"),
-        ("truncate", "direct-send", 0, 5, r"rank \d, frame 0, composite: stage 1 of 1: message from rank 1: .*"),
+        ("truncate", "direct-send", 0, 3, r"rank \d, frame 0, composite: stage 1 of 1: message from rank 1: .*"),
     ],
 )
 def test_a_failing_rank_ends_the_rest_with_one_message(
@@ -49,7 +49,7 @@ def test_a_failing_rank_ends_the_rest_with_one_message(
 
 @pytest.mark.fresh
 def test_a_rank_killed_in_the_exchange_ends_the_job() -> None:
-    status, said = _run("kill", "direct-send", "0", ranks=5)
+    status, said = _run("kill", "direct-send", "0", ranks=3)
     assert status != 0
     assert "Traceback" not in said
 

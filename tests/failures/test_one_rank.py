@@ -29,9 +29,9 @@ AGREED = [
     ("read", 1, "clusterviz.content.volume.opening:read_bricks"),
     ("plan", 1, "clusterviz.content.volume.opening:make_plan"),
     ("context", 1, "clusterviz.gl.context:open_context"),
-    ("shaders", 1, "clusterviz.render.raycast:Raycaster.__init__"),
-    ("upload", 1, "clusterviz.render.raycast:Raycaster.load"),
-    ("render", 1, "clusterviz.render.raycast:Raycaster.draw"),
+    ("shaders", 1, "clusterviz.render.caster:Caster.__init__"),
+    ("upload", 1, "clusterviz.render.caster:Caster.load"),
+    ("render", 1, "clusterviz.render.caster:Caster.draw"),
     ("output", 0, "clusterviz.cli.render:check_writable"),
     ("check", 0, "clusterviz.frame.compositing:compare"),
     ("write", 0, "clusterviz.cli.render:write_picture"),
@@ -112,7 +112,7 @@ def test_a_rank_that_fails_leaves_a_store_that_other_ranks_complete(tmp_path: Pa
     assert (whole[0] == whole[1]).all()
 
 
-DRAW, COLLECT = "clusterviz.render.raycast:Raycaster.draw", "clusterviz.composite.compositor:collect"
+DRAW, COLLECT = "clusterviz.render.caster:Caster.draw", "clusterviz.composite.compositor:collect"
 
 
 @pytest.mark.parametrize(

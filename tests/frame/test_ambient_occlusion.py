@@ -35,7 +35,7 @@ def draw(shown: Scene, ranks: int, grids: tuple[Grid, ...], device: Any) -> np.n
     return image
 
 
-@pytest.mark.cover("0-grids1", "cpu-grids2")
+@pytest.mark.cover("0-grids1")
 @pytest.mark.gl
 @pytest.mark.parametrize(("device", "grids"), [(0, (OBLIQUE,)), (0, (OBLIQUE, BESIDE)), ("cpu", (OBLIQUE, BESIDE))])
 def test_ranks_and_bricks_leave_no_trace(device: Any, grids: tuple[Grid, ...]) -> None:

@@ -11,6 +11,7 @@ import netCDF4
 import nibabel
 import numpy as np
 import pytest
+from data import writers
 from PIL import Image
 
 from clusterviz.annotations.picture import _with_names
@@ -65,29 +66,18 @@ def lat_lon(path: Path) -> None:
 
 
 def image_data(path: Path) -> None:
-    text = " ".join(map(str, FIELD.ravel().tolist()))
-    extent = 'Extent="0 13 0 9 0 0"'
-    array = f'<DataArray type="Float32" Name="rho" format="ascii">{text}</DataArray>'
-    piece = f"<Piece {extent}><PointData>{array}</PointData></Piece>"
-    data = f'<ImageData Whole{extent} Origin="0 0 0" Spacing="1e-6 1e-6 1">{piece}</ImageData>'
-    path.write_text(f'<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian">{data}</VTKFile>')
+    extent = "0 13 0 9 0 0"
+    image = f'WholeExtent="{extent}" Origin="0 0 0" Spacing="1e-6 1e-6 1"'
+    writers.vti(path, {"rho": FIELD}, "ascii", image=image, piece=extent)
 
 
 def vtu(path: Path, points: Any, cells: Any, kind: int, **arrays: Any) -> None:
-    def array(name: str, values: Any, dtype: str) -> str:
-        values = np.asarray(values)
-        count = values.shape[1] if values.ndim > 1 else 1
-        text = " ".join(map(str, values.ravel().tolist()))
-        return f'<DataArray type="{dtype}" Name="{name}" NumberOfComponents="{count}" format="ascii">{text}</DataArray>'
-
-    ends = np.arange(1, len(cells) + 1) * cells.shape[1]
-    held = array("connectivity", cells.ravel(), "Int64") + array("offsets", ends, "Int64")
-    held += array("types", np.full(len(cells), kind), "UInt8")
-    data = "".join(array(name, values, "Float64") for name, values in arrays.items())
-    piece = f"<Points>{array('points', points, 'Float64')}</Points><Cells>{held}</Cells><PointData>{data}</PointData>"
+    ends, kinds = np.arange(1, len(cells) + 1) * cells.shape[1], np.full(len(cells), kind, "u1")
+    held = {"connectivity": cells.ravel(), "offsets": ends, "types": kinds}
     counts = f'NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}"'
-    grid = f"<UnstructuredGrid><Piece {counts}>{piece}</Piece></UnstructuredGrid>"
-    path.write_text(f'<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian">{grid}</VTKFile>')
+    named = {name: np.asarray(values, float) for name, values in arrays.items()}
+    sections = {"Points": {"": points}, "Cells": held, "PointData": named}
+    writers.vtk_xml(path, "UnstructuredGrid", counts, sections)
 
 
 def surface(path: Path) -> None:

@@ -11,18 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frame.views import check_same, move_at_random, moving, on_ranks, pixels, so_far
+from frame.views import DEVICES, check_same, move_at_random, moving, on_ranks, pixels, so_far, turning
 
 from clusterviz.frame import Rendered
 from clusterviz.gl.devices import Device
 from clusterviz.image import compare
 from clusterviz.render import frame_coherence
 from clusterviz.scene import Scene, scene_of_data
-from clusterviz.scene.animation import orbit
 from clusterviz.scene.overrides import with_settings
 
 BOUND = 1e-5
-DEVICES = ["cpu", pytest.param(0, marks=pytest.mark.gl, id="opengl")]
 CLEAR = ((0.0, 0.0), (0.4, 0.0), (0.7, 0.3), (1.0, 0.9))
 
 
@@ -32,12 +30,6 @@ def scene_of(frame_coherence: bool = True, **keys: Any) -> Scene:
     return with_settings(
         scene, {"focal_point": (0.0, 0.0, 0.0), "view_up": (0.0, 0.0, 1.0), "frame_coherence": frame_coherence, **keys}
     )
-
-
-def turning(scene: Scene, degrees: float = 1.0, frames: int = 4) -> list[Scene]:
-    return [
-        scene.model_copy(update={"camera": camera}) for camera in orbit(scene.camera, degrees * (frames - 1), frames)
-    ]
 
 
 @pytest.fixture(params=DEVICES)
@@ -116,7 +108,7 @@ def test_pictures_are_those_without_on_any_number_of_ranks(look: str, ranks: int
         keys = {"path": "field:marschner-lobb:20", "interpolation": "nearest"}
         other = scene.volumes[0].model_copy(update=keys | {"isosurfaces": ()})
         scene = scene.model_copy(update={"volumes": (*scene.volumes, other)})
-    scenes = turning(scene, frames=3)
+    scenes = turning(scene)
     frames = draw(scenes, device, ranks)
     plain = without(scenes, device)
     check(frames, plain, 0.0 if ranks == 1 else BOUND)
@@ -131,7 +123,7 @@ def test_pictures_are_those_without_on_any_number_of_ranks(look: str, ranks: int
 def test_corners_of_voxels_between_the_pixels_are_all_that_is_missed(device: Device) -> None:
     """Voxels that stand for themselves, clipped, by rays that end: corners at the rim are thinner than a pixel."""
     planes = [((0.1, 0.0, 0.0), (-1.0, -0.3, 0.1))]
-    scenes = turning(scene_of(interpolation="nearest", early_termination=1e-6, planes=planes))
+    scenes = turning(scene_of(interpolation="nearest", early_termination=1e-6, planes=planes), frames=4)
     frames = draw(scenes, device)
     for frame, scene in zip(frames[1:], scenes[1:], strict=True):
         (alone,) = draw([scene], device)

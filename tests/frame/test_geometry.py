@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frame.views import check_same, moving, on_ranks, pixels, so_far
+from frame.views import FACES, OCTAHEDRON, check_same, moving, on_ranks, pixels, so_far
 
 from clusterviz.comm import LoopbackChannel
 from clusterviz.content.geometry.bricks import part_of
@@ -29,8 +29,6 @@ RNG = np.random.default_rng(5)
 GRID = Grid((14, 15, 16))
 VOXELS = RNG.random(GRID.shape_zyx).astype(np.float32)
 CAMERA = Camera(position=(44, 37, 40), focal_point=(8, 7, 7), view_up=(0, 0, 1))
-OCTAHEDRON = np.concatenate([np.eye(3), -np.eye(3)])
-FACES = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
 SECTIONS = {Mesh: ("mesh", MeshSection), Lines: ("lines", LinesSection), Points: ("points", PointsSection)}
 
 

@@ -21,7 +21,7 @@ from clusterviz.data.store.writer import write_store
 from clusterviz.errors import DataError, InputError, RankError
 from clusterviz.frame import FrameLoop, Options, Rendered, drawing
 from clusterviz.image.picture import layers_of
-from clusterviz.render.cpu.caster import VectorCaster
+from clusterviz.render.caster import Caster
 from clusterviz.report.machine import Memory
 from clusterviz.scene import Scene, Volume
 from clusterviz.scene.overrides import with_settings
@@ -180,7 +180,7 @@ def test_failure_and_interrupt_leave_no_thread(monkeypatch: pytest.MonkeyPatch) 
         assert [thread for thread in threading.enumerate() if thread.name.startswith("read")]
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(VectorCaster, "_shown_by", interrupt)
+    monkeypatch.setattr(Caster, "_draw_boxes", interrupt)
     with pytest.raises(KeyboardInterrupt):
         draw_all([scene], LoopbackChannel(), ArraySource(voxels()), device="cpu")
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("read")]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frame.views import FACES, OCTAHEDRON
 from render.scenes import SHAPE, TURNED, camera_at, lights_in, scene_of, smooth
 
 from clusterviz.comm import run_loopback
@@ -125,8 +126,7 @@ def test_layers_do_not_depend_on_how_ranks_share_the_work(name: str) -> None:
 def with_geometry(volumes: int) -> tuple[Scene, list[Any], list[np.ndarray], list[Grid], list[Any]]:
     """A scene with layers, the content of its files, and the voxels, grids and geometry."""
     rng, grid = np.random.default_rng(4), Grid((14, 15, 16))
-    corners = 6.0 * np.concatenate([np.eye(3), -np.eye(3)]) + (7.2, 6.9, 6.4)
-    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    corners, faces = 6.0 * OCTAHEDRON + (7.2, 6.9, 6.4), FACES
     parts = [
         Mesh("m", corners.astype(np.float32), faces),
         Mesh("n", corners * 0.5 + 4.0, faces),
@@ -153,7 +153,7 @@ def with_geometry(volumes: int) -> tuple[Scene, list[Any], list[np.ndarray], lis
 
 @pytest.mark.cover("1-0", "2-cpu", "0-cpu")
 @pytest.mark.gl
-@pytest.mark.parametrize(("volumes", "device"), [(1, 0), (0, "cpu"), (1, "cpu"), (2, "cpu")])
+@pytest.mark.parametrize(("volumes", "device"), [(0, 0), (1, 0), (0, "cpu"), (1, "cpu"), (2, "cpu")])
 def test_layers_show_geometry(volumes: int, device: Any) -> None:
     scene, given, voxels, grids, parts = with_geometry(volumes)
     scene = with_settings(scene, {"brick": 6})

@@ -16,7 +16,7 @@ from clusterviz.errors import DataError
 from clusterviz.frame import FrameLoop, Options, render_frame
 from clusterviz.scene.overrides import with_settings
 from clusterviz.scene.values import Scene
-from clusterviz.viewer.session import visible
+from clusterviz.viewer.shown import visible
 
 CUBE = Grid((33, 33, 33), (1 / 16,) * 3, (-1.0, -1.0, -1.0))
 CAMERA = {"position": [2.0, -3.2, 1.6], "focal_point": [0, 0, 0], "view_up": [0, 0, 1], "view_angle": 36}

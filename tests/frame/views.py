@@ -14,12 +14,16 @@ from clusterviz.distribution.flights import Move
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.image import compare
 from clusterviz.scene import Scene, scene_of_data
+from clusterviz.scene.animation import orbit
 from clusterviz.scene.overrides import with_settings
 
 FIELD = "field:gaussian:16"
 CENTRE = (0.0, 0.0, 0.0)
 HIDDEN, CORE, ALL = ([[0.0, 0.0]], [[0.7, 0.0], [1.0, 0.5]], [[0.0, 0.01], [1.0, 0.6]])
 MOVES = 8  # at random, a frame
+DEVICES = ["cpu", pytest.param(0, marks=pytest.mark.gl, id="opengl")]
+OCTAHEDRON = np.concatenate([np.eye(3), -np.eye(3)])
+FACES = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
 
 
 def views(count: int, brick: int = 4, field: str = FIELD, **keys: Any) -> list[Scene]:
@@ -38,6 +42,12 @@ def views(count: int, brick: int = 4, field: str = FIELD, **keys: Any) -> list[S
         focal = tuple(2 * coordinate for coordinate in place["position"]) if aside else CENTRE
         scenes.append(with_settings(first, place | {"focal_point": focal}))
     return scenes
+
+
+def turning(scene: Scene, degrees: float = 1.0, frames: int = 3) -> list[Scene]:
+    """Cameras that go around, so many degrees a frame."""
+    cameras = orbit(scene.camera, degrees * (frames - 1), frames)
+    return [scene.model_copy(update={"camera": camera}) for camera in cameras]
 
 
 def looks() -> list[Scene]:

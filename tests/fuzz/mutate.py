@@ -8,26 +8,11 @@ from random import Random
 
 NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 WORD = re.compile(rb"[A-Za-z_]+")
-NUMBERS = (
-    b"0 -1 1 2 7 -0.0 0.5 255 65536 2147483647 -2147483648 4294967296 9223372036854775807 1e30 1e308 -1e999".split()
-)
-NUMBERS += [b"1e-320", b"nan", b".inf", b"0x7f", b"1_0", b"9" * 30, b"9" * 5000, b"1e" + b"9" * 20, b"%.99999999d", b""]
-WORDS = (
-    b"null true [ ] { } [] {} ~ : - ' \" & * &a *a !!str !!set !!timestamp LIST NaN % %s %99999d .. / \0 \n \\".split(
-        b" "
-    )
-)
-WORDS += [
-    "é€😀".encode(),
-    b"\xff\xfe",
-    b"\xed\xa0\x80",
-    b"x" * 3000,
-    b"{'a': 1}",
-    b"(1,)",
-    b"2001-01-01",
-    b"<",
-    b"&#0;",
-]
+NUMBERS = b"0 -1 1 2 7 -0.0 0.5 255 65536 2147483647 -2147483648 4294967296 9223372036854775807 1e30 1e308".split()
+NUMBERS += [*b"-1e999 1e-320 nan .inf 0x7f 1_0".split(), b"9" * 30, b"9" * 5000, b"1e" + b"9" * 20, b"%.99999999d", b""]
+WORDS = b"null true [ ] { } [] {} ~ : - ' \" & * &a *a !!str !!set !!timestamp LIST NaN % %s %99999d .. /".split()
+WORDS += [b"\0", b"\n", b"\\", "é€😀".encode(), b"\xff\xfe", b"\xed\xa0\x80", b"x" * 3000, b"{'a': 1}", b"(1,)"]
+WORDS += [b"2001-01-01", b"<", b"&#0;"]
 INTEGERS = (0, 1, 2, 127, 255, 256, 32767, 65535, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
 FLOATS = (0.0, -1.0, 1e-30, 1e30, float("nan"), float("inf"), -float("inf"))
 HEAD = 600  # bytes at a file's beginning, where headers are: half of all damage is done there

@@ -26,13 +26,8 @@ from clusterviz.scene.animation import load_path
 from clusterviz.scene.transfer_2d import read_table
 
 FOAM = "constant/polyMesh/faces"
-PIECES = {
-    "openfoam": FOAM,
-    "openfoam-binary": FOAM,
-    "openfoam-pieces": f"processor0/{FOAM}",
-    "pattern": "a_1.vtu",
-    "exodus-pieces": "a.e.1.0",
-}
+PIECES = {"openfoam": FOAM, "openfoam-binary": FOAM, "openfoam-pieces": f"processor0/{FOAM}"}
+PIECES |= {"pattern": "a_1.vtu", "exodus-pieces": "a.e.1.0"}
 """File of several that is damaged."""
 SAMPLES = np.arange(4 * 5 * 6, dtype="<i2").reshape(4, 5, 6)
 MOST_BYTES = 1 << 26  # no file of these can hold more, however well it is packed
@@ -182,13 +177,8 @@ def _store(path: Path) -> None:
 
 
 TURNED = [1, 0, 0, 0, 1, 0, 0, 0, 1]
-SIDECAR = {
-    "byte_order": "little",
-    "header_bytes": 32,
-    "spacing": [1.0, 1.0, 2.0],
-    "origin": [0.0] * 3,
-    "direction": TURNED,
-}
+SIDECAR = {"byte_order": "little", "header_bytes": 32, "spacing": [1.0, 1.0, 2.0], "origin": [0.0] * 3}
+SIDECAR["direction"] = TURNED
 META = {"ObjectType": "Image", "TransformMatrix": "1 0 0 0 1 0 0 0 1", "Offset": "1 2 3", "ElementSpacing": "1 1 2"}
 SPACE = {"space": "LPS", "space directions": np.diag([1.0, 2.0, 3.0]), "space origin": [1.0, 2.0, 3.0]}
 SHEARED = {"w10": 6.0, "w11": 10.0, "w12": 12.0, "w14": 80.0}

@@ -8,7 +8,7 @@ import pytest
 from clusterviz.errors import DeviceError
 from clusterviz.gl import shader
 from clusterviz.gl.context import compile_compute
-from clusterviz.gl.shader import assemble, shader_folder
+from clusterviz.gl.shader import assemble, defined_names, shader_folder
 from clusterviz.spmd.source import ShaderSource
 
 
@@ -35,6 +35,23 @@ def test_files_and_texts_take_the_place_of_their_includes_in_order(folder: Path)
 def test_line_directives_number_every_part_from_one_and_resume_the_top_level(folder: Path) -> None:
     put(folder, top='1\n2\n#include "a.glsl"\n4\n', a="a1\na2\n")
     assert assemble("top.glsl").text.splitlines() == ["1", "2", "#line 1 1", "a1", "a2", "#line 4 0", "4"]
+
+
+def test_names_of_functions_structs_and_variables_are_those_that_a_file_defines(folder: Path) -> None:
+    text = """struct Walk {
+    int member;
+};
+const int FAR = min(3, 4), NEAR = 1; // far, and near
+float kept[2], last;
+layout(binding = 0) uniform sampler2D not_counted;
+void only_declared(int x);
+int walk(int a, int b) {
+    int inner = 3;
+}
+bool is_one(int x) { return x == 1; }
+"""
+    put(folder, defining=text)
+    assert defined_names("defining.glsl") == ("Walk", "FAR", "NEAR", "kept", "last", "walk", "is_one")
 
 
 def test_nested_include_names_both_places(folder: Path) -> None:

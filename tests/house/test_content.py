@@ -18,12 +18,6 @@ CLASSES |= {"GeometrySection", "OpenedVolume", "OpenedFlow", "KnownGeometry", "K
 CLASSES |= {"LicVolume", "VectorVolume", "FlowLines", "FlowPoints"}
 MAY_ASK = ("content", "reference", "scene/compatibility.py", "scene/values.py")
 """The kinds, the reference, which has a file for each, and the scene, whose sections exclude and require each other."""
-STILL_ASK = """
-data/given.py
-plan/accuracy.py
-plan/content.py
-"""
-"""Files that do so today; the list may only get shorter."""
 
 
 def questions(text: str) -> list[str]:
@@ -46,9 +40,7 @@ def test_no_stage_asks_for_a_kind() -> None:
         name = path.relative_to(PACKAGE).as_posix()
         if not name.startswith(MAY_ASK) and (found := questions(path.read_text())):
             asking[name] = found
-    known = set(STILL_ASK.split())
-    assert not {name: found for name, found in asking.items() if name not in known}, "loop over `entries_of` instead"
-    assert not known - asking.keys(), "take them off the list: they no longer ask"
+    assert not asking, "loop over `entries_of` instead"
 
 
 @pytest.mark.parametrize("text", ["len(scene.grids)", "work.scene.flows", "isinstance(one, (int, GridSection))"])

@@ -14,40 +14,18 @@ ROOT = Path(__file__).parents[2]
 # Packages on one line do not import each other. `report` holds values; its pages are in folders of their own.
 LEVELS = (
     ("errors",),
-    ("kernels",),
-    ("spmd",),
-    ("input_files",),
-    ("image",),
-    ("scene.keys",),
-    ("content.facts",),
-    ("content.volume.info",),
-    ("content.volume.optics", "content.volume.presets"),
-    ("content.volume.section", "content.geometry.section"),
-    ("content.grid.section", "content.flow.section"),
-    ("content.sections",),
-    ("scene.values",),
-    ("content.flow.expansion",),
-    ("content.transfer",),
-    ("scene", "codec", "report"),
-    ("gl", "comm"),
-    ("jobs.device",),
-    ("jobs.kernel",),
-    ("image.pyramid",),
+    ("kernels", "input_files", "comm"),
+    ("spmd", "image", "codec"),
+    ("scene.keys", "report", "gl", "partition"),
+    ("content.sections", "jobs.device", "composite"),
+    ("scene.values", "content.transfer", "jobs.kernel"),
+    ("scene", "content.flow.expansion", "image.pyramid", "frame.run"),
     ("data",),
-    ("plan",),
-    ("partition",),
-    ("jobs",),
-    ("flow",),
-    ("render", "composite", "reference"),
-    ("frame.run",),
-    ("content",),
-    ("frame.work", "frame.opening", "annotations"),
-    ("frame.brick_reader",),
-    ("frame.residency",),
-    ("frame.drawing",),
-    ("distribution",),
-    ("migration",),
-    ("auto",),
+    ("plan", "jobs", "reference"),
+    ("partition.screen", "flow", "render"),
+    ("content", "frame.work"),
+    ("annotations", "distribution"),
+    ("migration", "auto"),
     ("frame",),
     ("pages", "self_test", "viewer", "debugger"),
     ("cli",),
@@ -65,11 +43,10 @@ KEYS = (
     "compatibility",
     "field_types",
 )
-PARTS = dict.fromkeys(
-    (f"scene.{name}" for name in (*KEYS, "field_types", "materials", "transfer", "transfer_2d", "yaml_text")),
-    "scene.keys",
-)
-"""Modules that have one entry: those of which the sections of a scene are made, of content and others."""
+PARTS = {f"scene.{name}": "scene.keys" for name in (*KEYS, "materials", "transfer", "transfer_2d", "yaml_text")}
+PARTS |= {f"content.{kind}.section": "content.sections" for kind in ("volume", "geometry", "grid", "flow")}
+PARTS |= {f"content.{name}": "content.sections" for name in ("facts", "volume.info", "volume.optics", "volume.presets")}
+"""Modules that have one entry: those of which sections of a scene are made, and the sections of content with facts."""
 LIBRARY_PACKAGES = {"mpi4py": {"comm"}, "moderngl": {"gl", "render"}, "glcontext": {"gl"}}
 ALLOWED = {
     "kernels": {"errors", "kernels"},

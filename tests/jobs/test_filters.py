@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from volume_filters import Filter, FilteredSource, Gradient, Smooth, Upsample, apply_filter
 
 from clusterviz import jobs
 from clusterviz.comm import Channel, run_loopback
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.errors import InputError
-from volume_filters import Filter, FilteredSource, Gradient, Smooth, Upsample, apply_filter
 from clusterviz.reference.sample import cubic, trilinear
 
 TURNED = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))

@@ -20,7 +20,7 @@ from clusterviz.frame.opening import open_content
 from clusterviz.frame.run import Options, Run
 from clusterviz.migration.wire_format import WireFormat, wire_format_of
 from clusterviz.render.content_bricks import store
-from clusterviz.render.stored_brick import Stored
+from clusterviz.render.stored_brick import Part, Stored
 from clusterviz.scene.values import Camera, Cluster, Scene
 
 BRICK = (1, 0, 2)
@@ -56,8 +56,9 @@ def test_bricks_come_out_as_they_went_in(dtype: str, filter: str, codec: str) ->
         assert piece.size <= wire_format.most_bytes(number)
         voxels = wire_format.unwrap(piece, BRICK, number, came)
     found = wire_format.brick(came, voxels)
-    z, y, x = stored.samples.shape
-    assert found.samples[:z, :y, :x].tobytes() == np.ascontiguousarray(stored.samples).tobytes()
+    ((came_in,), (went_out,)) = found.parts, stored.parts
+    z, y, x = went_out.samples.shape
+    assert came_in.samples[:z, :y, :x].tobytes() == np.ascontiguousarray(went_out.samples).tobytes()
     assert (found.low == stored.low).all()
     assert (found.high == stored.high).all()
     assert (found.low.dtype, found.voxels) == (stored.low.dtype, stored.voxels)
@@ -98,7 +99,7 @@ def test_primitives_and_tetrahedra_come_out_as_they_went_in() -> None:
 @pytest.mark.parametrize("codec", ["raw", "lz4"])
 def test_no_damage_passes_for_a_brick(codec: str) -> None:
     wire_format, stored = made("uint8")
-    flat = Stored(np.zeros_like(stored.samples), stored.low, stored.high, stored.voxels)
+    flat = Stored([Part(np.zeros_like(stored.parts[0].samples))], stored.low, stored.high, stored.voxels)
     stream, came = wire_format.stream(flat), np.zeros(wire_format.stream_bytes, np.uint8)
     first = wire_format.wrap(BRICK, flat.voxels, stream, 0, lambda pixels, rows: pack(pixels, codec, rows))
     assert (first.size < 100) == (codec == "lz4")

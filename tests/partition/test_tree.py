@@ -16,7 +16,6 @@ from clusterviz.partition import (
     Split,
     build_tree,
     busiest,
-    draw,
     move_planes,
     owners_of,
     refined_edges,
@@ -166,20 +165,3 @@ def test_units_grow_away_from_a_plane_and_are_the_boxes_between_edges() -> None:
     assert refined_edges(build_tree(np.ones((9, 4, 1)), 1), 4) == ((4, 8), (), ()), "as coarse as allowed"
     number = units((1, 3, 5), ((), (2,), (2, 4)))
     assert number.tolist() == [[[0, 0, 1, 1, 2], [0, 0, 1, 1, 2], [3, 3, 4, 4, 5]]]
-
-
-def test_drawing() -> None:
-    assert draw(build_tree(np.ones((1, 1, 1)), 1)).splitlines() == [
-        "1 × 1 × 1 bricks (z, y, x) on 1 rank",
-        "└─ rank 0: z 0…1, y 0…1, x 0…1, cost 1",
-    ]
-    assert draw(build_tree(np.ones((1, 1, 2)), 4)).splitlines() == [
-        "1 × 1 × 2 bricks (z, y, x) on 4 ranks",
-        "└─ x = 1",
-        "   ├─ z = 1",
-        "   │  ├─ rank 0: z 0…1, y 0…1, x 0…1, cost 1",
-        "   │  └─ rank 1: no bricks",
-        "   └─ z = 1",
-        "      ├─ rank 2: z 0…1, y 0…1, x 1…2, cost 1",
-        "      └─ rank 3: no bricks",
-    ]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.data.summary import VolumeSummary
 from clusterviz.errors import InputError
@@ -28,7 +29,8 @@ def plan_of(
     )
     camera = Camera(position=(50, 40, 30), focal_point=(0, 0, 0), view_up=(0, 0, 1))
     scene = Scene(volumes=(volume,), camera=camera, quality=Quality(**changes))
-    return make_plan(scene, [KnownVolume(Grid(LAYOUT.shape_zyx, spacing), np.dtype(np.float32), LAYOUT, summary)])
+    source = ArraySource(np.zeros(LAYOUT.shape_zyx, np.float32), Grid(LAYOUT.shape_zyx, spacing))
+    return make_plan(scene, [KnownVolume(source, LAYOUT, summary)])
 
 
 def test_cost_is_the_cells_of_a_brick_and_their_sum_those_of_the_volume() -> None:

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from plan.slabs import slab
 
 from clusterviz.image.spectral.two_flux import Fluxes, over_background, stacked
-from clusterviz.plan.kubelka_munk import slab
 from clusterviz.reference.two_flux import solve_layers, symmetrical_front_to_back
 
 K, S = np.array([0.14, 0.11, 0.6, 0.06]), np.array([1.44, 0.76, 0.05, 2.49])

@@ -21,11 +21,11 @@ from clusterviz.plan.blend_mode import margin_of
 from clusterviz.plan.content import Bricks, KnownVolume, bricks_of_volume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.plan.shading import occlusion_reach
-from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.cpu.width import Width
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.cpu.device import cpu_caster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.render_result import RenderResult, finish_projection
 from clusterviz.scene.values import Camera, ImageSettings, Light, Quality, Scene, Volume
+from clusterviz.spmd.width import Width
 
 SHAPE = (19, 23, 26)  # (z, y, x): nothing divides anything
 SIZE = (24, 20)
@@ -190,7 +190,7 @@ def prepare(
     layout = BrickLayout(source.grid.shape_zyx, brick, margin, edges)
     samples = list(read_bricks(source, layout, list(np.ndindex(*layout.counts_zyx))))
     summary = summarise(source.dtype, layout, lambda: iter(samples), lambda value: [value])
-    plan = make_plan(scene, [KnownVolume(source.grid, source.dtype, layout, summary)])
+    plan = make_plan(scene, [KnownVolume(source, layout, summary)])
     return Prepared(plan, bricks_of_volume(layout, samples))
 
 
@@ -238,10 +238,10 @@ def draw_pieces(
 ) -> list[list[RenderResult]]:
     """The results of the pieces of each picture; `width` is that of the CPU's vectors."""
     plan = prepared.plan
-    caster = Raycaster(where, plan, block_bytes) if where else VectorCaster(plan, width)
+    caster = opengl_caster(where, plan, block_bytes) if where else cpu_caster(plan, width)
     caster.load(plan, prepared.shown)
     results = [caster.draw(plan, pieces) for pieces in pictures]
-    if isinstance(caster, Raycaster):
+    if where:
         caster.release()
     return results
 

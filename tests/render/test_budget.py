@@ -15,9 +15,9 @@ from render.scenes import Prepared
 from clusterviz.data.source import Grid
 from clusterviz.gl.device import Counts
 from clusterviz.partition import Piece, build_tree
-from clusterviz.render import raycast
+from clusterviz.render import opengl
 from clusterviz.render.abuffer import raster
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.scene.values import Scene
 
 pytestmark = pytest.mark.gl
@@ -73,11 +73,11 @@ def test_a_moving_camera_takes_few_calls_one_wait_and_no_buffers(
     context: moderngl.Context, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One more dispatch packs the picture."""
-    monkeypatch.setattr(raycast, "ITERATIONS", (1 << 16,) * 2)  # as on GPUs
+    monkeypatch.setattr(opengl, "ITERATIONS", (1 << 16,) * 2)  # as on GPUs
     monkeypatch.setattr(raster, "is_llvmpipe", lambda _: False)
     frame, dispatches, waits, uploaded = CASES[name]
     one, other = frame(0.0), frame(0.01)
-    caster = Raycaster(context, one.plan, band_pixels=1 << 62, packs=True, raster=True)
+    caster = opengl_caster(context, one.plan, band_pixels=1 << 62, packs=True, raster=True)
     caster.load(one.plan, one.shown | other.shown)
     found = list[Counts]()
     pieces = [Piece(0, build_tree(one.plan.cost, 1).leaves[0].trimmed)]
@@ -87,7 +87,7 @@ def test_a_moving_camera_takes_few_calls_one_wait_and_no_buffers(
         (drawn,) = caster.draw(plan, pieces)
         found.append(caster.counts.since(before))
     caster.release()
-    fresh = Raycaster(context, other.plan, raster=False)
+    fresh = opengl_caster(context, other.plan, raster=False)
     fresh.load(other.plan, other.shown)
     (expected,) = fresh.draw(other.plan, pieces)
     fresh.release()

@@ -26,11 +26,11 @@ from clusterviz.pages.kbuffer.analysis import analyse, comparisons
 from clusterviz.reference import render_reference
 from clusterviz.reference.cells import find_passages, place_cells
 from clusterviz.reference.rays import camera_rays
-from clusterviz.render import raycast
+from clusterviz.render import opengl
 from clusterviz.render.abuffer import primitives
 from clusterviz.render.cells.table import LocalGrid, make_local_grid
 from clusterviz.render.march import March
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
 
 CAMERAS = {
@@ -201,7 +201,7 @@ def test_the_rasteriser_finds_the_entries_of_tile_lists(context: moderngl.Contex
     for camera, section in ((camera, section) for section in (THIN, MIRRORED) for camera in CAMERAS):
         given = prepared(scene_of(((section, HOLES),), camera), ((section, HOLES),), (), ())
         (right,) = scenes.draw_pieces(None, given, scenes.pieces_of(given, 1))[0]
-        caster = caster or Raycaster(context, given.plan, raster=True)
+        caster = caster or opengl_caster(context, given.plan, raster=True)
         caster.drop(given.bricks)
         caster.load(given.plan, given.shown)
         (found,) = caster.draw(given.plan, scenes.pieces_of(given, 1))
@@ -213,14 +213,14 @@ def test_the_rasteriser_finds_the_entries_of_tile_lists(context: moderngl.Contex
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("name", ["holes", MIXTURE])
+@pytest.mark.parametrize("name", ["holes", pytest.param(MIXTURE, marks=pytest.mark.long)])
 def test_dispatches_may_end_within_a_walk(
     name: str, context: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the programs of the test above, with a few steps of a ray in each dispatch."""
     grids, volumes, meshes, keys, _, _ = CASES[name]
     given = prepared(scene_of(grids, "outside", volumes, meshes, **keys), grids, volumes, meshes)
-    monkeypatch.setattr(raycast, "ITERATIONS", (20, 20))
+    monkeypatch.setattr(opengl, "ITERATIONS", (20, 20))
     ended, end_turn = [0], March._end_turn
 
     def counted(self: March, *given: Any, **named: Any) -> Any:

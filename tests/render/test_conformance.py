@@ -37,13 +37,13 @@ from clusterviz.data.source import Grid
 from clusterviz.image.merge import ORDER_FREE
 from clusterviz.kernels.objects import OPTIMIZE_VARIABLE
 from clusterviz.reference import render_reference
-from clusterviz.render.cpu.caster import compiled_variant
-from clusterviz.render.cpu.width import WIDTHS, Width
+from clusterviz.render.cpu.arrays import compiled_variant
 from clusterviz.scene.blend_modes import BLEND_MODES
 from clusterviz.scene.values import Cluster, Scene
 from clusterviz.spmd import machine_code
 from clusterviz.spmd.adversary import DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE
+from clusterviz.spmd.width import WIDTHS, Width
 
 
 @dataclass(frozen=True)
@@ -363,6 +363,9 @@ def check(context: moderngl.Context | None, row: Row, folder: Path, width: Width
     "gradient opacity, outside, plain, float32, usual, 0.9, (7, 5, 2000), isosurfaces",
     "surfaces within, outside, anisotropic, uint8, usual, 0.9, (7, 5, 2000), ambient, diffuse, ambient_occlusion, "
     "blending",
+    "surfaces within, outside, anisotropic, uint8, usual, 0.9, (7, 5, 2000), blending, interpolation",
+    "lit, outside, plain, uint8, usual, 0.9, (7, 5, 2000), ambient, diffuse, ambient_occlusion, interpolation, clip",
+    *(str(row) for row in SPECIAL if row.mode == "split" and row.step == 4e-2),
 )
 @pytest.mark.gl
 @pytest.mark.parametrize("row", ROWS, ids=str)
@@ -373,11 +376,11 @@ def test_pictures_are_those_of_the_reference(context: moderngl.Context, row: Row
     assert check(context, row, tmp_path).any() != empty, "the scene shows nothing that could be wrong"
 
 
-@pytest.mark.cover
+@pytest.mark.cover(*HEAVY[1:])
 @pytest.mark.gl
 @pytest.mark.parametrize("name", MODES)
 def test_where_nothing_is_to_be_seen_the_picture_is_empty(context: moderngl.Context, name: str, tmp_path: Path) -> None:
-    # Volumes with one sample along an axis have a thickness: failures/test_extremes.py.
+    # Volumes with one sample along an axis have a thickness: verification/test_extremes.py.
     for shape, value, keys in ((SHAPE, np.nan, {}), (SHAPE, 0.5, NOTHING_LEFT)):
         scene, *_ = made(Row(name, dtype="float32", keys=keys), tmp_path)
         voxels = np.full(shape, value, np.float32)
@@ -388,7 +391,7 @@ def test_where_nothing_is_to_be_seen_the_picture_is_empty(context: moderngl.Cont
         assert not render_reference(scene, Grid(shape), voxels).any()
 
 
-@pytest.mark.cover
+@pytest.mark.cover(*HEAVY)
 @pytest.mark.gl
 @pytest.mark.parametrize("name", MODES)
 def test_values_far_outside_of_the_range_give_numbers(context: moderngl.Context, name: str, tmp_path: Path) -> None:
@@ -438,6 +441,7 @@ ADVERSE = [
     "surfaces within, outside, plain, float64, invalid voxels, 0.9, (7, 5, 2000)-saturating",
     "surfaces within, outside, plain, float64, invalid voxels, 0.9, (7, 5, 2000)-wrapping",
     "cubic, outside, plain, float32, invalid voxels, 0.9, (7, 5, 2000)-wrapping",
+    "cubic, on-a-face, anisotropic, float64, hardly anything, 0.26, (7, 5, 2000)-wrapping",
 )
 @pytest.mark.parametrize("driver", DRIVERS)
 @pytest.mark.parametrize("row", ADVERSE, ids=str)

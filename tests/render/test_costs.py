@@ -15,8 +15,8 @@ from clusterviz.data.source import Grid
 from clusterviz.gl.device import Counts
 from clusterviz.partition import Piece, build_tree
 from clusterviz.plan.plan import Plan
-from clusterviz.render import raycast
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render import march
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.storage import slot_of
 from clusterviz.render.variant import variant_of
 from clusterviz.scene.values import Light
@@ -30,10 +30,10 @@ BRICK = 16
 BUFFERS = 7
 ALWAYS = (
     "raycast pixels buffers ray numbers opacity transfer words pitch units records_uniform march groups "
-    "groups_of_bricks no_prefetch no_profile reals_double vectors_double reals bricks_double"
+    "groups_of_bricks no_prefetch no_profile own_box reals_double vectors_double reals bricks_double"
 )
 PLAIN = (
-    "composite linear_u8 cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered "
+    "composite linear cells over samples whole_slab segment unclipped unlit gradient_none unfaded unjittered "
     "unsplit entries unnoted no_fragments fixed_step voxel_u8"
 )
 
@@ -81,7 +81,7 @@ CASES = {
     ),
     "nearest, shade": Case(
         {"interpolation": "nearest"} | SHADE,
-        "linear_u8 unlit gradient_none",
+        "linear unlit gradient_none",
         "nearest gradient_nearest ambient lights lights_far phong",
         buffers=1,
         side=19,
@@ -94,10 +94,10 @@ CASES = {
         side=19,
     ),
     "smooth, but not lit": Case(SMOOTH),
-    "cubic": Case({"interpolation": "cubic"}, "linear_u8", "spline cubic", side=19),
+    "cubic": Case({"interpolation": "cubic"}, "linear", "spline cubic", side=19),
     "cubic, shade": Case(
         {"interpolation": "cubic"} | SHADE,
-        "linear_u8 unlit gradient_none",
+        "linear unlit gradient_none",
         "spline cubic gradient_cubic ambient lights lights_far phong",
         buffers=1,
         side=19,
@@ -113,7 +113,7 @@ CASES = {
     "isosurfaces in a volume": Case(IN_VOLUME, "samples", "surfaces extremes root cell_linear", buffers=1, side=19),
     "all of it": Case(
         SURFACES | SHADE | CLIP | {"interpolation": "cubic"},
-        "samples linear_u8 unlit unclipped gradient_none",
+        "samples linear unlit unclipped gradient_none",
         "surfaces root cell_cubic spline cubic gradient_cubic ambient lights lights_far clip kept phong",
         buffers=3,
         side=19 + 2,
@@ -141,7 +141,7 @@ CASES = {
         side=19 + 2,
     ),
     "pre-integrated, but nearest": Case(
-        {"classification": "pre-integrated", "interpolation": "nearest"}, "linear_u8", "nearest"
+        {"classification": "pre-integrated", "interpolation": "nearest"}, "linear", "nearest"
     ),
     "gradient opacity": Case(FADED, "gradient_none unfaded", "gradient magnitude faded", buffers=1, side=19),
     "gradient opacity, shade": Case(
@@ -164,12 +164,12 @@ CASES = {
     ),
     "cubic, hardware": Case(
         {"filter": "hardware", "interpolation": "cubic"},
-        "linear_u8 voxel_u8",
-        "spline cubic_hardware atlas",
+        "linear voxel_u8",
+        "spline cubic_hardware atlas rows",
         textures=1,
         side=19,
     ),
-    "hardware": Case({"filter": "hardware"}, "linear_u8 voxel_u8", "hardware atlas", textures=1),
+    "hardware": Case({"filter": "hardware"}, "linear voxel_u8", "hardware atlas rows", textures=1),
 }
 
 
@@ -186,13 +186,13 @@ def test_only_what_is_shown_is_made(context: moderngl.Context, name: str) -> Non
     case = CASES[name]
     plan, bricks = planned(name)
     counted = Counted(context)
-    caster = Raycaster(counted, plan, band_pixels=1 << 62)
+    caster = opengl_caster(counted, plan, band_pixels=1 << 62)
     assert counted.made == {"programs": 1}
     caster.load(plan, {index: bricks[index] for index in map(tuple, np.argwhere(plan.cost).tolist())})
     shown = np.count_nonzero(plan.cost)
     assert counted.made == {"programs": 1} | ({"textures": 1} if case.textures else {"buffers": 1})
     voxels = case.side**3 if case.textures else 4 * -(-(case.side - 1) // 3) * case.side**2
-    assert caster.voxel_bytes == shown * voxels
+    assert caster.pool.bytes == shown * voxels
     counted.made.clear()
     pieces = [Piece(0, build_tree(plan.cost, 1).leaves[0].trimmed)]
     for _ in range(2):
@@ -224,7 +224,7 @@ def test_a_table_is_one_texture_and_one_buffer(context: moderngl.Context, tmp_pa
     scene = scene_of(VOXELS, camera_at("outside", GRID), opacity=None, transfer_2d=table)
     prepared = prepare(scene, VOXELS, GRID, BRICK)
     counted = Counted(context)
-    caster = Raycaster(counted, prepared.plan)
+    caster = opengl_caster(counted, prepared.plan)
     caster.load(prepared.plan, prepared.bricks)
     counted.made.clear()
     for _ in range(2):
@@ -247,4 +247,4 @@ def test_scenes_that_differ_in_numbers_share_a_program() -> None:
 def test_tile_is_that_of_the_shader() -> None:
     plan, _ = planned("plain")
     text = variant_of(plan, slot_of(plan), 1 << 16).source.text
-    assert f"local_size_x = {raycast.TILE}, local_size_y = {raycast.TILE}" in text
+    assert f"local_size_x = {march.TILE}, local_size_y = {march.TILE}" in text

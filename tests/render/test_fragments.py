@@ -23,11 +23,12 @@ from clusterviz.gl.device import Device
 from clusterviz.image.partial import Rect
 from clusterviz.partition import BrickBox, Piece, build_tree
 from clusterviz.reference import render_reference
-from clusterviz.render.abuffer import fills, on_gl, raster, tiles
-from clusterviz.render.cpu.width import WIDTHS, Width
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render import opengl
+from clusterviz.render.abuffer import fills, raster, tiles
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.render_result import RenderResult
 from clusterviz.scene.values import Camera, Clip, Cluster, Fill, ImageSettings, Light, Quality, Resolve, Scene, Volume
+from clusterviz.spmd.width import WIDTHS, Width
 
 Entry = tuple[GeometrySection, Mesh | Lines | Points]
 Part = tuple[Volume, np.ndarray, Grid]
@@ -299,7 +300,7 @@ def test_all_schemes_give_the_same_picture(where: Any, caster: str) -> None:
 def test_a_limit_of_memory_divides_the_picture(
     where: Any, caster: str, fill: Fill, share: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In rows, and then in columns; as few pixels as cannot be divided take more."""
+    """In rows, of which as few as cannot be divided take more."""
     first = by_schemes(prepared(scene_of((), "inside", size=(40, 45)), (), LIT), fill, "static")
     whole = scenes.drawn(where, first)[0]
     monkeypatch.setattr(fills, "MOST_BYTES", 40 * 8 * 9 * share)
@@ -320,9 +321,8 @@ def test_no_memory_for_one_more_page_is_an_error_or_divides(fill: Fill) -> None:
     with pytest.raises(DeviceError, match=r"no memory for the fragments of 8 x 8 pixels; needed \d+ bytes"):
         fills.store_fragments(fill, Rect(8, 16, 16, 24), fills.Pools(), run)
     assert len(asked) == 2
-    for rect, whole_rows in ((Rect(0, 0, 8, 16), True), (Rect(0, 0, 16, 8), False)):
-        with pytest.raises(fills.ManyFragmentsError):
-            fills.store_fragments(fill, rect, fills.Pools(), run, whole_rows)
+    with pytest.raises(fills.ManyFragmentsError):
+        fills.store_fragments(fill, Rect(0, 0, 8, 16), fills.Pools(), run)
 
 
 def test_opaque_geometry_alone_has_one_place_for_each_pixel() -> None:
@@ -374,7 +374,7 @@ def test_the_fill_is_chosen_by_the_fragments_of_the_last_frame() -> None:
 def test_llvmpipe_refuses_what_it_would_leave_out(context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     if "llvmpipe" not in context.info["GL_RENDERER"]:
         pytest.skip("another driver ends no loops")
-    monkeypatch.setattr(on_gl, "LLVMPIPE_ITERATIONS", 100)
+    monkeypatch.setattr(opengl, "LLVMPIPE_ITERATIONS", 100)
     with pytest.raises(DeviceError, match="too many primitives in a tile for llvmpipe; found "):
         drawn(context, scene_of((), "inside"), (), LIT)
 
@@ -505,7 +505,7 @@ def on_cpu(given: Prepared) -> RenderResult:
 
 def rasterised(context: moderngl.Context, given: Prepared) -> RenderResult:
     """What OpenGL draws of all bricks if the rasteriser finds the fragments."""
-    caster = Raycaster(context, given.plan, raster=True)
+    caster = opengl_caster(context, given.plan, raster=True)
     caster.load(given.plan, given.shown)
     found = caster.draw(given.plan, (whole_piece(given),))[0]
     caster.release()
@@ -525,7 +525,7 @@ def test_the_rasteriser_finds_the_fragments_of_tile_lists(context: Any, name: st
     for camera in CAMERAS:
         given = prepared(scene_of(parts, camera, **keys), parts, entries)
         right = on_cpu(given)
-        caster = caster or Raycaster(context, given.plan, raster=True)
+        caster = caster or opengl_caster(context, given.plan, raster=True)
         caster.drop(given.bricks)
         caster.load(given.plan, given.shown)
         found = caster.draw(given.plan, (whole_piece(given),))[0]
@@ -552,7 +552,7 @@ def test_the_rasteriser_sorts_many_fragments_and_makes_room(context: Any, monkey
     calls = []
     for most in (fills.MOST_BYTES, 8 * int(right.fragments.sum()) // 2):
         monkeypatch.setattr(fills, "MOST_BYTES", most)
-        caster = Raycaster(context, given.plan, raster=True)
+        caster = opengl_caster(context, given.plan, raster=True)
         caster.load(given.plan, given.shown)
         found = caster.draw(given.plan, (whole_piece(given),))[0]
         calls.append(caster.counts.dispatches)
@@ -571,7 +571,7 @@ def test_a_moving_camera_sends_no_primitives(context: Any, monkeypatch: pytest.M
     first, second = (prepared(scene_of((), camera), (), (*PLAIN, *MIXED)) for camera in ("outside", "parallel"))
     plan = replace(second.plan, content=first.plan.content)
     piece = whole_piece(first)
-    caster, counts = Raycaster(context, first.plan, raster=True), []
+    caster, counts = opengl_caster(context, first.plan, raster=True), []
     caster.load(first.plan, first.shown)
     for each in (plan, plan, first.plan):
         before = replace(caster.counts)

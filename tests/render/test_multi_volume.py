@@ -21,15 +21,15 @@ from clusterviz.partition import BrickBox, Piece, build_tree
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
 from clusterviz.render import stored_brick
-from clusterviz.render.content_bricks import store
-from clusterviz.render.cpu import caster as casters
+from clusterviz.render.content_bricks import pack_parts, store
+from clusterviz.render.cpu import device as cpu_device
 from clusterviz.render.cpu import memory
 from clusterviz.render.cpu.memory import Memory, words_of
-from clusterviz.render.cpu.width import WIDTHS
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.storage import slot_of
 from clusterviz.render.stored_brick import Stored
 from clusterviz.scene.values import Camera, Clip, Cluster, ImageSettings, Light, Quality, Scene, Volume
+from clusterviz.spmd.width import WIDTHS
 
 BOUND = 1e-6
 FEW = 0.005
@@ -329,7 +329,7 @@ def test_skipping_changes_no_bit(
     def visible(ranges: Any, _: Plan) -> np.ndarray:
         return np.ones((len(ranges[0]), *ranges[0].shape[2:]), bool)
 
-    monkeypatch.setattr(casters, "visible_groups", visible)
+    monkeypatch.setattr(cpu_device, "visible_groups", visible)
     monkeypatch.setattr(stored_brick, "_visible", lambda low, high, look, transfer: np.ones(low.shape, bool))
     every, samples = drawn(where, scene, parts)
     assert skipped.max() > 0.1
@@ -364,7 +364,7 @@ def test_several_volumes_cost_one_program_and_no_further_buffer_of_voxels(contex
     for parts in ((BYTES,), PAIR, (WORDS, SMOOTH, BYTES)):
         each = prepared(scene_of(parts), parts)
         counted = Counted(context)
-        caster = Raycaster(counted, each.plan)
+        caster = opengl_caster(counted, each.plan)
         caster.load(each.plan, each.bricks)
         assert counted.made == {"programs": 1, "buffers": 1}
         counted.made.clear()
@@ -380,7 +380,7 @@ def test_only_what_the_volumes_need_is_compiled(context: moderngl.Context) -> No
     sources = {}
     for name, parts in (("one", (BYTES,)), ("two", PAIR), ("lit", (WORDS, BYTES))):
         plan = prepared(scene_of(parts), parts).plan
-        caster = Raycaster(context, plan)
+        caster = opengl_caster(context, plan)
         sources[name] = caster.variant_of(plan).source.names
         caster.release()
     assert not {"multi_volume.glsl", "volume_layer.glsl", "kept.glsl"} & set(sources["one"])
@@ -404,10 +404,11 @@ def filled() -> tuple[Memory, dict[tuple[int, int, int], Stored]]:
 
 def test_bricks_are_read_back_as_they_came(filled: Any) -> None:
     held, stored = filled
+    slot = held._slot
     assert held.bricks == set(stored)
     assert held.voxels == sum(one.voxels for one in stored.values())
     for index, found in held.stored(list(stored)):
-        assert np.array_equal(found.samples, stored[index].samples)
+        assert np.array_equal(pack_parts(found.parts, slot), pack_parts(stored[index].parts, slot))
         assert np.array_equal(found.low, stored[index].low, equal_nan=True)
         assert np.array_equal(found.high, stored[index].high, equal_nan=True)
 

@@ -26,8 +26,8 @@ from clusterviz.gl.context import open_context
 from clusterviz.partition import BrickBox, Owners, Piece, owner_pieces
 from clusterviz.plan.content import Bricks, KnownVolume, bricks_of_volume
 from clusterviz.plan.plan import Plan, make_plan
-from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.cpu.device import cpu_caster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.scene.values import Camera, Cluster, ImageSettings, Quality, Scene, Volume
 
 BRICKS = (3, 5, 8, 11, 16, 24)
@@ -77,11 +77,11 @@ def counted(draws: Sequence[Draw], context: moderngl.Context | None) -> Iterator
     of = None
     for draw in draws:
         held, scene = hold(draw.volume, draw.brick), scene_of(draw)
-        plan = make_plan(scene, [KnownVolume(held.source.grid, held.source.dtype, held.layout, held.summary)])
+        plan = make_plan(scene, [KnownVolume(held.source, held.layout, held.summary)])
         if of != (draw.volume, draw.brick):
             for caster in casters:
                 caster.release()
-            casters = [VectorCaster(plan), *([Raycaster(context, plan)] if context else [])]
+            casters = [cpu_caster(plan), *([opengl_caster(context, plan)] if context else [])]
             for caster in casters:
                 caster.load(plan, dict(held.bricks))
             of = draw.volume, draw.brick

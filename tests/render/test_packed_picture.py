@@ -20,9 +20,9 @@ from clusterviz.frame import render_frame
 from clusterviz.frame.run import Options
 from clusterviz.gl.device import Counts, Device
 from clusterviz.image.partial import PartialImage, Rect
-from clusterviz.render import raycast
+from clusterviz.render import opengl
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.packed_picture import HEAD_BYTES, LEAST_SQUARES, MARGIN, PictureReader, square_dtype
-from clusterviz.render.raycast import Raycaster
 
 pytestmark = pytest.mark.gl
 
@@ -134,7 +134,7 @@ def test_a_caster_draws_the_same_packed_or_whole(context: moderngl.Context, pixe
     prepared = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), opacity=FAINT), voxels, brick=7)
     drawn = []
     for packs in (False, True):
-        caster = Raycaster(context, prepared.plan, packs=packs)
+        caster = opengl_caster(context, prepared.plan, packs=packs)
         caster.load(prepared.plan, dict(prepared.shown))
         drawn.append([one for _ in range(3) for one in caster.draw(prepared.plan, pieces_of(prepared, 2), pixel=pixel)])
         caster.release()
@@ -163,7 +163,7 @@ def test_a_frame_is_the_same_and_says_what_was_read(
     scene = scene_of(noise(dtype="uint8"), camera_at("outside", source.grid), opacity=FAINT, **keys)
     images, counts = [], []
     for software in (True, False):
-        monkeypatch.setattr(raycast, "is_software", lambda _, answer=software: answer)
+        monkeypatch.setattr(opengl, "is_software", lambda _, answer=software: answer)
         rendered = render_frame(scene, LoopbackChannel(), source, options=Options(device=0))
         images.append(rendered.image)
         counts.append(rendered.statistics.per_rank[0])

@@ -13,7 +13,7 @@ from clusterviz.partition import BrickBox, Owners, Piece, owner_pieces
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import over
 from clusterviz.render.brick_atlas import capacity
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.opengl import opengl_caster
 
 pytestmark = pytest.mark.gl
 
@@ -38,7 +38,7 @@ def test_any_assignment_makes_the_same_picture_and_takes_each_sample_once(
 ) -> None:
     prepared = planned(camera)
     plan, expected = prepared.plan, draw(context, prepared)
-    caster = Raycaster(context, plan)
+    caster = opengl_caster(context, plan)
     caster.load(plan, prepared.shown)
     for ranks in (2, 3, 5):
         drawn = caster.draw(plan, dealt(plan, ranks, ranks))
@@ -54,7 +54,7 @@ def test_windows_cut_the_picture_and_nothing_else(context: moderngl.Context) -> 
     plan, expected = prepared.plan, whole(draw(context, prepared).partial, (24, 20))
     box = BrickBox((0, 0, 0), plan.layout.counts_zyx)
     windows = [Rect(0, 0, 11, 20), Rect(11, 0, 24, 9), Rect(11, 9, 24, 20)]
-    caster = Raycaster(context, plan)
+    caster = opengl_caster(context, plan)
     caster.load(plan, prepared.shown)
     found = np.zeros_like(expected)
     for window, drawn in zip(windows, caster.draw(plan, [Piece(0, box, None, w) for w in windows]), strict=True):
@@ -75,7 +75,7 @@ def test_bricks_that_come_and_go_leave_the_picture_as_it_is(
     plan, rng = prepared.plan, np.random.default_rng(4)
     every = sorted(prepared.shown)
     box = BrickBox((0, 0, 0), plan.layout.counts_zyx)
-    caster, other = Raycaster(context, plan, block_bytes), Raycaster(context, plan)
+    caster, other = opengl_caster(context, plan, block_bytes), opengl_caster(context, plan)
     here: set[tuple[int, ...]] = set()
     for _ in range(12):
         come = {every[i] for i in rng.choice(len(every), 9)} - here
@@ -97,7 +97,7 @@ def test_bricks_that_come_and_go_leave_the_picture_as_it_is(
     assert np.abs(np.array(pictures[0]) - np.array(pictures[1])).max() <= bound
     for index, stored in caster.pool.stored(here):
         ((_, expected),) = other.pool.stored([index])
-        np.testing.assert_array_equal(stored.samples, expected.samples)
+        np.testing.assert_array_equal(stored.parts[0].samples, expected.parts[0].samples)
         np.testing.assert_array_equal(stored.low, expected.low)
     caster.release()
     other.release()
@@ -107,7 +107,7 @@ def test_a_brick_that_is_not_there_is_no_hole_in_the_picture(context: moderngl.C
     prepared = planned("outside")
     plan = prepared.plan
     for block_bytes in (None, 6000):
-        caster = Raycaster(context, plan, block_bytes)
+        caster = opengl_caster(context, plan, block_bytes)
         bricks = prepared.shown
         del bricks[0, 0, 0]
         caster.load(plan, bricks)
@@ -117,6 +117,6 @@ def test_a_brick_that_is_not_there_is_no_hole_in_the_picture(context: moderngl.C
 
 
 def test_limits_leave_room_for_one_brick(context: moderngl.Context) -> None:
-    caster = Raycaster(context, planned("outside").plan)
+    caster = opengl_caster(context, planned("outside").plan)
     assert capacity(context, caster.slot, 1) == 1
     caster.release()

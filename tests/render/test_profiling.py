@@ -14,7 +14,7 @@ from clusterviz.data.source import Grid
 from clusterviz.pages.profile.code import Code, code_of
 from clusterviz.partition import build_tree, leaf_pieces
 from clusterviz.plan.plan import Plan
-from clusterviz.render.cpu.tables import frame_of
+from clusterviz.render.cpu.device import Cpu
 from clusterviz.render.profiling import PieceProfile, Profiler
 from clusterviz.render.storage import slot_of
 from clusterviz.scene.values import Cluster, Scene
@@ -115,7 +115,7 @@ def test_an_opaque_front_costs_what_early_termination_says() -> None:
     voxels = smooth(SHAPE, "uint8")
     plan, found = profiles(None, voxels, opacity=OPAQUE, early_termination=0.02)
     slabs, first, _, by = rays(plan)
-    batch = int(frame_of(plan, _box(plan), found[0].rect, slot_of(plan))["cells"][0, 3])
+    batch = int(Cpu().frame(plan, _box(plan), found[0].rect, slot_of(plan))["cells"][0, 3])
     expected = np.zeros_like(slabs)
     for pixel in np.argwhere(slabs):
         k = np.arange(slabs[tuple(pixel)] - 1)[:, None]

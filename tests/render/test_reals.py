@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,12 +18,12 @@ from render.variants import VARIANTS
 from clusterviz.data.source import Grid
 from clusterviz.errors import DeviceError
 from clusterviz.gl.reals import ENVIRONMENT, FORMS
+from clusterviz.render import opengl
 from clusterviz.render.frame_block import FRAME
 from clusterviz.render.variant import Variant
 from clusterviz.spmd.adversary import DRIVERS
 from clusterviz.spmd.machine_code import ADVERSARY_VARIABLE
 
-raycast = importlib.import_module("clusterviz.render.raycast")  # the package has a function of this name
 Doubles = np.ndarray[Any, np.dtype[np.float64]]
 Where = Callable[[str | int], Device]
 OPENGL = pytest.param("opengl", marks=pytest.mark.gl)
@@ -166,9 +165,9 @@ def test_pictures_are_the_same(context: moderngl.Context, monkeypatch: pytest.Mo
 
 @pytest.mark.gl
 def test_what_needs_double_precision_is_named(context: moderngl.Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(raycast, "has_doubles", lambda context: False)
+    monkeypatch.setattr(opengl, "has_doubles", lambda context: False)
     monkeypatch.setenv(ENVIRONMENT, "integer")
     voxels, camera = noise(), camera_at("outside", Grid(SHAPE))
     plan = prepare(scene_of(voxels, camera, classification="pre-integrated", frame_coherence=True), voxels).plan
     with pytest.raises(DeviceError, match=r"no double precision.*needed by: pre-integrated slabs, frame coherence"):
-        raycast.Raycaster(context, plan)
+        opengl.opengl_caster(context, plan)

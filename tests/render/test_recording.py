@@ -24,15 +24,17 @@ from clusterviz.frame import Options, Run, prepare
 from clusterviz.gl.shader import shader_folder
 from clusterviz.partition import Piece, build_tree
 from clusterviz.plan.plan import Plan
-from clusterviz.render.cpu import caster as casters
+from clusterviz.render.cpu import arrays as cpu_arrays
+from clusterviz.render.cpu.device import cpu_caster
 from clusterviz.render.crossing import Crossing
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.recording import recorded, run_on
-from clusterviz.render.variant import Variant
 from clusterviz.spmd.interpreter import Dispatch, Interpreter
 from clusterviz.spmd.ir import Declare, Variable
-from clusterviz.spmd.machine_code import function_of, object_code
+from clusterviz.spmd.machine_code import ONE_GROUP, addresses, function_of, object_code
 from clusterviz.spmd.probe import Probe, Shader, Taken, probe_bytes, taken_by, taken_of_words
+from clusterviz.spmd.source import ShaderSource
+from clusterviz.spmd.width import host_width
 
 SHAPE = (9, 11, 12)
 GRID = Grid(SHAPE)
@@ -59,9 +61,9 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "lit, clipped": (
         "uint8",
         LIT | {"clip": clip_of(GRID), "lights": lights_in(GRID)},
-        "ambient cells clip gradient kept lights lights_near linear_u8 phong units unjittered voxel_u8 reals",
+        "ambient cells clip gradient kept lights lights_near phong units unjittered voxel_u8 reals",
     ),
-    "maximum of float32": ("float32", {"blending": "maximum"}, "extreme numbers voxel_f32"),
+    "maximum of float32": ("float32", {"blending": "maximum"}, "extreme numbers rows voxel_f32"),
     "average of slices": ("uint8", {"blending": "average", "renderer": "slices"}, "slices sum"),
     "first hit": ("uint8", {"blending": "first-hit"}, "first_hit"),
     "local maximum": ("uint8", {"blending": "local-maximum"}, "local_maximum"),
@@ -110,7 +112,7 @@ LOOKS: dict[str, tuple[str, dict[str, Any], str]] = {
     "volume of a flow": ("float32", {}, "lines vector"),
 }
 """Type of the voxels, keys of the scene, and the files in which a probe looks."""
-WITHOUT_CODE = "buffers levels_none met_none no_prefetch no_profile packets pitch raycast sums"
+WITHOUT_CODE = "buffers levels_none own_box met_none no_prefetch no_profile packets pitch raycast sums"
 ON_CPUS = {
     "jittered uint16": "cells_in_words cells_u16 drawn_once linear_cells skips tiles words",
     "maximum of float32": "cells_f32",
@@ -208,7 +210,6 @@ def watches_at(shader: Shader, place: str) -> tuple[str, ...]:
     "occluded",
     "cubic hardware",
     "two volumes",
-    "lit, clipped",
     "volume of a flow",
 )
 @pytest.mark.gl
@@ -223,7 +224,7 @@ def test_the_interpreter_and_instrumented_shaders_find_what_opengl_draws(
         ways.append((replace(dispatch, buffers=dict(copies(dispatch.buffers))), dispatch))
         reached |= executed(dispatch)
     if look in DRAWN:
-        caster = Raycaster(context, plan)
+        caster = opengl_caster(context, plan)
         caster.load(plan, dict(bricks))
         drawn = caster.draw(plan, pieces, carried=rays)[0].partial.rgba
         caster.release()
@@ -269,24 +270,21 @@ def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
     in_units = "pitches" in ON_CPUS[look]
     plan, pieces, bricks = dispatches(look, tmp_path, 16, in_units)  # one brick, as others lie elsewhere
     seen: dict[str, Any] = {}
-    compiled, table = casters.compiled_variant, casters.addresses
+    bound = cpu_arrays.bound
 
-    def recorded_table(uniforms: Any, buffers: Any, *others: Any) -> Any:
-        for name, blocks in (("uniforms", uniforms), ("buffers", buffers)):
-            seen[name] = {number: np.frombuffer(block.tobytes(), np.uint8).copy() for number, block in blocks.items()}
-        return table(uniforms, buffers, *others)
+    def recorded_blocks(source: ShaderSource, blocks: Mapping[str, np.ndarray]) -> Any:
+        seen.update(source=source, uniforms={}, buffers={})
+        for name, binding in source.blocks.items():
+            if name in blocks and binding.kind != "texture":
+                seen[f"{binding.kind}s"][binding.number] = np.frombuffer(blocks[name].tobytes(), np.uint8).copy()
+        return bound(source, blocks)
 
-    def recorded_variant(variant: Variant) -> Any:
-        seen["variant"] = variant
-        return compiled(variant)
-
-    monkeypatch.setattr(casters, "addresses", recorded_table)
-    monkeypatch.setattr(casters, "compiled_variant", recorded_variant)
-    caster = casters.VectorCaster(plan)
+    monkeypatch.setattr(cpu_arrays, "bound", recorded_blocks)
+    caster, lanes = cpu_caster(plan), host_width().lanes
     caster.load(plan, dict(bricks))
     rays = [Crossing.behind(np.zeros(SIZE[::-1], np.float32))] * plan.march.crossing
     drawn = caster.draw(plan, pieces, carried=rays)[0].partial.rgba
-    source, lanes = seen["variant"].source, seen["variant"].cpu.lanes
+    source = seen["source"]
     text = source.text.replace("local_size_x = 8, local_size_y = 8", f"local_size_x = {lanes}")
     dispatch = Dispatch(replace(source, text=text), (1, 1, 1), seen["uniforms"], dict(copies(seen["buffers"])))
     reached = executed(dispatch)
@@ -301,7 +299,7 @@ def test_the_interpreter_and_instrumented_shaders_find_what_machine_code_draws(
     begun = replace(dispatch, buffers=dict(copies(seen["buffers"])))
     mine = taken_by(Interpreter(shader.program, begun), probes, np.ones(lanes, bool))
     words = np.zeros(probe_bytes(probes) * lanes, np.uint8)
-    blocks = table(seen["uniforms"], seen["buffers"] | {BINDING + 2: words}, casters.ONE_GROUP)
+    blocks = addresses(seen["uniforms"], seen["buffers"] | {BINDING + 2: words}, ONE_GROUP)
     code = object_code(shader.instrumented(probes, BINDING + 2), "probed", lanes, intrinsics=False)
     function_of(code, "probed")(blocks.ctypes.data)
     check_taken(places, probes, mine, taken_of_words(words, probes), 1e-4)

@@ -16,8 +16,8 @@ from clusterviz.image.merge import merge_partials
 from clusterviz.image.spectral import SpectralPicture
 from clusterviz.reference import raycast, render_reference
 from clusterviz.reference.refraction import Bent, snell
-from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.cpu.device import cpu_caster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.refraction import MOMENTUM, POSITION, STATUS, Paths
 from clusterviz.render.render_result import footprint, no_progress
 from clusterviz.render.tall_picture import draw_tall_picture
@@ -53,7 +53,7 @@ def fluxes(
     """Fluxes (3, rays, wavelengths) that a caster draws."""
     prepared = prepare(scene, voxels, grid, brick)
     plan = prepared.plan
-    caster = Raycaster(where, plan, block) if where else VectorCaster(plan)
+    caster = opengl_caster(where, plan, block) if where else cpu_caster(plan)
     caster.load(plan, dict(prepared.shown))
     results = draw_tall_picture(caster.draw, plan, pieces_of(prepared, 1), no_progress)
     merged = merge_partials([one.partial for one in results], plan.canvas_size, plan.blend_mode.operator)
@@ -66,7 +66,7 @@ def ends(scene: Scene, voxels: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.n
     """Status (rays,), position and momentum (rays, 3) at the end of the rays of the first wavelength."""
     prepared = prepare(scene, voxels, grid, 64)
     plan, (piece, *_) = prepared.plan.at_wavelength(0), pieces_of(prepared, 1)
-    caster, paths = VectorCaster(plan), Paths.beginning(footprint(plan, piece))
+    caster, paths = cpu_caster(plan), Paths.beginning(footprint(plan, piece))
     caster.load(plan, dict(prepared.shown))
     caster.draw(plan, [piece], carried=[paths])
     planes = paths.planes.reshape(len(paths.planes), -1).astype(np.float64)

@@ -15,8 +15,8 @@ from clusterviz.data.source import Grid
 from clusterviz.plan.content import brick_cost
 from clusterviz.plan.plan import Plan
 from clusterviz.reference import render_reference
-from clusterviz.render import brick_atlas, raycast
-from clusterviz.render.cpu import caster
+from clusterviz.render import brick_atlas, opengl
+from clusterviz.render.cpu import device as cpu_device
 from clusterviz.render.storage import Slot
 from clusterviz.scene.values import Cluster
 
@@ -73,7 +73,7 @@ def show_all(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> Prepared:
             return np.ones(ranges[0][:, 0].shape, bool)
         return np.full((len(ranges[0]), slot.visibility_words), 0xFFFFFFFF, np.uint32)
 
-    monkeypatch.setattr(caster, "visible_groups", visible)
+    monkeypatch.setattr(cpu_device, "visible_groups", visible)
     monkeypatch.setattr(brick_atlas, "visibility_bits", visible)
     plan = prepared.plan
     return replace(prepared, plan=replace(plan, cost=brick_cost(plan.layout, np.zeros(plan.layout.counts_zyx, bool))))
@@ -126,7 +126,7 @@ def test_dispatches_end_where_nothing_is_cut(
     voxels = blobs("uint8")
     prepared = prepare(scene_of(voxels, camera_at("outside", Grid(SHAPE)), opacity=SPARSE), voxels, brick=64)
     at_once, samples = drawn(context, prepared)
-    monkeypatch.setattr(raycast, "ITERATIONS", (iterations, iterations))
+    monkeypatch.setattr(opengl, "ITERATIONS", (iterations, iterations))
     counted = Counted(context)
     in_shares, taken = drawn(counted, prepared)
     assert counted.made["dispatches"] > 1

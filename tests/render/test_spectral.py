@@ -9,17 +9,17 @@ from typing import Any
 import moderngl
 import numpy as np
 import pytest
+from plan.slabs import slab
 from render.scenes import camera_at, clip_of, noise, pieces_of, prepare
 
 from clusterviz.data.source import Grid
 from clusterviz.image.merge import merge_partials
 from clusterviz.image.spectral import Fluxes
 from clusterviz.image.spectral.two_flux import stacked
-from clusterviz.plan.kubelka_munk import slab
 from clusterviz.reference import projections, render_reference
 from clusterviz.reference.two_flux import TwoFlux, solve_layers
-from clusterviz.render.cpu.caster import VectorCaster
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.cpu.device import cpu_caster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.render_result import finish_projection, no_progress
 from clusterviz.render.tall_picture import draw_tall_picture
 from clusterviz.scene.values import Camera, ImageSettings, Quality, Scene, Volume
@@ -89,7 +89,7 @@ def drawn_in(
     """What `drawn` returns for each of several numbers of parts, by one program."""
     prepared, pictures = prepare(scene, voxels, grid, brick), []
     plan = prepared.plan
-    caster = Raycaster(where, plan) if where else VectorCaster(plan)
+    caster = opengl_caster(where, plan) if where else cpu_caster(plan)
     caster.load(plan, prepared.shown)
     for parts in numbers:
         results = draw_tall_picture(caster.draw, plan, pieces_of(prepared, parts), no_progress)

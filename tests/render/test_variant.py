@@ -22,7 +22,7 @@ def test_every_variant_compiles(context: moderngl.Context, variant: Variant) -> 
 @pytest.mark.parametrize(
     ("dtype", "interpolation", "filter", "parts"),
     [
-        ("uint8", "linear", "exact", {"voxel_u8.glsl", "linear_u8.glsl"}),
+        ("uint8", "linear", "exact", {"voxel_u8.glsl", "linear.glsl"}),
         ("int16", "linear", "exact", {"voxel_u16.glsl", "linear.glsl"}),
         ("float64", "linear", "exact", {"voxel_f32.glsl", "linear.glsl"}),
         ("uint8", "nearest", "exact", {"voxel_u8.glsl", "nearest.glsl"}),

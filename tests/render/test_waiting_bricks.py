@@ -18,7 +18,8 @@ from clusterviz.plan.content import KnownVolume, bricks_of_volume
 from clusterviz.plan.plan import Plan, make_plan
 from clusterviz.render import brick_tables
 from clusterviz.render.brick_atlas import BrickAtlas
-from clusterviz.render.raycast import Raycaster
+from clusterviz.render.caster import Caster
+from clusterviz.render.opengl import opengl_caster
 from clusterviz.render.render_result import RenderResult
 from clusterviz.scene import VolumeInfo, scene_of_data
 
@@ -35,7 +36,7 @@ def planned(opacity: str, residual: float = 1 / 255) -> tuple[Plan, dict[Any, An
     samples = list(read_bricks(source, layout, np.ndindex(*layout.counts_zyx)))
     summary = summarise(source.dtype, layout, lambda: iter(samples), lambda value: [value])
     info = VolumeInfo(source.grid.shape_zyx, source.grid.spacing, source.grid.corners, 0.0, 1.0, 0.01, 0.99)
-    known = KnownVolume(source.grid, source.dtype, layout, summary)
+    known = KnownVolume(source, layout, summary)
     return make_plan(complete_scene(scene, info), [known]), bricks_of_volume(layout, samples)
 
 
@@ -44,8 +45,8 @@ def whole(plan: Plan) -> Piece:
     return piece
 
 
-def drawn(plan: Plan, bricks: dict[Any, Any]) -> tuple[RenderResult, Raycaster]:
-    caster = Raycaster(open_context(), plan)
+def drawn(plan: Plan, bricks: dict[Any, Any]) -> tuple[RenderResult, Caster]:
+    caster = opengl_caster(open_context(), plan)
     caster.load(plan, dict(bricks))
     (found,) = caster.draw(plan, [whole(plan)])
     return found, caster

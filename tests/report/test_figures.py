@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clusterviz.report.frame_coherence import BLOCK, BLOCKS, rays_at_most
+from clusterviz.report.counts import BLOCK, BLOCKS, rays_at_most
 from clusterviz.report.machine import Memory, memory
 
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plan.slabs import slab
 
 from clusterviz.content.volume.optics import WAVELENGTH_SETS, Optics, optical_function
 from clusterviz.errors import SceneError
 from clusterviz.image.spectral import Fluxes, SpectralPicture, illuminant, illuminate
-from clusterviz.plan.kubelka_munk import slab
 from clusterviz.scene.materials import MATERIALS, material, material_of_colour
 
 AT = np.array(WAVELENGTH_SETS["visible-31"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import llvmlite.binding
@@ -16,41 +17,49 @@ from clusterviz.spmd.codegen import Generator
 from clusterviz.spmd.parser import parse
 from clusterviz.spmd.source import ShaderSource
 
-DISTINCT = {variant.source.names: (name, variant) for name, variant in (VARIANTS | CPU_VARIANTS).items()}
+KINDS = {"sampler": "texture"}
+SLOW = "linear u16, isosurface, 16 surfaces, 0 lights"
 
 
-@pytest.mark.cover
-@pytest.mark.parametrize(("name", "variant"), DISTINCT.values(), ids=[name for name, _ in DISTINCT.values()])
-def test_every_combination_of_files_is_understood(name: str, variant: Variant) -> None:
-    program = parse(variant.source)
-    assert program.functions["main"][0].body is not None
-    assert program.local_size == (8, 8, 1)
-    assert next(block for block in program.blocks if block.name == "frameBlock").binding == 0
-    needs = needs_of(program)
-    assert not needs.beyond(AMPLE)
-    assert needs.storage_blocks <= 8 or variant.profile, "GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS may be 8"
-
-
-def covering() -> dict[str, Variant]:
-    """Few variants for CPUs, which read no textures through filters, that have all files of such variants."""
-    waiting = {
-        name: replace(one, cpu=Lanes(8)) for name, one in DISTINCT.values() if "hardware" not in one.volume.filter
-    }
-    files = {name: {*one.source.names} for name, one in waiting.items()}
-    found, missing = dict[str, Variant](), set[str]().union(*files.values())
+def covering(variants: Iterable[tuple[str, Variant]]) -> Iterator[tuple[str, Variant]]:
+    """Few variants that have all files of all of them."""
+    files = {name: ({*one.source.names}, one) for name, one in variants}
+    missing = set[str]().union(*(own for own, _ in files.values()))
     while missing:
-        best = max(waiting, key=lambda name: len(files[name] & missing))
-        found[best], missing = waiting[best], missing - files[best]
-    return found
+        best = max(files, key=lambda name: len(files[name][0] & missing))
+        missing -= files[best][0]
+        yield best, files[best][1]
 
 
-COVERING = covering()
+def distinct(takes_all: bool) -> list[tuple[str, Variant]]:
+    """Variants that differ in their files; without all of them, those that have each file."""
+    every = VARIANTS | CPU_VARIANTS
+    if not takes_all:
+        return list(covering((name, one) for name, one in every.items() if name != SLOW))
+    return list({one.source.names: (name, one) for name, one in every.items()}.values())
 
 
-@pytest.mark.cover("linear u16, isosurface, 16 surfaces, 0 lights")
-@pytest.mark.parametrize(("name", "variant"), COVERING.items(), ids=COVERING)
-def test_every_file_becomes_code_for_cpus(name: str, variant: Variant) -> None:
-    llvmlite.binding.parse_assembly(Generator(parse(variant.source), 8, {}).text("f")).verify()
+def test_every_combination_of_files_is_understood(takes_all: bool) -> None:
+    for name, variant in distinct(takes_all):
+        source = variant.source
+        program = parse(source)
+        found = {(KINDS.get(one.kind, one.kind), one.binding) for one in program.blocks}
+        assert {(one.kind, one.number) for one in source.blocks.values()} == found, name
+        assert program.functions["main"][0].body is not None, name
+        assert program.local_size == (8, 8, 1), name
+        assert next(block for block in program.blocks if block.name == "frameBlock").binding == 0, name
+        needs = needs_of(program)
+        assert not needs.beyond(AMPLE), name
+        assert needs.storage_blocks <= 8 or variant.profile, f"{name}: GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS may be 8"
+
+
+def test_every_file_becomes_code_for_cpus(takes_all: bool) -> None:
+    """Of variants that read no textures through filters, which CPUs do not."""
+    found = [
+        (name, replace(one, cpu=Lanes(8))) for name, one in distinct(takes_all) if "hardware" not in one.volume.filter
+    ]
+    for _, variant in covering(found):
+        llvmlite.binding.parse_assembly(Generator(parse(variant.source), 8, {}).text("f")).verify()
 
 
 MISTAKES = {

@@ -79,7 +79,7 @@ def test_order_against_the_step_whatever_the_transfer_function(
     source = box_of(marschner_lobb, (24,) * 3, (0.35,) * 3, (0.6,) * 3)
 
     def scene(step: float) -> Scene:
-        return scene_along(ASLANT, (0.475,) * 3, opacity=opacity, unit=0.05, step=step, size=(10, 10), scale=0.05)
+        return scene_along(ASLANT, (0.475,) * 3, opacity=opacity, unit=0.05, step=step, size=(6, 6), scale=0.05)
 
     truth = by_reference(between(scene(1 / 32)), source)
     rms = lambda found: math.sqrt(np.mean((found - truth) ** 2))  # noqa: E731

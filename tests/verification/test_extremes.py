@@ -15,6 +15,7 @@ import pytest
 from verification.analytic import Record
 
 from clusterviz.comm import run_loopback
+from clusterviz.data import override_grid
 from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.frame import render_frame
@@ -222,6 +223,11 @@ CASES: dict[str, Case] = {
         for size in ((1, 1), (3, 1), (1, 9), (65, 1))
     },
     # Most of the voxels of a brick are overlap then, and most ranks meet in edges and corners.
+    **{  # with a thickness, where there is one sample along an axis
+        f"shape {shape}": Case(noise(shape), {"opacity": 0.3}, jobs=TWO)
+        for shape in ((1, 1, 1), (1, 8, 8), (8, 1, 8), (8, 8, 1), (2, 2, 2))
+    },
+    "more ranks than bricks": Case(noise((5, 5, 9)), {"opacity": 0.3}, jobs=((5, 0),)),
     "bricks of two cells": Case(noise(), {"opacity": 0.4, "brick": 2, "step": 0.3}, jobs=(*THREE, (8, None))),
     **{f"int64, {name}": of_mode(over_all_of("int64"), keys) for name, keys in MODES.items()},
     **{f"denormal, {name}": of_mode(around_0("float64", DENORMAL["float64"]), keys) for name, keys in MODES.items()},
@@ -267,7 +273,9 @@ def draw(case: Case, ranks: int, device: Device = None) -> tuple[Voxels, Scene]:
 def check(record: Record, case: Case) -> Voxels:
     """The reference's picture, which those of all jobs are close to and which is not empty."""
     pictures = [draw(case, ranks, device) for ranks, device in case.jobs]
-    expected = render_reference(pictures[0][1], case.grid or Grid(case.voxels.shape), case.voxels)
+    completed = pictures[0][1]
+    shown = override_grid(ArraySource(case.voxels, case.grid), completed.volumes[0])
+    expected = render_reference(completed, shown.grid, shown.read((0, 0, 0), shown.grid.shape_zyx))
     largest = float(expected.max())
     assert largest > 0
     error = max(compare(picture, expected).max / largest for picture, _ in pictures)
@@ -276,23 +284,46 @@ def check(record: Record, case: Case) -> Voxels:
     return expected
 
 
-@pytest.mark.cover(
-    "spacing of 1e-4",
-    "spacing of 1e4",
-    "uint16, surfaces",
-    "int64, cubic",
-    "10,000 slabs",
-    "10,000 slabs, average",
-    "int64, pre-integrated",
-    "int64, shade",
-    "bricks of two cells",
-    "int32, surfaces",
-    "int8, surfaces",
-    "unit 1e-30, isosurface",
-    "(1, 9) pixels",
-    "(65, 1) pixels",
+USUAL = (
+    "along (1, 0, 0), far: True",
+    "along (1, 2, 3), far: True",
+    *(f"eye {name}" for name in ("where eight meet", "on an edge")),
+    "opacity 1e-08, step 0.3",
+    "opacity 1.0, step 100.0",
+    *(f"both ends of {dtype}" for dtype in ("uint8", "int64")),
+    "float16 times 9.6e-07, both signs",
+    "float32 times 3.4e+38, both signs",
+    "float64 times 1e-310, positive",
+    "float64 times 1.7e+308, both signs",
+    "clim (100.0, 100.0), composite",
+    "clim (0.0, 1e-300), average",
+    "clim (200.0, 200.000002), composite",
+    "clim (-1e+308, 1e+308), composite",
+    *(f"{value} between ranks" for value in (np.nan, -np.inf)),
+    *(f"constant {value}" for value in (0.0, 1.7e308)),
+    "(1, 1) pixels",
+    *(f"shape {shape}" for shape in ((1, 1, 1), (1, 8, 8), (8, 8, 1))),
+    "more ranks than bricks",
+    "int64, maximum",
+    "denormal, shade",
+    "denormal, additive",
+    "largest, pre-integrated",
+    "largest, local-maximum",
+    "float16 times 65504.0, surfaces",
+    "unit 1e-30, shade",
+    "unit 1e+09, pre-integrated",
+    "pre-integrated, opacity 1e-08, ramp: True",
+    "pre-integrated, opacity 1.0, ramp: True",
+    "10,000 slabs, local-maximum",
+    "constant, average",
+    "one pixel, minimum",
 )
-@pytest.mark.parametrize("name", CASES)
+"""An extreme of each sort; the others are long."""
+assert set(USUAL) <= set(CASES)
+ROWS = [name if name in USUAL else pytest.param(name, marks=pytest.mark.long) for name in CASES]
+
+
+@pytest.mark.parametrize("name", ROWS)
 def test_pictures_of_several_ranks_are_those_of_the_reference(record_property: Record, name: str) -> None:
     check(record_property, CASES[name])
 

@@ -366,25 +366,25 @@ def test_ten_thousand_messages_a_second_delay_nobody() -> None:
         assert handled < count / 2
 
 
-@pytest.mark.long
-def test_slow_link_shows_eight_pictures_a_second() -> None:
+@pytest.mark.parametrize("count", [25, pytest.param(100, marks=pytest.mark.long)])
+def test_slow_link_shows_eight_pictures_a_second(count: int) -> None:
     """The link has 10 Mb/s and 100 ms of delay; 25 pictures a second of 76 kB are drawn, more than it takes."""
     blocks = np.random.default_rng(1).random((75, 100, 4), np.float32)
     with serving() as served, slow_link(served.server.port, 0.05, 10) as port, served.connect(port) as client:
         received(client)
         served.session.rgba = np.kron(blocks, np.ones((8, 8, 1), np.float32))
-        shown, begin, number = 0, time.monotonic(), 0
+        shown, number = 0, 0
 
         def draw() -> None:
-            for number in range(1, 101):
-                served.session.show(number, still=number == 100)
+            for number in range(1, count + 1):
+                served.session.show(number, still=number == count)
                 time.sleep(0.04)
 
         drawing = threading.Thread(target=draw)
         drawing.start()
-        while number < 100:
+        while number < count:
             number, shown = received(client)["picture"], shown + 1
-        assert shown / (time.monotonic() - begin) >= 8
+        assert shown >= 8 * 0.04 * count  # drawing them takes so many seconds, and more where the machine is busy
         drawing.join()
 
 

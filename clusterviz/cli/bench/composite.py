@@ -31,8 +31,6 @@ from clusterviz.input_files import require_regular_file
 
 @dataclass(frozen=True)
 class Timings:
-    """Result of a benchmark."""
-
     milliseconds: list[float]  # time of each frame on the slowest rank
     counters: list[CompositeCounters]  # counters of the last frame; index = rank
     picture: NDArray[Any] | None  # uint8 (h, w, 4), premultiplied, on rank 0; None on others

@@ -113,13 +113,10 @@ def _table(report: dict[str, Any]) -> str:
     for pixel in (np.dtype(pixel).name for pixel in PIXELS):
         columns = [entry["variants"] for entry in report["results"] if entry["pixel"] == pixel]
         for name in dict.fromkeys(name for column in columns for name in column):
-            cells = [_cell(column.get(name)) for column in columns]
+            rows = [column.get(name) for column in columns]
+            cells = [f"{row['ratio']:.2f} ({row['min_ms']:.3g} ms)" if row else "" for row in rows]
             lines.append(f"| {pixel} | {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
-
-
-def _cell(row: dict[str, float] | None) -> str:
-    return f"{row['ratio']:.2f} ({row['min_ms']:.3g} ms)" if row else ""
 
 
 RUN_PIXELS = 64  # length of the runs of active and of blank pixels in the variants with runs

@@ -33,8 +33,6 @@ class Request:
 
 @dataclass(frozen=True)
 class Choice:
-    """Chosen algorithm and transport."""
-
     # never "auto"; the shared transport always is direct send, in place
     algorithm: str
     transport: str

@@ -65,10 +65,8 @@ def fit_link(by_size: Mapping[int, float], by_count: Mapping[int, float], by_swa
 def fit_program(network: Network, nodes: Nodes, tiny: Mapping[int, float], pixels: int) -> Network:
     """Return the network with this program's cost of each frame and of each message.
 
-    Parameters
-    ----------
-    tiny : seconds of direct send by messages, by the number of ranks (the first ones) with an image; includes 1
-    pixels : pixels of each of these images, which all have the same rectangle
+    `tiny`: seconds of direct send by messages, by the number of ranks (the first ones) with an image; includes 1.
+    `pixels`: pixels of each of these images, which all have the same rectangle.
     """
 
     def seconds(ranks: int, frame: float, message: float) -> float:

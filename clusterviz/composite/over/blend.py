@@ -54,10 +54,8 @@ def put_before(
     Raises InputError for arrays of different or wrong types, wrong shapes, not in C order, or a target that is
     read-only.
 
-    Parameters
-    ----------
-    target, source : uint8, float16 or float32 (patch.count, 4), both of one type, premultiplied, C order
-    operator : merge operator of `image/merge.py`; all but over need float32
+    `target`, `source`: uint8, float16 or float32 (patch.count, 4), both of one type, premultiplied, C order.
+    `operator`: merge operator of `image/merge.py`; all but over need float32.
     """
     _put((target, target_patch), (source, source_patch), BEFORE, operator)
 

@@ -23,8 +23,6 @@ from clusterviz.image.merge import MERGES, Operator
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Pixels of one image."""
-
     patch: Patch  # pixels of the canvas
     # uint8, float16 or float32 (patch.count, 4), premultiplied, C order; with `runs`, the active ones only
     pixels: NDArray[Any]

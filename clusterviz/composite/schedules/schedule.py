@@ -111,7 +111,6 @@ class Load:
 
     @property
     def messages(self) -> int:
-        """Messages of all ranks."""
         return int(self.messages_sent.sum())
 
     @property

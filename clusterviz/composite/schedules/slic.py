@@ -43,10 +43,8 @@ class Cells:
 def schedule(ranks: int, pixels: int, footprints: Patches = (), *, owners_of: Sequence[int] | None = None) -> Schedule:
     """Return the schedule: blocks of cells, assigned by decreasing work.
 
-    Parameters
-    ----------
-    footprints : patch of each image; without them the canvas is one row that all of them cover
-    owners_of : rank of each image, if ranks have several; by default, rank k has image k
+    `footprints`: patch of each image; without them the canvas is one row that all of them cover. `owners_of`: rank of
+    each image, if ranks have several; by default, rank k has image k.
     """
     known = Rectangles.of_patches(footprints) if footprints else _lines(ranks, pixels)
     table, rows = assign_blocks(ranks, known, owners_of)

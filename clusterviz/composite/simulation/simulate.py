@@ -39,12 +39,9 @@ SCREEN_FROM_WORLD = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2
 def cube_footprints(ranks: int, size: tuple[int, int]) -> Rectangles:
     """Return bounding rectangles of the bricks of a cube, front to back, in parallel projection along its diagonal.
 
-    Returns rectangles on a canvas that is the union of all of them.
-
-    Parameters
-    ----------
-    ranks : number of bricks; boxes are halved across their longest side until there is one for each rank
-    size : (width, height) of the picture; the cube touches its borders in at least one direction
+    `ranks`: number of bricks; boxes are halved across their longest side until there is one for each rank. `size`:
+    (width, height) of the picture; the cube touches its borders in at least one direction. Returns rectangles on a
+    canvas that is the union of all of them.
     """
     boxes = _bricks(ranks)
     middle, half = (boxes[:, 0] + boxes[:, 1]) / 2, (boxes[:, 1] - boxes[:, 0]) / 2
@@ -85,31 +82,22 @@ MOST_SPARSE_RANKS = {"slic": 4096}
 
 @dataclass(frozen=True)
 class Simulation:
-    """Simulated cost of one frame, without the final gather.
-
-    Attributes
-    ----------
-    footprints : "dense" or "cubes"
-    counted : "closed form", or "schedule" if all transfers were counted
-    messages_sent, pixels_sent, bytes_sent : sums over all ranks
-    seconds : prediction of the time model of `network`
-    worst_rank : position whose messages, bytes and pixels take longest
-    worst_rank_messages_sent, … : load of that position
-    """
+    """Simulated cost of one frame, without the final gather."""
 
     algorithm: str
     ranks: int
     size: tuple[int, int]
-    footprints: str
+    footprints: str  # "dense" or "cubes"
     network: str
-    counted: str
+    counted: str  # "closed form", or "schedule" if all transfers were counted
     bytes_per_pixel: int
+    # sums over all ranks
     messages_sent: int
     pixels_sent: int
     bytes_sent: int
     rounds: int
-    seconds: float
-    worst_rank: int
+    seconds: float  # prediction of the time model of `network`
+    worst_rank: int  # position whose messages, bytes and pixels take longest, and its load
     worst_rank_messages_sent: int
     worst_rank_messages_received: int
     worst_rank_pixels_sent: int
@@ -157,12 +145,9 @@ def simulate(
 ) -> Simulation:
     """Count and predict one frame without its final gather, so that any rank may be the root.
 
-    Raises InputError for an unknown name, an option that does not fit, or more ranks than can be simulated.
-
-    Parameters
-    ----------
-    algorithm : registered name, or "auto", the fastest of `candidates`
-    footprints : "dense": every rank covers the picture; "cubes": each has a brick of a cube, see `cube_footprints`
+    `algorithm`: registered name, or "auto", the fastest of `candidates`. `footprints`: "dense": every rank covers the
+    picture; "cubes": each has a brick of a cube, see `cube_footprints`. Raises InputError for an unknown name, an
+    option that does not fit, or more ranks than can be simulated.
     """
     check_algorithm(algorithm)
     options = options or Options()
@@ -200,10 +185,7 @@ def build_schedule(name: str, ranks: int, size: tuple[int, int], footprints: str
 
 
 def count_load(name: str, ranks: int, size: tuple[int, int], footprints: str, options: Options) -> tuple[Load, str]:
-    """Return the load of each rank, and how it was counted: "closed form" or "schedule".
-
-    Errors as of `simulate`.
-    """
+    """Return the load of each rank, and how it was counted: "closed form" or "schedule". Errors as of `simulate`."""
     _check(name, ranks, footprints)
     algorithm, pixels = options.algorithm(name), size[0] * size[1]
     if footprints == "dense":

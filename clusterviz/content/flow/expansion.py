@@ -96,10 +96,7 @@ def _columns(points: tuple[Any, Any]) -> tuple[Any, Any]:
 def with_flows(scene: Scene, infos: Sequence[FlowInfo]) -> Scene:
     """Return a scene with completed flows, and with what they become behind its own volumes, lines and points.
 
-    Parameters
-    ----------
-    scene : what flows became earlier is replaced
-    infos : on each of `scene.flows`
+    What flows became earlier is replaced.
     """
     if not scene.flows:
         return scene

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from clusterviz.comm import Channel, agree
 from clusterviz.content.flow.section import LINES, FlowInfo, FlowSection, Lic, Seeds
-from clusterviz.data import grid_format_of
 from clusterviz.data.axes import Subset, first_parts, warn_of_choices
 from clusterviz.data.bricks import BrickLayout
+from clusterviz.data.formats import grid_format_of
 from clusterviz.data.geometry import Geometry
 from clusterviz.data.source import Index, Source
 from clusterviz.data.summary import HISTOGRAM_BINS, VolumeSummary
@@ -53,31 +53,22 @@ class OpenedFlow:
     info: FlowInfo
     lic: Source | None = None
 
-    def sources(self) -> list[Source]:
-        """Return the volumes that the flow becomes: three components and the convolution, or none."""
-        if self.lic is None or isinstance(self.vectors, Cells):
-            return []
-        return [*(ComponentSource(self.vectors, axis) for axis in range(3)), self.lic]
-
     def drawn(self, channel: Channel) -> list[Any]:
-        """Return the volumes, or the lines or arrows, that the flow becomes, in their order; collective."""
-        geometry = self.geometry(channel)
-        return self.sources() if geometry is None else [geometry]
-
-    def geometry(self, channel: Channel) -> Geometry | None:
-        """Return the lines or arrows that the flow becomes, on every rank, or None; collective."""
-        section = self.section
+        """Return what the flow becomes on every rank: components and convolution, lines, or arrows; collective."""
+        section, vectors = self.section, self.vectors
         seeds = section.seeds or Seeds()
-        if section.show == "glyphs" and not isinstance(self.vectors, Cells):
-            return Geometry(points=glyphs(self.vectors, seeds, channel))
-        if section.show not in LINES:
-            return None
-        # Importing numba takes longer than many a render without lines.
-        from clusterviz.flow.tracing import trace
+        if section.show in LINES:
+            # Importing numba takes longer than many a render without lines.
+            from clusterviz.flow.tracing import trace
 
-        kind = cast("LineKind", section.show)
-        traced = trace(self.vectors, seeds, section.trace, kind, channel=channel, first_step=section.time)
-        return Geometry(lines=traced.lines)
+            kind = cast("LineKind", section.show)
+            traced = trace(vectors, seeds, section.trace, kind, channel=channel, first_step=section.time)
+            return [Geometry(lines=traced.lines)]
+        if isinstance(vectors, Cells):
+            return []
+        if section.show == "glyphs":
+            return [Geometry(points=glyphs(vectors, seeds, channel))]
+        return [*(ComponentSource(vectors, axis) for axis in range(3)), self.lic] if self.lic else []
 
     def free(self) -> None:
         """Release a convolution that lies in the memory of all ranks; collective."""
@@ -86,13 +77,7 @@ class OpenedFlow:
 
 
 class ComponentSource:
-    """One component of vectors as a volume.
-
-    Parameters
-    ----------
-    vectors : of which it is one
-    axis : 0 for x, 1 for y, 2 for z
-    """
+    """Component of vectors along x, y or z (0, 1, 2) as a volume."""
 
     dtype = np.dtype(np.float32)
 
@@ -112,12 +97,7 @@ class ComponentSource:
 
 
 def open_flow(section: FlowSection, given: Any, key: str, channel: Channel) -> OpenedFlow:
-    """Open a flow; collective.
-
-    Parameters
-    ----------
-    given : vectors in memory; None: the section's file
-    key : of the section, for errors
+    """Open a flow, of vectors in memory if they are given; collective. Errors name the key.
 
     Raises
     ------
@@ -154,11 +134,6 @@ def open_all(
 
 def open_flow_vectors(section: FlowSection, given: Any = None, key: str = "flows[0]") -> VectorSource | Cells:
     """Open the vectors of a flow as its kind needs them: those of unstructured grids in their cells, or resampled.
-
-    Parameters
-    ----------
-    given : vectors in memory; None: the section's file
-    key : of the section, for errors
 
     Raises
     ------

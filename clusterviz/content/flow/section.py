@@ -308,20 +308,13 @@ class FlowSection(ContentSection):
 
 @dataclass(frozen=True)
 class FlowInfo(Facts):
-    """Facts on a flow of a scene.
-
-    Attributes
-    ----------
-    fastest : 99th percentile of the speeds of a sample; 0 if there is none
-    summary : what was done over ranks, in one line; empty if nothing was
-    """
+    """Facts on a flow: 99th percentile of the speeds of a sample, or 0, and what was done over ranks, if anything."""
 
     fastest: float
     summary: str = ""
 
 
 def _refuse_others(section: Section, chosen: str, keys: dict[str, Any], choice: str, before: str = "") -> None:
-    """Refuse keys that are set and have no meaning for what was chosen."""
     for key, choices in keys.items():
         if getattr(section, key) is not None and choice not in choices:
             found = getattr(section, key)

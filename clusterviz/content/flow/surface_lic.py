@@ -46,13 +46,7 @@ STRENGTH = 0.7
 
 
 class SurfacePainter:
-    """Painter of the surface LIC of a loop's frames; it keeps the vectors that it has read near the surfaces.
-
-    Parameters
-    ----------
-    run : of the opening
-    flows : of the scene
-    """
+    """Painter of the surface LIC of a loop's frames; it keeps the vectors that it has read near the surfaces."""
 
     def __init__(self, run: Run, flows: Sequence[OpenedFlow]) -> None:
         each = (flow.vectors for flow in flows)
@@ -63,12 +57,7 @@ class SurfacePainter:
             self._device = devices_of(None if run.options.device is None else [run.options.device], local_rank)[0]
 
     def paint(self, run: Run, scene: Scene, layers: Sequence[FoundLayers]) -> Image | None:
-        """Return what is added to the picture, float32 (h, w, 4), on rank 0; None elsewhere; collective.
-
-        Parameters
-        ----------
-        layers : that this rank has found; see `Drawing.find_layers`
-        """
+        """Return what is added to the picture, float32 (h, w, 4), on rank 0; see `Painter`."""
         size = scene.image.size
         view = make_view(scene.camera, size, WORLD)
         total: Image | None = None
@@ -100,15 +89,12 @@ class SurfacePainter:
 def objects_of(scene: Scene, flow: FlowSection) -> list[int]:
     """Return the numbers, as in the layer `object`, of the isosurfaces and meshes that a flow is shown on."""
     found, first = list[int](), 0
-    for number, volume in enumerate(scene.volumes):
-        surfaces = range(first + 1, first + 1 + len(volume.isosurfaces))
-        found += surfaces if _shows(flow, f"volumes[{number}]") else ()
-        first += 1 + len(volume.isosurfaces)
-    return found + [first + n for n in range(len(scene.meshes)) if _shows(flow, f"meshes[{n}]")]
-
-
-def _shows(flow: FlowSection, key: str) -> bool:
-    return flow.surfaces is None or key in flow.surfaces
+    for key, section in scene.entries.items():
+        if key.startswith(("volumes", "meshes")) and (flow.surfaces is None or key in flow.surfaces):
+            # Volumes come before their isosurfaces.
+            found += range(first + (section.drawn_as == "samples"), first + section.objects)
+        first += section.objects
+    return found
 
 
 def _found(view: View, layers: Sequence[FoundLayers], objects: Sequence[int], samples: VectorSamples) -> SurfacePixels:
@@ -130,7 +116,6 @@ def _found(view: View, layers: Sequence[FoundLayers], objects: Sequence[int], sa
 
 
 def _tints(flow: FlowSection, speed: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the colours by which those of the surfaces are multiplied, float32 (n, 3)."""
     if flow.color_by == "color":
         return np.broadcast_to(np.array(background_rgb(flow.color) or (1, 1, 1), np.float32), (len(speed), 3))
     assert flow.clim is not None, "the scene is completed"

@@ -8,7 +8,6 @@ takes the primitives from the file. So all ranks know the same facts and counts.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -64,18 +63,9 @@ NOTHING: NDArray[np.float32] = np.empty((0, 3), np.float32)
 COMPONENTS = (1, 3, 4)
 
 
-@dataclass(frozen=True, eq=False)
-class Normals:
-    """Normals of some vertices.
-
-    Attributes
-    ----------
-    rows : int64 (k,), the vertices, ascending
-    along : float32 (k, 3), in the world, of any length
-    """
-
-    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    along: NDArray[np.float32] = field(default_factory=lambda: NOTHING)
+Normals = tuple[NDArray[np.int64], NDArray[np.float32]]
+"""Rows of some vertices, ascending (k,), and their normals in the world, of any length (k, 3)."""
+NO_NORMALS: Normals = np.empty(0, np.int64), NOTHING
 
 
 class KnownGeometry(PlacedEntry[GeometryLayer, Primitives]):
@@ -133,14 +123,7 @@ class KnownGeometry(PlacedEntry[GeometryLayer, Primitives]):
         )
 
     def layer(self, section: GeometrySection, lights: tuple[Light, ...], grid: BrickGrid) -> GeometryLayer:
-        """Return the layer of a plan.
-
-        Parameters
-        ----------
-        section : completed
-        lights : of the scene
-        grid : of the plan
-        """
+        """Return the layer of a plan, for a completed section."""
         channels = _channels(section, self.info.arrays, self._key)
         r, g, b = background_rgb(section.color) or (1.0, 1.0, 1.0)
         opacity = section.opacity if isinstance(section.opacity, float) and channels != 1 else 1.0
@@ -149,7 +132,9 @@ class KnownGeometry(PlacedEntry[GeometryLayer, Primitives]):
         hides = bool((transfer.opacities >= 1).all()) if transfer else opacity >= 1 and channels != 4
         is_direction = isinstance(section, LinesSection) and section.color_by == "direction"
         scalars = "" if is_direction or section.scalars is None else section.scalars
-        of = "" if not channels else "primitives" if is_direction else self.info.arrays[scalars][0]
+        of: Literal["", "vertices", "primitives"] = ""
+        if channels:
+            of = "primitives" if is_direction else self.info.arrays[scalars][0]
         return GeometryLayer(
             count=self._count,
             index_from_file=grid.index_from_file(section),
@@ -173,7 +158,7 @@ class KnownGeometry(PlacedEntry[GeometryLayer, Primitives]):
     def _received(
         self, layer: GeometryLayer, grid: BrickGrid, some: Sequence[Index], most: int
     ) -> dict[Index, Primitives]:
-        flat, normals = flat_of(some, grid), Normals()
+        flat, normals = flat_of(some, grid), NO_NORMALS
         members = self._gathered(layer.section, grid, flat)
         if layer.has_normals:
             normals = self._normals(layer.section, grid, members)
@@ -253,12 +238,12 @@ class KnownGeometry(PlacedEntry[GeometryLayer, Primitives]):
         around = self._gathered(section, grid, [brick for brick in others.tolist() if brick not in members])
         with agree(self._channel, 0, "load"):
             if not members:
-                return Normals()
+                return NO_NORMALS
             is_near = np.zeros(len(drawn.corners), bool)
             for numbers in (*members.values(), *around.values()):
                 is_near[numbers] = True
             found = vertex_normals(drawn, world_from_file(section), rows, np.flatnonzero(is_near))
-        return Normals(rows, found)
+        return rows, found
 
 
 def part_of(section: GeometrySection, geometry: Geometry) -> Part:
@@ -287,7 +272,6 @@ def _culled_side(section: GeometrySection) -> Literal["none", "front", "back"]:
 
 
 def _edges(section: GeometrySection, spacing: float) -> tuple[float, float, float, float, float] | None:
-    """Return `GeometryLayer.edges` of a completed section."""
     edges = section.edges if isinstance(section, MeshSection) else None
     if edges is None:
         return None
@@ -335,7 +319,6 @@ def _channels(section: GeometrySection, arrays: Any, key: str, name: str | None 
 def _cropped(
     numbers: Numbers, layer: GeometryLayer, drawn: DrawnPrimitives, normals: Normals, rows_of: DistinctRows
 ) -> Primitives:
-    """Return some primitives with what belongs to them."""
     rows, corners = rows_of.renumber(drawn.corners[numbers])
     positions, section = drawn.positions[rows], layer.section
     radii = np.empty(0, np.float32)
@@ -351,5 +334,5 @@ def _cropped(
     elif layer.colour_of:
         chosen = rows if layer.colour_of == "vertices" else numbers if drawn.cells is None else drawn.cells[numbers]
         colours = _array(drawn, section.scalars)[chosen].reshape(-1, layer.channels)
-    along = normals.along[np.searchsorted(normals.rows, rows)] if layer.has_normals else NOTHING
+    along = normals[1][np.searchsorted(normals[0], rows)] if layer.has_normals else NOTHING
     return Primitives(numbers, positions, corners, along, radii, colours)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from pathlib import PurePath
 
 import numpy as np
 
 from clusterviz.content.contract import Corners, Kind, LegendEntry
-from clusterviz.content.description import apart, bounds, legend_of, name_of, value_text
+from clusterviz.content.description import legend_of, name_of, placed_warnings, value_text
 from clusterviz.content.facts import box_corners, range_around
 from clusterviz.content.flow.expansion import FlowLines
 from clusterviz.content.geometry.bricks import KnownGeometry, part_of
@@ -78,11 +77,6 @@ def complete_geometry(section: GeometrySection, info: GeometryInfo) -> GeometryS
     return section.model_copy(update=found)
 
 
-def corners(section: GeometrySection, info: GeometryInfo) -> Corners:
-    """Return the corners of the box with the radius of a completed section."""
-    return box_corners(info.grown_box(section))
-
-
 def summary(key: str, section: GeometrySection) -> str:
     """Return how completed meshes, lines or points look, in one line."""
     radius = f", radius {value_text(section.radius)}" if isinstance(section, (LinesSection, PointsSection)) else ""
@@ -101,14 +95,11 @@ def legend(section: GeometrySection) -> LegendEntry:
 def warnings(key: str, section: GeometrySection, info: GeometryInfo, others: Sequence[Corners]) -> dict[str, str]:
     """Return what cannot be drawn of meshes, lines or points, and whether they are apart from all else."""
     left_out = next(text for kind, text in LEFT_OUT.items() if isinstance(section, kind))
-    key = section.path if section.of_flow else key
-    name, found = key if section.path == key else f"{key} ({PurePath(section.path).name})", dict[str, str]()
-    if info.left_out:
-        found[f"{key}: left out"] = f"{name}: {info.left_out} of {info.left_out + info.drawn} {left_out}"
-    if not info.count:
-        other = f": the file holds {', '.join(info.other)}" if info.other else ""
-        return found | {key: f"{name}: nothing is drawn{other}"}
-    return found | apart(key, name, corners(section, info), others)
+    key, other = (
+        section.path if section.of_flow else key,
+        f": the file holds {', '.join(info.other)}" * bool(info.other),
+    )
+    return placed_warnings(key, section, info, box_corners(info.grown_box(section)), others, left_out, other)
 
 
 GEOMETRY = Kind(
@@ -121,11 +112,8 @@ GEOMETRY = Kind(
     ),
     open=open_geometry,
     complete=complete_geometry,
-    corners=corners,
-    visible=corners,
     summary=summary,
     legend=legend,
-    panel=lambda _, info: {"bounds": bounds(info.box)},
     warnings=warnings,
     must_fit=True,
     read=lambda section: read_geometry(section.path),

@@ -89,14 +89,7 @@ class KnownCells(PlacedEntry[CellLayer, CellBrick]):
         self._opened()
 
     def layer(self, section: GridSection, lights: tuple[Light, ...], grid: BrickGrid) -> CellLayer:
-        """Return the layer of a plan.
-
-        Parameters
-        ----------
-        section : completed
-        lights : of the scene
-        grid : of the plan
-        """
+        """Return the layer of a plan, for a completed section."""
         if section.shade and self._on_cells:
             text, found = "values of cells have no gradient to light", "true, and values of cells"
             raise SceneError(text, where=f"{self._key}.shade", found=found, allowed="false, or values of points")
@@ -218,7 +211,6 @@ class KnownCells(PlacedEntry[CellLayer, CellBrick]):
         return _drawn(kept, self._on_cells), members
 
     def _some_received(self, layer: CellLayer, grid: BrickGrid, some: Sequence[Index]) -> dict[Index, CellBrick]:
-        """Return some bricks from the ranks that keep them; collective."""
         channel, (kept, members), flat = self._channel, self._members(layer.section, grid), flat_of(some, grid)
         found, (asked, requests) = dict[Index, CellBrick](), asked_for(flat, channel)
         with agree(channel, 0, "load"):
@@ -330,19 +322,11 @@ class _Part:
 
 
 def _tetrahedra(grid: UnstructuredGrid, array: str | None) -> tuple[Tetrahedra, list[Choice]]:
-    """Return the tetrahedra of a grid with an array, by default the first one, and whether it was chosen."""
     found, _, choices = first_parts(lambda part: make_tetrahedra(grid, part.array), Subset(array))
     return found, choices
 
 
 def _check_alike(parts: Sequence[_Part]) -> tuple[bool, tuple[np.dtype[Any], np.dtype[Any]]]:
-    """Return whether scalars belong to cells, and the types of points and scalars, which all parts have in common.
-
-    Raises
-    ------
-    DataError
-        One is unlike the first.
-    """
     kinds = [(part.array, part.on_cells, part.types) for part in parts] or [("", False, ("float32", "float32"))]
     words = [f"{array} of {('points', 'cells')[on]}, {types[1]}, points {types[0]}" for array, on, types in kinds]
     for part, kind, word in zip(parts, kinds, words, strict=False):
@@ -416,12 +400,7 @@ def _numbered(own: CellBrick, on_cells: bool, channel: Channel) -> NDArray[np.ui
 
 
 def _renumbered(keys: NDArray[np.uint64], count: int) -> tuple[NDArray[np.uint32], NDArray[np.uint64]]:
-    """Return the different numbers in the lower halves of keys, ascending, and keys with their places among these.
-
-    Parameters
-    ----------
-    count : of the numbers
-    """
+    """Return the different numbers, of `count`, in the lower halves of keys, and keys with their places among these."""
     numbers, is_used = keys.astype(np.uint32), np.zeros(count, bool)
     is_used[numbers] = True
     place = np.cumsum(is_used, dtype=np.uint32) - np.uint32(1)
@@ -429,25 +408,21 @@ def _renumbered(keys: NDArray[np.uint64], count: int) -> tuple[NDArray[np.uint32
 
 
 def _exchanged(sent: Sequence[CellBrick], channel: Channel) -> list[CellBrick]:
-    """Send tetrahedra to each rank, and return those of all ranks; collective."""
     columns = [_to_all([getattr(each, name) for each in sent], channel) for name in FIELDS]
     return [CellBrick(*each) for each in zip(*columns, strict=True)]
 
 
 def _to_all(sent: Sequence[NDArray[Any]], channel: Channel) -> list[NDArray[Any]]:
-    """Send an array (k, …) to each rank, and return those of all ranks; collective."""
     shape = sent[0].shape[1:]
     return [each.reshape(-1, *shape) for each in all_to_all(channel, [each.ravel() for each in sent], TAG)]
 
 
 def _drawn(found: CellBrick, on_cells: bool) -> DrawnPrimitives:
-    """Return tetrahedra as primitives, with their scalars as the array ""."""
     of_points, of_cells = ({}, {"": found.values}) if on_cells else ({"": found.values}, {})
     return DrawnPrimitives("tetrahedron", found.points, found.corners, NO_RADII, 0, of_points, of_cells)
 
 
 def _bounds(points: NDArray[Any], matrix: Floats) -> Floats:
-    """Return the corners of the box around points, mapped by a matrix, float64 (2, 3); ±inf around none."""
     placed = [transformed(points[begin : begin + CHUNK], matrix) for begin in range(0, len(points), CHUNK)]
     low = [each.min(axis=0) for each in placed]
     high = [each.max(axis=0) for each in placed]
@@ -465,7 +440,6 @@ def _volume_and_sides(points: NDArray[Any], corners: NDArray[np.uint32], matrix:
 
 
 def _cropped(members: NDArray[np.uint32], own: CellBrick, rows_of: DistinctRows, on_cells: bool) -> CellBrick:
-    """Return some of the tetrahedra with what belongs to them."""
     rows, corners = rows_of.renumber(own.corners[members])
     values = own.values[members if on_cells else rows]
     return CellBrick(own.numbers[members], own.rows[rows], own.points[rows], corners, values)

@@ -7,7 +7,13 @@ from functools import partial
 from pathlib import Path, PurePath
 
 from clusterviz.content.contract import Corners, Kind, LegendEntry
-from clusterviz.content.description import apart, bounds, legend_of_transfer, name_of, transfer_summary, unseen_scalars
+from clusterviz.content.description import (
+    legend_of_transfer,
+    name_of,
+    placed_warnings,
+    transfer_summary,
+    unseen_scalars,
+)
 from clusterviz.content.facts import box_corners, range_around
 from clusterviz.content.grid.bricks import KnownCells
 from clusterviz.content.grid.section import GridInfo, GridSection, KBuffer
@@ -50,11 +56,6 @@ def complete_grid(section: GridSection, info: GridInfo) -> GridSection:
     return section.model_copy(update=found)
 
 
-def corners(_: GridSection, info: GridInfo) -> Corners:
-    """Return the corners of the box around all tetrahedra."""
-    return box_corners(info.box)
-
-
 def legend(section: GridSection) -> LegendEntry:
     """Return how a completed grid is listed."""
     return legend_of_transfer(name_of(section), transfer_function(section))
@@ -62,17 +63,14 @@ def legend(section: GridSection) -> LegendEntry:
 
 def warnings(key: str, section: GridSection, info: GridInfo, others: Sequence[Corners]) -> dict[str, str]:
     """Return what cannot be drawn of a grid, whether it is apart from all else, and why its scalars are invisible."""
-    name, found = key if section.path == key else f"{key} ({PurePath(section.path).name})", dict[str, str]()
-    if info.left_out:
-        found[f"{key}: left out"] = f"{name}: {info.left_out} of {info.left_out + info.drawn} {LEFT_OUT}"
+    found, name = (
+        placed_warnings(key, section, info, box_corners(info.box), others, LEFT_OUT),
+        PurePath(section.path).name,
+    )
     if info.overlaps:
-        found[f"{key}: overlap"] = f"{name}: {OVERLAP}"
-    if not info.count:
-        found[key] = f"{name}: nothing is drawn"
-    else:
-        found |= apart(key, name, corners(section, info), others)
+        found[f"{key}: overlap"] = f"{key} ({name}): {OVERLAP}"
     if info.scalars and (reason := unseen_scalars(section, *info.scalars)):
-        found[key] = f"{key} ({PurePath(section.path).name}): {reason}"
+        found[key] = f"{key} ({name}): {reason}"
     return found
 
 
@@ -104,11 +102,8 @@ GRID = Kind(
     ),
     open=open_grids,
     complete=complete_grid,
-    corners=corners,
-    visible=corners,
     summary=lambda key, section: f"{key} {transfer_summary(section.clim, section.cmap, section.opacity)}",
     legend=legend,
-    panel=lambda _, info: {"bounds": bounds(info.box)},
     warnings=warnings,
     check=check,
     must_fit=True,

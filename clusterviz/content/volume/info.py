@@ -194,7 +194,6 @@ class VolumeInfo(Facts):
 
 
 def _otsu(share: NDArray[np.float64]) -> int:
-    """Return the last bin of the background by Otsu's method."""
     below, means = np.cumsum(share), np.cumsum(share * np.arange(len(share)))
     with np.errstate(divide="ignore", invalid="ignore"):
         between = (means[-1] * below - means) ** 2 / (below * (1 - below))

@@ -48,12 +48,7 @@ def complete_volume(volume: Volume, info: VolumeInfo) -> Volume:
 
 
 def visible_corners(volume: Volume, info: VolumeInfo) -> NDArray[np.float64]:
-    """Return the corners, float64 (n, 3), of all blocks that are not transparent.
-
-    Parameters
-    ----------
-    volume : a completed volume
-    """
+    """Return the corners, float64 (n, 3), of all blocks of a completed volume that are not transparent."""
     mode = BLEND_MODES[volume.blending]
     if info.blocks is None or mode.shows_transparent or min(info.shape_zyx) == 1:
         return info.corners
@@ -156,7 +151,6 @@ def _blank(volume: Volume, info: VolumeInfo) -> str:
 
 
 def _unseen(volume: Volume, info: VolumeInfo) -> str:
-    """Return why a volume is invisible from all cameras, or ""."""
     if not info.finite:
         return f"all {math.prod(info.shape_zyx)} samples are NaN or infinite: nothing is drawn"
     data = f"the data's range {span(info.minimum, info.maximum)}"

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 
 from clusterviz.content.volume.info import VolumeInfo
 from clusterviz.content.volume.section import Volume
-from clusterviz.data import ALL_STEPS, ONE_STEP, format_of, open_first_parts, open_time_step, override_grid
+from clusterviz.data import ALL_STEPS, ONE_STEP, open_first_parts, open_time_step, override_grid
 from clusterviz.data.axes import warn_of_choices
 from clusterviz.data.bricks import Box, BrickLayout, Edges, read_bricks
+from clusterviz.data.formats import format_of
 from clusterviz.data.levels import MixedSource, halved
-from clusterviz.data.source import Grid, Index, Source, levels_of
+from clusterviz.data.source import Index, Source, levels_of
 from clusterviz.data.summary import VolumeSummary, block_sides, kept_summary, summarise, summary_over_time
 from clusterviz.errors import DataError, InputError, SceneError
 from clusterviz.frame.run import Run
@@ -45,27 +46,21 @@ Samples = dict[Index, NDArray[Any]]
 """Samples of bricks of a volume."""
 
 
-@dataclass(frozen=True)
-class OpenedVolume:
-    """Opened volume, with what plans need; all but the source and what was read is the same on every rank.
+@dataclass(frozen=True, eq=False)
+class OpenedVolume(KnownVolume):
+    """Opened volume.
 
     Attributes
     ----------
-    source : of its voxels
-    layout : of its bricks
-    summary : of its values
     info : facts on it
     time : step of the scene's volume
     read_bricks : that were read for the summary and can be drawn, until they are taken over
     bytes_per_second : of samples that a rank reads, where a picture may take some time only
     """
 
-    source: Source
-    layout: BrickLayout
-    summary: VolumeSummary
     info: VolumeInfo
     time: int | None = None
-    read_bricks: Samples = field(default_factory=Samples)
+    read_bricks: Samples = field(default_factory=dict)
     bytes_per_second: float = 0.0
 
     @cached_property
@@ -73,16 +68,6 @@ class OpenedVolume:
         """What is known of the levels of a store; None without one."""
         source = levels_of(self.source)
         return VolumeLevels(self.grid, source.dtype, field_error(source)) if source else None
-
-    @property
-    def grid(self) -> Grid:
-        """Grid of the voxels."""
-        return self.source.grid
-
-    @property
-    def known(self) -> KnownVolume:
-        """What plans need."""
-        return KnownVolume(self.grid, self.source.dtype, self.layout, self.summary, levels_of(self.source))
 
     def has_margin_for(self, scene: Scene) -> bool:
         """Return whether its own bricks have the margins that a scene needs, which shows it alone."""
@@ -210,7 +195,6 @@ def _is_same(source: Source, other: Source, box: Box) -> bool:
 
 
 def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
-    """Return the bricks of a volume, with the margins that its blend mode needs."""
     known = not scene.automatic and volume.preset is None
     quality, has_layers = scene.quality, scene.needs_layers
     around = occlusion_reach(volume, source.grid)
@@ -222,13 +206,7 @@ def _layout(scene: Scene, volume: Volume, source: Source) -> BrickLayout:
 def _summarised(
     run: Run, sources: Sequence[Source], layouts: Sequence[BrickLayout], limit_bytes: int | None
 ) -> tuple[list[VolumeSummary], list[Samples]]:
-    """Summarise the volumes; of those whose source keeps no summary, an equal share is read.
-
-    Returns
-    -------
-    summaries : of the volumes
-    bricks : those read, of each volume, if they fit into memory
-    """
+    """Summarise the volumes; of sources without summaries an equal share is read, and returned if it fits."""
     with run.collective("read", "load"):
         most_bytes = HELD_SHARE_OF_MEMORY * memory().available_bytes / run.channel.placement().local_size
         most_bytes = min(most_bytes, limit_bytes or most_bytes)
@@ -252,25 +230,20 @@ def with_larger_bricks(opened: OpenedVolume, scene: Scene, ranks: int) -> Opened
 
     It stays as it is if bricks have one size. Bricks that were read are forgotten.
 
-    Parameters
-    ----------
-    scene : completed
-
     References
     ----------
     M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010, section 5.3.6.
     """
     largest, brick = scene.cluster.largest_brick, scene.cluster.brick
-    if largest in (None, brick):
+    if largest is None or largest == brick:
         return opened
-    tree = build_tree(make_plan(scene, [opened.known]).cost, ranks)
+    tree = build_tree(make_plan(scene, [opened]).cost, ranks)
     edges = refined_edges(tree, largest // brick)
     layout, summary = replace(opened.layout, edges_zyx=edges), _with_joined_bricks(opened.summary, edges)
     return replace(opened, layout=layout, summary=summary, read_bricks={})
 
 
 def _with_joined_bricks(summary: VolumeSummary, edges: Edges) -> VolumeSummary:
-    """Return the summary of a volume with the extremes of larger bricks."""
 
     def joined(pick: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
         for axis, inner in enumerate(edges):
@@ -306,7 +279,6 @@ def _check_bricks(shapes: Sequence[Index], brick: int, ranks: int) -> None:
 def _sources(
     volumes: Sequence[Volume], given: Sequence[Source | None], warns: bool
 ) -> tuple[list[Source], list[dict[str, Any]]]:
-    """Open the source of each volume; return them, and the keys of the parts of their files that were chosen."""
     sources, parts = list[Source](), list[dict[str, Any]]()
     for number, (each, volume) in enumerate(zip(given, volumes, strict=True)):
         at_first = volume.model_copy(update={"time": _first_step(volume)})
@@ -319,7 +291,6 @@ def _sources(
 
 
 def _first_step(volume: Volume) -> int | None:
-    """Return the time step of a volume with which a row of frames begins."""
     return 0 if volume.time == "all" else volume.time
 
 
@@ -347,7 +318,6 @@ def _summary(run: Run, source: Source, layout: BrickLayout, share: list[Index], 
 
 
 def _info(source: Source, summary: VolumeSummary, path: str, parts: Mapping[str, Any]) -> VolumeInfo:
-    """Return the facts on a volume of a path; `parts` are the keys of the parts of its file that were chosen."""
     array = source.name.removesuffix(getattr(getattr(source, "slab", None), "label", ""))
     array = array.removeprefix(f"{path}:").lstrip("/") if array.startswith(f"{path}:") else ""
     grid, known, known_format = source.grid, summary.categories, format_of(Path(path))

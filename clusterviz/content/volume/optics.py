@@ -186,14 +186,7 @@ class Optics(Section):
 
 @dataclass(frozen=True, eq=False)
 class IndexFunction:
-    """Piecewise-linear refractive index of a scalar, see `OpticalFunction`.
-
-    Attributes
-    ----------
-    values : float64 (m,), ascending
-    indices : float64 (m, n), above 0
-    outside : index around the volume
-    """
+    """Piecewise-linear refractive index at values (m,), (m, n) above 0, and around a volume; see `OpticalFunction`."""
 
     values: Floats
     indices: Floats
@@ -291,13 +284,11 @@ def optical_function(optics: Optics) -> OpticalFunction:
 
 
 def _index(optics: Optics, outside: float) -> IndexFunction:
-    """Return the index that optics give directly, for each wavelength."""
     given = optics.refractive_index or ((0.0, outside),)
     rows = [np.broadcast_to(row[1:], len(optics.wavelengths)) for row in given]
     return IndexFunction(np.array([row[0] for row in given]), np.array(rows), outside)
 
 
 def _material(name: str, wavelengths: Floats) -> Material:
-    """Return a material or a colour at wavelengths."""
     rgb = None if name in MATERIALS else background_rgb(name)
     return material(name).at(wavelengths) if rgb is None else material_of_colour(rgb, wavelengths)

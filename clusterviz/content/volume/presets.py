@@ -21,13 +21,7 @@ Clim = tuple[float, float] | None
 
 @dataclass(frozen=True)
 class Preset:
-    """Preset of a volume.
-
-    Attributes
-    ----------
-    description : one line
-    keys : function from information on a volume, and its clim if that is set, to other keys of it
-    """
+    """Preset of a volume: a line, and a function from facts on it, and its clim if that is set, to other keys of it."""
 
     description: str
     keys: Callable[[VolumeInfo, Clim], Keys]
@@ -123,14 +117,12 @@ def _small_labels(info: VolumeInfo) -> Keys:
 
 
 def _nothing(info: VolumeInfo) -> Any:
-    """Return the label of the background: 0 if it is the least one, else the most frequent one."""
     assert info.values is not None, "labels are known"
     assert info.counts is not None, "labels are known"
     return info.values[0 if info.values[0] == 0 else info.counts.argmax()]
 
 
 def _labels(info: VolumeInfo, clim: Clim) -> Keys:
-    """Keys for label maps: one colour a label; larger labels are paler and more transparent."""
     labels = _small_labels(info)
     if labels or info.values is None or info.counts is None:
         low, high = clim or default_clim(info)
@@ -181,13 +173,11 @@ def _density(info: VolumeInfo, clim: Clim) -> Keys:
 
 
 def _block(info: VolumeInfo, clim: Clim) -> Keys:
-    """Keys of an opaque block, whose faces are slices."""
     cmap = "gray" if info.is_acquired else "viridis"
     return {"clim": clim or default_clim(info), "cmap": cmap, "opacity": 1.0, "shade": False}
 
 
 def _signed(info: VolumeInfo, clim: Clim) -> Keys:
-    """Keys for signed fields: equal opacity on both sides of zero, none at zero."""
     end = max(abs(info.percentile_1), abs(info.percentile_99)) or 1.0
     opacity = ((-end, 0.8), (-0.4 * end, 0.0), (0.4 * end, 0.0), (end, 0.8))
     return {"clim": (-end, end), "cmap": "coolwarm", "opacity": opacity}
@@ -245,17 +235,7 @@ PRESETS: dict[PresetName, Preset] = {
 
 
 def apply_preset(name: PresetName, info: VolumeInfo) -> Keys:
-    """Return all keys of a volume that presets choose, whatever their values are now.
-
-    Parameters
-    ----------
-    name : of `PRESETS`
-    info : information on the volume
-
-    Returns
-    -------
-    keys : for `volume.model_copy(update=keys)`; those that are None are chosen by `complete_scene`
-    """
+    """Return all keys of a volume that presets choose; `complete_scene` chooses those that are None."""
     return PRESET_DEFAULTS | PRESETS[name].keys(info, None)
 
 
@@ -269,17 +249,14 @@ def has_hounsfield_units(info: VolumeInfo) -> bool:
 
 
 def _foreground_range(info: VolumeInfo, clim: Clim) -> tuple[float, float]:
-    """Return the user's clim, else the range of the foreground."""
     return clim or (_increasing(info.foreground, info) if info.has_histogram else default_clim(info))
 
 
 def _increasing(ends: tuple[float, float], info: VolumeInfo) -> tuple[float, float]:
-    """Return a range, or the default one if its ends are equal."""
     return ends if ends[0] < ends[1] else default_clim(info)
 
 
 def _over(low: float, high: float, *points: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-    """Return control points at shares of a range as control points at values."""
     return tuple((low + share * (high - low), alpha) for share, alpha in points)
 
 

@@ -70,7 +70,6 @@ class _Text:
         return found
 
     def numbers(self, count: int, width: int) -> NDArray[np.float64]:
-        """Return the numbers of the next lines, (count, width)."""
         lines = self.take(count)
         found = numbers_of_text(b"\n".join(lines), np.float64, self._where)
         if len(found) != count * width:
@@ -102,7 +101,6 @@ def _known(rows: NumberedRows, numbers: NDArray[np.int64], noun: str, where: str
 def _blocks(
     listed: Sequence[list[bytes]], rows: NumberedRows, where: str
 ) -> tuple[list[tuple[str, NDArray[np.int64]]], NDArray[np.int64]]:
-    """Return the cells of each kind, and their places in the file."""
     of_kind: dict[bytes, list[int]] = {}
     for number, row in enumerate(listed):
         if len(row) < 3 or row[2] not in KINDS or len(row) != 3 + len(KINDS[row[2]][1]):

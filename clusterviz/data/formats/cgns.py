@@ -20,13 +20,12 @@ from numpy.typing import NDArray
 
 from clusterviz.data.formats.exodus import ORDERS
 from clusterviz.data.formats.vtkhdf import load_dataset
-from clusterviz.data.unstructured import UnstructuredGrid, joined_grids, linearised
+from clusterviz.data.unstructured import UnstructuredGrid, joined_grids, linearised, nodes_of
 from clusterviz.errors import DataError
 
-KINDS = {2: ("vertex", 1), 3: ("line", 2), 4: ("line", 3), 5: ("triangle", 3), 6: ("triangle", 6), 7: ("quad", 4)}
-KINDS |= {8: ("quad", 8), 9: ("quad", 9), 10: ("tetra", 4), 11: ("tetra10", 10), 12: ("pyramid", 5)}
-KINDS |= {21: ("pyramid13", 13), 13: ("pyramid14", 14), 14: ("wedge", 6), 15: ("wedge15", 15), 16: ("wedge18", 18)}
-KINDS |= {17: ("hexahedron", 8), 18: ("hexahedron20", 20), 19: ("hexahedron27", 27)}
+_FIRST = """vertex line line3 triangle triangle6 quad quad8 quad9 tetra tetra10 pyramid pyramid14 wedge wedge15 wedge18
+hexahedron hexahedron20 hexahedron27"""
+KINDS = dict(enumerate(_FIRST.split(), 2)) | {21: "pyramid13"}
 MIXED, POLYGONS, POLYHEDRA = 20, 22, 23
 """Numbers of ElementType_t; in sections of mixed elements each has its number in front."""
 NODES = {**ORDERS, "hexahedron27": [*range(12), *range(16, 20), *range(12, 16), 24, 22, 21, 23, 20, 25, 26]}
@@ -44,7 +43,6 @@ def read_cgns(path: Path) -> UnstructuredGrid:
 
 
 def _children(node: Any, label: str) -> Iterator[Any]:
-    """Yield the children of a node with a label."""
     for child in node.values():
         found = child.attrs.get("label", b"")
         if (found.decode() if isinstance(found, bytes) else str(found)) == label:
@@ -96,10 +94,11 @@ def _blocks(section: Any, where: str) -> Iterator[tuple[str, NDArray[np.int64]]]
         kinds = corners[begins]
         ends = np.append(np.flatnonzero(np.diff(kinds)) + 1, count)
         for begin, end in zip(np.append(0, ends[:-1]).tolist(), ends.tolist(), strict=True):
-            name, nodes = _kind(int(kinds[begin]), where)
-            yield _ordered(name, corners[begins[begin:end, None] + 1 + np.arange(nodes)])
+            name = _kind(int(kinds[begin]), where)
+            yield _ordered(name, corners[begins[begin:end, None] + 1 + np.arange(nodes_of(name))])
         return
-    name, nodes = _kind(kind, where)
+    name = _kind(kind, where)
+    nodes = nodes_of(name)
     if len(corners) != count * nodes:
         found, allowed = f"{len(corners)} indices", f"{count} x {nodes} of {name}"
         raise DataError("the connectivity does not fit", where=where, found=found, allowed=allowed)
@@ -110,9 +109,9 @@ def _ordered(kind: str, corners: NDArray[np.int64]) -> tuple[str, NDArray[np.int
     return kind, corners[:, NODES.get(kind, slice(None))] - 1
 
 
-def _kind(number: int, where: str) -> tuple[str, int]:
+def _kind(number: int, where: str) -> str:
     if number not in KINDS:
         found = "polygons and polyhedra" if number in (POLYGONS, POLYHEDRA) else f"ElementType_t {number}"
-        allowed = ", ".join(dict.fromkeys(kind for kind, _ in KINDS.values()))
+        allowed = ", ".join(dict.fromkeys(KINDS.values()))
         raise DataError("elements of an unsupported kind", where=where, found=found, allowed=allowed)
     return KINDS[number]

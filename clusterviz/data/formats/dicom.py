@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.axes import Subset, UnnamedPartError, select
-from clusterviz.data.files import kind_of, library, readable, refuse_array, require_file, start_of
+from clusterviz.data.axes import Subset, UnnamedPartError, listed, select
+from clusterviz.data.files import explained, kind_of, library, readable, refuse_array, require_file, start_of
 from clusterviz.data.header import check_box, check_packed, check_size, make_grid, stated_numbers
 from clusterviz.data.rectilinear import RectilinearSource, line_of
 from clusterviz.data.source import Grid, Index, Source
@@ -51,7 +51,6 @@ DIRECTORY = "1.2.840.10008.1.3.10"
 """Class of lists of files (DICOMDIR)."""
 TOLERANCE = 0.02
 """Of the distance of slices, by which positions may be off; files state a few decimals."""
-MAX_LISTED = 8
 NO_SERIES = "no SeriesInstanceUID"
 """Stands for the series of files that name none."""
 
@@ -97,7 +96,6 @@ class DicomSource:
 
 
 def is_dicom(path: Path) -> bool:
-    """Return whether a file is DICOM, by its extension or its magic."""
     return path.is_file() and (path.suffix.lower() in EXTENSIONS or kind_of(start_of(path)) == "DICOM")
 
 
@@ -124,16 +122,15 @@ def open_series(files: Sequence[Path], subset: Subset, where: str) -> Source:
     series = _members(files, subset.array, where)
     names = {uid: _names(members[0][1]) for uid, members in series.items()}
     labels = {uid: " ".join(names[uid]) or uid for uid in series}
-    told = [f"{labels[uid]} ({len(members)})" for uid, members in series.items()]
-    listed = ", ".join(told[:MAX_LISTED]) + (", …" if len(told) > MAX_LISTED else "")
+    told = listed([f"{labels[uid]} ({len(members)})" for uid, members in series.items()])
     found = [uid for uid in series if subset.array is None or subset.array in (uid, *names[uid], " ".join(names[uid]))]
     if not found:
         what = "no such series" if series else "no slices"
-        raise DataError(what, where=where, found=subset.array, allowed=listed or "files of DICOM with pictures")
+        raise DataError(what, where=where, found=subset.array, allowed=told or "files of DICOM with pictures")
     if len(found) > 1:
         parts = sorted(found, key=lambda uid: -len(series[uid]))
         parts = [uid if list(labels.values()).count(labels[uid]) > 1 else labels[uid] for uid in parts]
-        raise UnnamedPartError("array", parts, where=where, allowed=listed, noun="series")
+        raise UnnamedPartError("array", parts, where=where, allowed=told, noun="series")
     members = series[found[0]]
     slices = [each for file, header in members for each in _frames(file, header)]
     return _stack(slices, subset, where, str(members[0][1].get("Modality") or ""))
@@ -160,8 +157,7 @@ def _members(files: Sequence[Path], array: str | None, where: str) -> dict[str, 
     if foreign and not series:
         raise next(iter(foreign.values()))
     if foreign:
-        more = ", …" if len(foreign) > MAX_LISTED else ""
-        found = ", ".join(file.name for file in list(foreign)[:MAX_LISTED]) + more
+        found = listed([file.name for file in foreign])
         warn_of_data("files that are in no series of DICOM are left out", where=where, found=found)
     return series
 
@@ -171,7 +167,6 @@ def _series_of(header: Any) -> str:
 
 
 def _names(header: Any) -> list[str]:
-    """Return number and description of a series, as far as it has them."""
     return [text for key in ("SeriesNumber", "SeriesDescription") if (text := str(header.get(key) or "").strip())]
 
 
@@ -199,16 +194,11 @@ def _header(path: Path) -> Any:
         return tag in PIXELS
 
     tags = [package.tag.Tag(name) for name in TAGS]
-    try:
-        with path.open("rb") as file:
-            header = import_module("pydicom.filereader").read_partial(file, at_pixels, specific_tags=tags)
-        header.pixels = reached[0]
-        return header
-    except Exception as error:  # a damaged header makes pydicom raise many kinds
-        found = kind_of(start_of(path))
-        raise DataError(
-            f"wrong magic or damaged header: {error}", where=str(path), found=found, allowed="DICOM"
-        ) from error
+    found = kind_of(start_of(path))
+    with explained("wrong magic or damaged header", path, found=found, allowed="DICOM"), path.open("rb") as file:
+        header = import_module("pydicom.filereader").read_partial(file, at_pixels, specific_tags=tags)
+    header.pixels = reached[0]
+    return header
 
 
 def _frames(path: Path, header: Any) -> list[Slice]:
@@ -234,7 +224,6 @@ def _frames(path: Path, header: Any) -> list[Slice]:
         raise DataError("frames without positions", where=where, found=found, allowed=allowed)
 
     def element(frame: Any, group: str, key: str) -> Any:
-        """Return an element of the functional groups of a frame or of all, or of the file itself."""
         for groups in (frame, shared):
             if groups.get(group) and key in groups.get(group)[0]:
                 return groups.get(group)[0].get(key)
@@ -287,20 +276,13 @@ def _stack(slices: list[Slice], subset: Subset, where: str, modality: str) -> So
     first = slices[0]
     rows, columns, bits, stored, kind = first.kind
     for each in slices[1:]:
+        where_each, what = str(each.path), "not of one {} with the first slice"
         if each.kind != first.kind:
-            raise DataError(
-                "not of one size and type with the first slice",
-                where=str(each.path),
-                found="{1} x {0}, {3} of {2} bits, type {4}".format(*each.kind),
-                allowed="{1} x {0}, {3} of {2} bits, type {4}".format(*first.kind),
-            )
+            found, allowed = ("{1} x {0}, {3} of {2} bits, type {4}".format(*one.kind) for one in (each, first))
+            raise DataError(what.format("size and type"), where=where_each, found=found, allowed=allowed)
         if np.abs(each.axes - first.axes).max() > 1e-3 * np.abs(first.axes).max():
-            raise DataError(
-                "not of one orientation and spacing with the first slice",
-                where=str(each.path),
-                found=each.axes.T.round(4).tolist(),
-                allowed=first.axes.T.round(4).tolist(),
-            )
+            found, allowed = (str(one.axes.T.round(4).tolist()) for one in (each, first))
+            raise DataError(what.format("orientation and spacing"), where=where_each, found=found, allowed=allowed)
     normal = _unit(np.cross(first.axes[:, 0], first.axes[:, 1]))
     slices = sorted(slices, key=lambda each: float(each.position @ normal))
     step, layers = _layers(slices, normal, subset.spaced, where) if len(slices) > 1 else (normal, np.zeros(1, int))
@@ -367,14 +349,11 @@ def _dtype(scales: Sequence[tuple[float, float]], bits: int, stored: int, kind: 
 
 
 def _decode(one: Slice, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return a slice with its data values, (rows, columns)."""
     pixels = import_module("pydicom.pixels")
     rows, columns, bits, stored, kind = one.kind
-    try:
+    with explained("the picture cannot be decoded", one.path):
         # `raw` leaves the values as they are stored.
         found = np.asarray(pixels.pixel_array(one.path, index=one.frame, raw=True)).reshape(rows, columns)
-    except Exception as error:  # decoders raise many kinds
-        raise DataError(f"the picture cannot be decoded: {error}", where=str(one.path)) from error
     if stored < bits:  # other bits may hold an overlay
         integer = np.dtype(f"{kind}{bits // 8}")
         found = (found.astype(integer) << (bits - stored)) >> (bits - stored)

@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 from clusterviz.data.classic_netcdf import read_classic
 from clusterviz.data.files import library, start_of
 from clusterviz.data.grid_files import choose_step
-from clusterviz.data.unstructured import UnstructuredGrid, linearised
+from clusterviz.data.unstructured import CORNERS, UnstructuredGrid, linearised
 from clusterviz.errors import DataError
 
 KINDS = {"TET": "tetra", "PYR": "pyramid", "WED": "wedge", "HEX": "hexahedron"}
 FLAT = {"SPH": "vertex", "CIR": "vertex", "BAR": "line", "BEA": "line", "TRU": "line", "ROD": "line"}
 FLAT |= {"TRI": "triangle", "SHE": "quad", "QUA": "quad", "NSI": "polygon"}
-LINEAR = {"tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
 # VTK's nodes on the edges between both layers come last.
 ORDERS = {
     "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)],
@@ -77,10 +76,9 @@ def _kind(stated: str, nodes: int, where: str) -> str:
     if key in FLAT:
         return FLAT[key]
     if key not in KINDS:
-        raise DataError(
-            "elements of an unsupported kind", where=where, found=stated, allowed=", ".join([*KINDS, *FLAT])
-        )
-    return KINDS[key] if nodes == LINEAR[KINDS[key]] else f"{KINDS[key]}{nodes}"
+        allowed = ", ".join([*KINDS, *FLAT])
+        raise DataError("elements of an unsupported kind", where=where, found=stated, allowed=allowed)
+    return KINDS[key] if nodes == CORNERS[KINDS[key]] else f"{KINDS[key]}{nodes}"
 
 
 def _names(variables: Any, key: str) -> list[str]:

@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from clusterviz.data.axes import Hyperslab, Subset, select
-from clusterviz.data.files import PICTURES, readable, refuse_array, require_file
+from clusterviz.data.files import PICTURES, check_folder, explained, readable, refuse_array, require_file
 from clusterviz.data.formats.dicom import is_dicom, open_series
 from clusterviz.data.formats.tiff import open_tiff
 from clusterviz.data.grid_files import by_numbers
 from clusterviz.data.header import check_box, check_packed
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.unread import check_folder
 from clusterviz.errors import DataError, warn_of_data
 
 PALETTE = ("luminance", "index")
@@ -50,14 +49,11 @@ class PictureSource:
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
         if 0 in shape:
             return np.empty(shape, self.dtype)
-        try:
-            with Image.open(self.path) as image:
-                pixels = np.asarray(image)
-                if image.mode == "P":
-                    pixels = np.stack([np.asarray(image.convert("L")), pixels], axis=-1)
-                pixels = pixels.reshape(self.slab.shape)
-        except Exception as error:  # decoders raise many kinds
-            raise DataError(f"the picture cannot be decoded: {error}", where=self.name) from error
+        with explained("the picture cannot be decoded", self.name), Image.open(self.path) as image:
+            pixels = np.asarray(image)
+            if image.mode == "P":
+                pixels = np.stack([np.asarray(image.convert("L")), pixels], axis=-1)
+            pixels = pixels.reshape(self.slab.shape)
         (_, y, x), (_, y_end, x_end) = begin_zyx, end_zyx
         return np.array(pixels[y:y_end, x:x_end, self.slab.channel], self.dtype, order="C").reshape(shape)
 
@@ -65,12 +61,9 @@ class PictureSource:
 def open_picture(path: Path, subset: Subset) -> PictureSource:
     size = require_file(path)
     refuse_array(subset.array, path)
-    try:
-        with Image.open(path) as image:
-            mode, bands, (width, height) = image.mode, image.getbands(), image.size
-            bands = PALETTE if mode == "P" else bands
-    except Exception as error:  # each decoder has its own kind
-        raise DataError(f"wrong magic or damaged: {error}", where=str(path)) from error
+    with explained("wrong magic or damaged", path), Image.open(path) as image:
+        mode, bands, (width, height) = image.mode, image.getbands(), image.size
+    bands = PALETTE if mode == "P" else bands
     dtype = np.dtype(TYPES.get(mode, "u1"))
     if bands == PALETTE and subset.channel is None:
         text = "a picture with a palette: the luminance of its colours is drawn"
@@ -105,18 +98,13 @@ class FolderSource:
             opened = _open_slice(file, self.subset)
             found, wanted = (opened.grid.shape_zyx[1:], opened.dtype), (self.grid.shape_zyx[1:], self.dtype)
             if found != wanted:
-                raise DataError(
-                    "not of one size and type with the first slice",
-                    where=str(file),
-                    found=_described(*found),
-                    allowed=_described(*wanted),
-                )
+                what, allowed = "not of one size and type with the first slice", _described(*wanted)
+                raise DataError(what, where=str(file), found=_described(*found), allowed=allowed)
             layer[:] = opened.read((0, y, x), (1, y_end, x_end))[0]
         return voxels
 
 
 def open_folder(path: Path, subset: Subset) -> Source:
-    """Open the slices in a folder as one volume."""
     where = str(path)
     with readable(path):
         held = [file for file in path.iterdir() if not file.name.startswith(".")]

@@ -110,7 +110,6 @@ class _File:
         return chunks.get(b"JSON", b"")
 
     def entry(self, key: str, number: Any) -> dict[str, Any]:
-        """Return an entry of one of the document's lists."""
         entries = self.document.get(key, [])
         if not isinstance(number, int) or not 0 <= number < len(entries):
             allowed = f"0 to {len(entries) - 1}" if entries else "none"
@@ -142,7 +141,6 @@ class _File:
         return found
 
     def own_instances(self, node: dict[str, Any]) -> list[NDArray[np.float64]]:
-        """Return the matrices (4, 4) at which a node repeats its mesh."""
         given = node.get("extensions", {}).get(INSTANCING, {}).get("attributes", {})
         keys = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
         columns = {keys[name]: self.accessor(number) for name, number in given.items() if name in keys}
@@ -159,7 +157,6 @@ class _File:
         return array
 
     def primitives(self, node: dict[str, Any], matrix: NDArray[np.float64]) -> list[_Primitive]:
-        """Return the primitives of a node's mesh, placed by a matrix."""
         found, mesh = [], self.entry("meshes", node["mesh"])
         weights = node.get("weights", mesh.get("weights", []))
         for each in mesh.get("primitives", []):
@@ -219,7 +216,6 @@ class _File:
         return array[:, 0].copy() if components == 1 else array.copy()
 
     def view(self, entry: dict[str, Any], dtype: np.dtype[Any], components: int, count: int) -> NDArray[Any]:
-        """Return the numbers (count, components) of a view of a buffer."""
         view = self.entry("bufferViews", entry["bufferView"])
         begin, offset = view.get("byteOffset", 0), entry.get("byteOffset", 0)
         stride = view.get("byteStride", dtype.itemsize * components)
@@ -263,7 +259,6 @@ def _matrix(node: dict[str, Any]) -> NDArray[np.float64]:
 
 
 def _joined(parts: list[_Primitive]) -> tuple[NDArray[Any], dict[str, NDArray[Any]], list[int]]:
-    """Return vertices and attributes of all parts, and the number of vertices before each."""
     attributes = joined_arrays([part.attributes for part in parts])
     begins = np.cumsum([0, *(len(part.vertices) for part in parts)]).tolist()
     return np.concatenate([part.vertices for part in parts]), attributes, begins[:-1]

@@ -22,20 +22,17 @@ from numpy.typing import NDArray
 
 from clusterviz.data.files import read_file
 from clusterviz.data.grid_files import choose_step
-from clusterviz.data.unstructured import SECOND_ORDER, UnstructuredGrid, linearised
+from clusterviz.data.unstructured import SECOND_ORDER, UnstructuredGrid, linearised, nodes_of
 from clusterviz.errors import DataError, warn_of_data
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
-KINDS = {1: ("line", 2), 2: ("triangle", 3), 3: ("quad", 4), 4: ("tetra", 4), 5: ("hexahedron", 8), 6: ("wedge", 6)}
-KINDS |= {7: ("pyramid", 5), 8: ("line3", 3), 9: ("triangle6", 6), 10: ("quad9", 9), 11: ("tetra10", 10)}
-KINDS |= {12: ("hexahedron27", 27), 13: ("wedge18", 18), 14: ("pyramid14", 14), 15: ("vertex", 1), 16: ("quad8", 8)}
-KINDS |= {17: ("hexahedron20", 20), 18: ("wedge15", 15), 19: ("pyramid13", 13), 20: ("triangle9", 9)}
-KINDS |= {21: ("triangle10", 10), 22: ("triangle12", 12), 23: ("triangle15", 15), 24: ("triangle15", 15)}
-KINDS |= {25: ("triangle21", 21), 26: ("line4", 4), 27: ("line5", 5), 28: ("line6", 6), 29: ("tetra20", 20)}
-KINDS |= {30: ("tetra35", 35), 31: ("tetra56", 56), 36: ("quad16", 16), 37: ("quad25", 25), 38: ("quad36", 36)}
-KINDS |= {90: ("wedge40", 40), 91: ("wedge75", 75), 92: ("hexahedron64", 64), 93: ("hexahedron125", 125)}
-"""meshio's names of types of elements, and their nodes."""
+_FIRST = """line triangle quad tetra hexahedron wedge pyramid line3 triangle6 quad9 tetra10 hexahedron27 wedge18
+pyramid14 vertex quad8 hexahedron20 wedge15 pyramid13 triangle9 triangle10 triangle12 triangle15 triangle15 triangle21
+line4 line5 line6 tetra20 tetra35 tetra56"""
+KINDS = dict(enumerate(_FIRST.split(), 1)) | {36: "quad16", 37: "quad25", 38: "quad36", 90: "wedge40", 91: "wedge75"}
+KINDS |= {92: "hexahedron64", 93: "hexahedron125"}
+"""meshio's names of types of elements."""
 EDGES = {
     "tetra": [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)],
     "pyramid": [(0, 1), (0, 3), (0, 4), (1, 2), (1, 4), (2, 3), (2, 4), (3, 4)],
@@ -88,7 +85,6 @@ def read_gmsh(path: Path, time: float | None = None) -> UnstructuredGrid:
 
 
 def _sections(content: bytes, where: str) -> Iterator[tuple[str, bytes]]:
-    """Yield the names and contents of a file's sections."""
     start, at = re.compile(rb"\$(\w+)[^\n]*\n"), 0
     while found := start.search(content, at):
         name = found[1]
@@ -158,7 +154,6 @@ class _Values:
         return table[:, :ints].astype(np.int64), table[:, ints:]
 
     def rest(self) -> Ints:
-        """Return all whole numbers that are left of text."""
         return numbers_of_text(self._body[self._at :], np.int64, self.where)
 
     def sizes(self, count: int) -> list[int]:
@@ -185,7 +180,6 @@ def _entities(values: _Values) -> dict[tuple[int, int], int]:
 
 
 def _nodes(values: _Values) -> Iterator[tuple[Ints, Floats]]:
-    """Yield the numbers (n,) and positions (n, 3) of nodes."""
     version = values.form.version
     if version == "2":
         numbers, points = values.rows(values.count(), 1, 3)
@@ -217,8 +211,7 @@ class _Elements:
     entity: tuple[int, int] | None = None
 
     def block(self, rows: NumberedRows, where: str) -> tuple[str, Ints]:
-        """Return the elements as `linearised` takes them."""
-        kind = KINDS[self.kind][0]
+        kind = KINDS[self.kind]
         corners, is_known = rows.of(self.nodes)
         if not is_known.all():
             raise DataError("an element has an unknown node", where=where, found=int(self.nodes[~is_known][0]))
@@ -293,7 +286,7 @@ def _tagged(kind: int, numbers: Ints, table: Ints, tags: int) -> _Elements:
 def _nodes_of(kind: int, where: str) -> int:
     if kind not in KINDS:
         raise DataError("elements of an unknown type", where=where, found=kind, allowed=", ".join(map(str, KINDS)))
-    return KINDS[kind][1]
+    return nodes_of(KINDS[kind])
 
 
 def numbers_of_text(text: bytes, dtype: type[np.float64] | type[np.int64], where: str) -> NDArray[Any]:

@@ -37,12 +37,10 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.classic_netcdf import read_classic
-from clusterviz.data.files import kind_of, start_of
-from clusterviz.data.header import check_box, check_dtype, make_grid, triple
+from clusterviz.data.files import GADGET, explained, kind_of, start_of
+from clusterviz.data.header import axis_factors, check_box, check_dtype, make_grid, triple, unit_factors
 from clusterviz.data.rectilinear import Line, even_line, line_of, placed
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.units import axis_factors, unit_factors
-from clusterviz.data.unread import GADGET
 from clusterviz.errors import DataError
 
 MAX_COORDINATES = 1 << 24  # samples along an axis whose coordinates are read
@@ -85,14 +83,9 @@ class CfValues:
         return values
 
 
-FILLED: dict[str, Any] = {
-    "i2": np.int16(-32767),
-    "i4": np.int32(-2147483647),
-    "u2": np.uint16(65535),
-    "u4": np.uint32(4294967295),
-    "f4": np.float32(9.969209968386869e36),
-    "f8": np.float64(9.969209968386869e36),
-}
+_LARGE = 9.969209968386869e36
+FILLED: dict[str, Any] = {"i2": np.int16(-32767), "i4": np.int32(-2147483647), "f4": np.float32(_LARGE)}
+FILLED |= {"u2": np.uint16(65535), "u4": np.uint32(4294967295), "f8": np.float64(_LARGE)}
 """What netCDF fills in by type where nothing was written. It notes this in files of HDF5; classic ones do not tell."""
 AS_STORED = CfValues((), (-np.inf, np.inf), (1.0, 0.0))
 
@@ -114,10 +107,8 @@ class Hdf5Source:
             return np.empty(shape, self.dtype)
         box = self.slab.box(begin_zyx, end_zyx)
         check_chunks(self.dataset, box, self.name)
-        try:
+        with explained("the dataset cannot be read", self.name, OSError, RuntimeError):  # no filter, a damaged chunk
             voxels = self.dataset[box]
-        except (OSError, RuntimeError) as error:  # h5py's errors for a missing filter or a damaged chunk
-            raise DataError(f"the dataset cannot be read: {error}", where=self.name) from error
         return np.ascontiguousarray(self.values.decode(voxels), self.dtype).reshape(shape)
 
 
@@ -154,16 +145,13 @@ def open_dataset(dataset: Any, subset: Subset, where: str) -> Source:
 
 
 def _datasets(path: Path, array: str | None) -> dict[str, Any]:
-    """Return the datasets of an HDF5 file by name; `array` may be a link."""
-    import h5py
+    import h5py  # slow to import
 
     if not h5py.is_hdf5(path):
         kind = kind_of(start_of(path))
         raise DataError("wrong magic: not what its name says", where=str(path), found=kind, allowed="HDF5, or netCDF")
-    try:
+    with explained("damaged or truncated", path, OSError):
         file = h5py.File(path, "r", locking="best-effort")
-    except OSError as error:
-        raise DataError(f"damaged or truncated: {error}", where=str(path)) from error
     held: dict[str, Any] = {}
     if array is not None and isinstance(file.get(array), h5py.Dataset):
         held[array.lstrip("/")] = file[array]
@@ -222,14 +210,12 @@ def _letters(dataset: Any, subset: Subset) -> str:
 
 
 def _axes(dataset: Any) -> tuple[list[str], list[Any]]:
-    """Return the names of the axes in lower case, "" without one, and their coordinate variables or None."""
     scales = [_scale(dataset, axis) for axis in range(len(dataset.shape or ()))]
     names = [dataset.dims[axis].label or _text(scale, "name") for axis, scale in enumerate(scales)]
     return [name.lower() for name in names], scales
 
 
 def _scale(dataset: Any, axis: int) -> Any:
-    """Return the coordinate variable or dimension of an axis, or None."""
     scales = dataset.dims[axis]
     return scales[0] if len(scales) else None
 
@@ -266,7 +252,6 @@ def _world_axis(name: str, scale: Any) -> str:
 
 
 def _is_down(scale: Any) -> bool:
-    """Return whether the coordinates of an axis rise downwards."""
     told = _text(scale, "positive").lower()
     return told == "down" or (not told and _text(scale, "units").lower().rstrip("s") in PRESSURES)
 

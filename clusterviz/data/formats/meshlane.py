@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import io
+import resource
 import threading
 import time
 from collections.abc import Iterator
@@ -22,18 +23,8 @@ GROWTH, ROOM = 128, 1 << 27
 """Bytes of memory for a byte of a file, and for any file."""
 RATE, SECONDS = 50_000, 1.0
 """Bytes of a file that are read in a second of CPU time, at least, and seconds for any file."""
-READERS = {
-    ".bdf": "nastran",
-    ".fem": "nastran",
-    ".nas": "nastran",
-    ".inp": "abaqus",
-    ".med": "med",
-    ".mesh": "medit",
-    ".meshb": "medit",
-    ".ele": "tetgen",
-    ".su2": "su2",
-    ".ugrid": "ugrid",
-}
+READERS = {".bdf": "nastran", ".fem": "nastran", ".nas": "nastran", ".inp": "abaqus", ".med": "med", ".mesh": "medit"}
+READERS |= {".meshb": "medit", ".ele": "tetgen", ".su2": "su2", ".ugrid": "ugrid"}
 """Names of meshlane's readers by extension."""
 
 
@@ -88,8 +79,6 @@ def limited_memory(size: int) -> Iterator[None]:
     if not status.exists():
         yield
         return
-    import resource
-
     before = resource.getrlimit(resource.RLIMIT_AS)
     most = int(status.read_text().split()[0]) * resource.getpagesize() + GROWTH * size + ROOM
     if before[0] == resource.RLIM_INFINITY or most < before[0]:

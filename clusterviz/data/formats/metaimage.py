@@ -27,37 +27,25 @@ from clusterviz.data.storage import (
     MAX_FILES,
     FileBytes,
     Inflated,
-    LoadedBytes,
     Storage,
     StreamBytes,
+    StridedSource,
     file_ranges,
     numbered_names,
-    numbers_from_text,
+    numbers_in_text,
+    slab_source,
 )
-from clusterviz.data.strided import StridedSource, slab_source
 from clusterviz.errors import DataError
 
-TYPES = {
-    "MET_CHAR": "i1",
-    "MET_UCHAR": "u1",
-    "MET_SHORT": "i2",
-    "MET_USHORT": "u2",
-    "MET_INT": "i4",
-    "MET_UINT": "u4",
-    "MET_LONG": "i4",
-    "MET_ULONG": "u4",
-    "MET_LONG_LONG": "i8",
-    "MET_ULONG_LONG": "u8",
-    "MET_FLOAT": "f4",
-    "MET_DOUBLE": "f8",
-}
+TYPES = {"MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4"}
+TYPES |= {"MET_UINT": "u4", "MET_LONG": "i4", "MET_ULONG": "u4", "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8"}
+TYPES |= {"MET_FLOAT": "f4", "MET_DOUBLE": "f8"}
 LETTERS = {2: "YX", 3: "ZYX", 4: "TZYX"}
 MAX_LINE, MAX_LINES = 1 << 16, 1 << 10
 ZLIB_OR_GZIP = 47
 
 
 def open_metaimage(path: Path, subset: Subset) -> StridedSource:
-    """Open the volume, or one time step and channel of several, in a MetaImage file."""
     refuse_array(subset.array, path)
     where = str(path)
     fields, files, begin = _read_header(path)
@@ -75,7 +63,6 @@ def open_metaimage(path: Path, subset: Subset) -> StridedSource:
 
 
 def _read_header(path: Path) -> tuple[dict[str, str], list[Path], int]:
-    """Read the fields, the data files, and the offset of the data in the first of them."""
     fields: dict[str, str] = {}
     listed: list[str] = []
     with readable(path), path.open("rb") as file:
@@ -128,7 +115,6 @@ def _stored_dtype(fields: Mapping[str, str], where: str) -> np.dtype[Any]:
 def _storage(
     fields: Mapping[str, str], files: list[Path], begin: int, needed: int, keep: int, stored: np.dtype[Any], where: str
 ) -> Storage:
-    """Return the storage of the `needed` bytes of samples."""
     skip = _integers(fields, "HeaderSize", 1, where, [0])[0]
     packed, binary = _is_true(fields, "CompressedData"), _is_true(fields, "BinaryData", True)
     if skip < -1 or (skip == -1 and (packed or not binary)):
@@ -144,15 +130,7 @@ def _storage(
         check_size(there, told, str(files[0]))
         check_packed(told, needed, "gzip", where)
         return StreamBytes(files[0], lambda file: Inflated(file, ZLIB_OR_GZIP), begin, keep)
-    count = needed // stored.itemsize
-    check_packed(there, count, "text", where)
-    return LoadedBytes(lambda: numbers_from_text(_text(files[0], begin), stored, count, where), where)
-
-
-def _text(file: Path, begin: int) -> bytes:
-    with readable(file), file.open("rb") as opened:
-        opened.seek(begin)
-        return opened.read()
+    return numbers_in_text(files[0], begin, sizes[0], stored, needed // stored.itemsize, where)
 
 
 def _grid_of(fields: Mapping[str, str], count: int, shape_zyx: Index, where: str) -> Grid:

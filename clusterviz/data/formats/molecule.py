@@ -36,7 +36,6 @@ NUMBER = re.compile(rb" *[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)? *")
 
 
 def read_molecule(path: Path) -> Geometry:
-    """Read the atoms of a PDB or mmCIF file, which may be packed by gzip."""
     where = str(path)
     gemmi = library("gemmi", "molecules", where)
     if path.name.lower().removesuffix(".gz").endswith((".pdb", ".ent")):
@@ -84,7 +83,6 @@ def atoms_of_xyz(file: TextIO, count: int, where: str) -> Geometry:
 
 
 def _attributes(elements: Sequence[Any]) -> dict[str, NDArray[Any]]:
-    """Return radius, colour and atomic number of elements of gemmi."""
     colour = np.array([COLOURS.get(element.name, OTHER) for element in elements], np.uint32)
     return {
         "radius": np.array([element.vdw_r for element in elements], np.float64),

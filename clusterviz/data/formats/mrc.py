@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
 from clusterviz.data.header import check_packed, check_shape, check_size, make_grid
-from clusterviz.data.storage import FileBytes, FileRange, Storage, StreamBytes
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.storage import FileBytes, FileRange, Storage, StreamBytes, StridedSource
 from clusterviz.errors import DataError
 
 HEADER_BYTES = 1024
@@ -39,9 +38,8 @@ def open_mrc(path: Path, subset: Subset) -> StridedSource:
     refuse_array(subset.array, path)
     if not packed and size < HEADER_BYTES:
         found = f"{size} bytes, {kind_of(start_of(path))}"
-        raise DataError(
-            "too short to be an MRC or CCP4 map", where=where, found=found, allowed=f"{HEADER_BYTES} and more"
-        )
+        allowed = f"{HEADER_BYTES} and more"
+        raise DataError("too short to be an MRC or CCP4 map", where=where, found=found, allowed=allowed)
     stream = StreamBytes(path, gzip.open)
     storage: Storage = stream if packed else FileBytes([FileRange(path, 0, size)])
     header = bytes(storage.read_at(0, HEADER_BYTES))
@@ -51,9 +49,8 @@ def open_mrc(path: Path, subset: Subset) -> StridedSource:
     sizes = check_shape(words[2::-1].tolist(), where)  # sections, rows, columns
     xyz_of_column_row_section = words[16:19].tolist() if words[16:19].any() else [1, 2, 3]
     if sorted(xyz_of_column_row_section) != [1, 2, 3]:
-        raise DataError(
-            "impossible axis order", where=where, found=xyz_of_column_row_section, allowed="1, 2, 3 in any order"
-        )
+        found = str(xyz_of_column_row_section)
+        raise DataError("impossible axis order", where=where, found=found, allowed="1, 2, 3 in any order")
     section, row, column = (3 - axis for axis in reversed(xyz_of_column_row_section))
     file_axes = section, row, column
     shape_zyx = tuple(sizes[file_axes.index(a)] for a in range(3))
@@ -78,12 +75,8 @@ def _byte_order(header: bytes, where: str) -> str:
     """Return '<' or '>' by the machine stamp, or by the mode if the stamp is blank."""
     if header[208:211] != b"MAP":
         found = f"{kind_of(header)}; at byte 208 {header[208:212]!r}"
-        raise DataError(
-            "wrong magic: not what its name says",
-            where=where,
-            found=found,
-            allowed="an MRC or CCP4 map, with 'MAP ' at byte 208",
-        )
+        allowed = "an MRC or CCP4 map, with 'MAP ' at byte 208"
+        raise DataError("wrong magic: not what its name says", where=where, found=found, allowed=allowed)
     if header[212] == 0x44:
         return "<"
     if header[212] == 0x11:

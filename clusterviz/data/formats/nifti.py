@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select
-from clusterviz.data.files import kind_of, refuse_array, require_file, start_of
+from clusterviz.data.files import explained, kind_of, refuse_array, require_file, start_of
 from clusterviz.data.header import check_dtype, check_packed, check_size, make_grid
 from clusterviz.data.source import Grid
-from clusterviz.data.storage import FileBytes, FileRange, Storage, StreamBytes
-from clusterviz.data.strided import StridedSource
+from clusterviz.data.storage import FileBytes, FileRange, Storage, StreamBytes, StridedSource
 from clusterviz.errors import DataError, warn_of_data
 
 
@@ -69,23 +68,15 @@ def placed_volume(
 
 
 def _read_header(path: Path) -> tuple[Any, Any, str]:
-    """Return nibabel's affine (4, 4), array proxy with shape, dtype, offset, slope and inter, and the intent."""
-    import nibabel
+    import nibabel  # slow to import
 
-    try:
+    found = None if path.name.lower().endswith(".gz") else kind_of(start_of(path))
+    with explained("wrong magic or damaged header", path, found=found, allowed="NIfTI-1 or NIfTI-2"):
         image: Any = nibabel.load(path)
         if not isinstance(image, nibabel.Nifti1Image):
             raise DataError("not NIfTI", where=str(path), found=type(image).__name__)
         header: Any = image.header
         return _affine(header, path), image.dataobj, str(header.get_intent()[0])
-    except DataError:
-        raise
-    except Exception as error:  # a damaged header makes nibabel raise many kinds
-        text = " ".join(str(error).split())
-        found = None if path.name.lower().endswith(".gz") else kind_of(start_of(path))
-        raise DataError(
-            f"wrong magic or damaged header: {text}", where=str(path), found=found, allowed="NIfTI-1 or NIfTI-2"
-        ) from error
 
 
 def _affine(header: Any, path: Path) -> NDArray[np.float64]:

@@ -17,16 +17,14 @@ from typing import Any
 import numpy as np
 
 from clusterviz.data.axes import Subset, UnnamedPartError, select, unnamed_axes
-from clusterviz.data.files import readable, refuse_array, require_file
+from clusterviz.data.files import explained, readable, refuse_array, require_file
 from clusterviz.data.header import check_dtype, check_packed, check_size
 from clusterviz.data.source import Grid
-from clusterviz.data.storage import FileBytes, FileRange, Inflated, Storage, StreamBytes
-from clusterviz.data.strided import StridedSource, slab_source
+from clusterviz.data.storage import FileBytes, FileRange, Inflated, Storage, StreamBytes, StridedSource, slab_source
 from clusterviz.errors import DataError
 
 
 def open_npy(path: Path, subset: Subset) -> StridedSource:
-    """Open an array of two to five axes in a .npy file."""
     size = require_file(path)
     refuse_array(subset.array, path)
     where = str(path)
@@ -42,14 +40,11 @@ def open_npy(path: Path, subset: Subset) -> StridedSource:
 
 
 def read_header(file: Any, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Read shape, whether in Fortran order, and stored dtype from the start of a .npy file."""
-    try:
+    with explained("the header cannot be read", where, ValueError):
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, stored = read(file)
-    except ValueError as error:
-        raise DataError(f"the header cannot be read: {error}", where=where) from error
-    return shape, fortran, stored
+        return shape, fortran, stored
 
 
 MAX_ARRAYS = 1 << 12
@@ -69,14 +64,11 @@ class _Member:
 
 
 def open_npz(path: Path, subset: Subset) -> StridedSource:
-    """Open one array of a .npz archive."""
     size = require_file(path)
-    try:
-        with readable(path), zipfile.ZipFile(path) as archive:
-            name, member = _choose(_members(archive, path), subset, path)
-            begin = _data_begin(archive, member.entry)
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, struct.error) as error:
-        raise DataError(f"truncated or damaged: {error}", where=str(path)) from error
+    kinds = (zipfile.BadZipFile, NotImplementedError, RuntimeError, struct.error)
+    with explained("truncated or damaged", path, *kinds), readable(path), zipfile.ZipFile(path) as archive:
+        name, member = _choose(_members(archive, path), subset, path)
+        begin = _data_begin(archive, member.entry)
     entry, stored, where = member.entry, member.stored, f"{path}:{name}"
     check_dtype(stored, where)
     slab = select(member.shape, unnamed_axes(member.shape, subset), subset, where)
@@ -126,7 +118,6 @@ def _choose(members: dict[str, _Member], subset: Subset, path: Path) -> tuple[st
 
 
 def _data_begin(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> int:
-    """Return the offset of a member's bytes in the file, after its local header."""
     file: Any = archive.fp
     file.seek(entry.header_offset)
     name_bytes, extra_bytes = struct.unpack("<26x2H", file.read(LOCAL_HEADER))

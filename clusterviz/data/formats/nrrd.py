@@ -20,20 +20,19 @@ import nrrd
 import numpy as np
 
 from clusterviz.data.axes import Subset, select, unnamed_axes
-from clusterviz.data.files import readable, refuse_array, require_file
-from clusterviz.data.header import check_packed, check_shape, make_grid
+from clusterviz.data.files import explained, readable, refuse_array, require_file
+from clusterviz.data.header import axis_factors, check_packed, check_shape, make_grid
 from clusterviz.data.source import Grid, Index
 from clusterviz.data.storage import (
     FileBytes,
-    LoadedBytes,
     Storage,
     StreamBytes,
+    StridedSource,
     file_ranges,
     numbered_names,
-    numbers_from_text,
+    numbers_in_text,
+    slab_source,
 )
-from clusterviz.data.strided import StridedSource, slab_source
-from clusterviz.data.units import axis_factors
 from clusterviz.errors import DataError
 
 PACKINGS = {"gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
@@ -56,7 +55,6 @@ MAX_HEADER = 1 << 20
 
 
 def open_nrrd(path: Path, subset: Subset) -> StridedSource:
-    """Open the volume in an attached or detached NRRD file."""
     refuse_array(subset.array, path)
     where = str(path)
     header, listed, header_bytes = _read_header(path)
@@ -85,7 +83,6 @@ def _orientation(space: str) -> str:
 
 
 def _letters(header: Mapping[str, Any], axes: Sequence[int], subset: Subset) -> str:
-    """Return the letters of the axes for `select`, slowest first."""
     kinds = header.get("kinds")
     if kinds is None:
         return unnamed_axes([int(header["sizes"][axis]) for axis in axes], subset)
@@ -95,7 +92,6 @@ def _letters(header: Mapping[str, Any], axes: Sequence[int], subset: Subset) -> 
 
 
 def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:
-    """Read the fields, the data files of a LIST, and the length of the header in bytes."""
     lines: list[bytes] = []
     listed: list[str] = []
     header_bytes = 0
@@ -108,28 +104,22 @@ def _read_header(path: Path) -> tuple[dict[str, Any], list[str], int]:
                 raise DataError("the header has no end", where=str(path), allowed=f"at most {MAX_HEADER} bytes")
             lines.append(line)
             if re.match(rb"data ?file: *LIST", line):
-                listed = [
-                    name.strip()
-                    for name in file.read(MAX_HEADER).decode("utf-8", "replace").splitlines()
-                    if name.strip()
-                ]
+                names = file.read(MAX_HEADER).decode("utf-8", "replace").splitlines()
+                listed = [name.strip() for name in names if name.strip()]
                 break
         header_bytes = file.tell()
-    try:
+    with explained("the header cannot be read", path):
         header = dict(nrrd.read_header(lines))
         missing = {"type", "dimension", "sizes", "encoding"} - set(header)
         if missing or int(header["dimension"]) != len(header["sizes"]):
             raise ValueError(f"missing {sorted(missing)}" if missing else "sizes do not match dimension")
-    except Exception as error:  # pynrrd raises many kinds
-        raise DataError(f"the header cannot be read: {error}", where=str(path)) from error
     return header, listed, header_bytes
 
 
 def _stored_dtype(header: Mapping[str, Any], where: str) -> np.dtype[Any]:
     if header["type"] not in TYPES:
-        raise DataError(
-            "not a scalar volume", where=where, found=f"type {header['type']}", allowed="an integer or float type"
-        )
+        found, allowed = f"type {header['type']}", "an integer or float type"
+        raise DataError("not a scalar volume", where=where, found=found, allowed=allowed)
     stored: np.dtype[Any] = np.dtype(TYPES[header["type"]])
     if stored.itemsize > 1 and header["encoding"].lower() not in TEXTS:
         if header.get("endian") not in ("little", "big"):
@@ -150,7 +140,6 @@ def _data_files(header: Mapping[str, Any], listed: Sequence[str], path: Path) ->
 def _storage(
     header: Mapping[str, Any], files: list[Path], begin: int, needed: int, keep: int, where: str
 ) -> tuple[Storage, int]:
-    """Return the storage of the `needed` bytes of samples, and the bytes before the first of them."""
     encoding, stored = str(header["encoding"]).lower(), _stored_dtype(header, where)
     skip = int(header.get("byte skip", header.get("byteskip", 0)))
     sizes = [require_file(file) for file in files]
@@ -166,8 +155,8 @@ def _storage(
         check_packed(sizes[0] - begins[0], skip + needed, packing, where)
         return StreamBytes(files[0], DECODERS[packing], begins[0], keep), skip
     if encoding in TEXTS:
-        check_packed(sizes[0], needed // stored.itemsize, "text", where)
-        return LoadedBytes(lambda: _read_text(files[0], begins[0] + skip, stored, needed), where), 0
+        begin = max(0, begins[0] + skip)
+        return numbers_in_text(files[0], begin, sizes[0], stored, needed // stored.itemsize, where), 0
     raise DataError("unsupported encoding", where=where, found=encoding, allowed=("raw", *PACKINGS, *TEXTS))
 
 
@@ -180,13 +169,6 @@ def _skip_lines(file: Path, begin: int, lines: int) -> int:
             if not opened.readline():
                 raise DataError(f"fewer than {lines} lines to skip", where=str(file))
         return opened.tell()
-
-
-def _read_text(file: Path, begin: int, stored: np.dtype[Any], needed: int) -> bytes:
-    with readable(file), file.open("rb") as opened:
-        opened.seek(begin)
-        text = opened.read()
-    return numbers_from_text(text, stored, needed // stored.itemsize, str(file))
 
 
 def _grid_of(header: Mapping[str, Any], kept: Sequence[int], shape_zyx: Index, where: str) -> Grid:

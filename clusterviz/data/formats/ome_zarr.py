@@ -33,18 +33,15 @@ from numpy.typing import NDArray
 from clusterviz.data.axes import MAX_LISTED, Hyperslab, Subset, UnnamedPartError, select, unnamed_axes
 from clusterviz.data.bricks import Box, BrickLayout
 from clusterviz.data.files import library
-from clusterviz.data.header import check_box, check_dtype, make_grid, triple
+from clusterviz.data.formats import ZARR
+from clusterviz.data.header import METRES, check_box, check_dtype, make_grid, triple, unit_factors
 from clusterviz.data.remote import FilePath, find_range
 from clusterviz.data.source import Grid, Index, Source
-from clusterviz.data.store.levels import coarser, is_within
+from clusterviz.data.store.levels import coarser, is_within, read_statistics
 from clusterviz.data.store.shards import ShardedArray, description_checksum, open_array, read_json, require_packages
-from clusterviz.data.store.statistics import read_statistics
 from clusterviz.data.summary import VolumeSummary
-from clusterviz.data.units import METRES, unit_factors
 from clusterviz.errors import DataError
 
-METADATA = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
-"""Files, one of which each folder of Zarr holds."""
 MAX_IMAGES = 64  # of a store that are counted
 VERSIONS = (1, 2)
 """Of stores of clusterviz that are read."""
@@ -115,7 +112,6 @@ class LevelSource:
         return self.level(number).array.statistics()
 
     def at_time(self, time: int) -> LevelSource:
-        """Return the same level and channel at another time step; see `SeriesSource`."""
         subset = Subset(time=time, channel=self.slab.channel)
         slab = select(self.slab.shape, f"{self.array.axes}zyx".upper(), subset, self.name, self.slab.channel_names)
         name = self.name.replace(f":time={self.slab.time}", f":time={time}")
@@ -154,7 +150,6 @@ class LevelSource:
         return self.array.read(begin_zyx, end_zyx)
 
     def read_boxes(self, boxes: Sequence[Box]) -> list[NDArray[Any]]:
-        """Read the samples of several boxes; each brick is decoded once."""
         return self.array.read_boxes(boxes)
 
 
@@ -172,7 +167,7 @@ class ZarrSource:
 
     def read(self, begin_zyx: Index, end_zyx: Index) -> NDArray[Any]:
         shape = check_box(begin_zyx, end_zyx, self.grid.shape_zyx)
-        from clusterviz.data.store.zarr_files import read_array
+        from clusterviz.data.store.zarr_files import read_array  # which may be missing
 
         return np.array(read_array(self.array, self.slab.box(begin_zyx, end_zyx)), self.dtype, order="C").reshape(shape)
 
@@ -232,7 +227,7 @@ def find_image(path: FilePath, array: str | None) -> tuple[FilePath, dict[str, A
     if attributes is None:
         is_folder = isinstance(path, Path) and path.is_dir()
         what = "a directory without a store of Zarr" if is_folder else "not a store of Zarr"
-        raise DataError(what, where=str(path), allowed=f"a folder with {' or '.join(METADATA)}")
+        raise DataError(what, where=str(path), allowed=f"a folder with {' or '.join(ZARR)}")
     scales = _multiscales(attributes)
     if scales and (not array or any(each["path"] == array for each in scales["datasets"])):
         return path, attributes, array
@@ -261,8 +256,7 @@ def check_below(name: object, where: str) -> None:
 
 
 def _attributes(path: FilePath) -> dict[str, Any] | None:
-    """Return the attributes of a folder of Zarr 2 or 3; None if it is none."""
-    for name in METADATA:
+    for name in ZARR:
         if find_range(path / name):
             found = read_json(path / name)
             attributes = found.get("attributes", {}) if name == "zarr.json" else found
@@ -273,12 +267,10 @@ def _attributes(path: FilePath) -> dict[str, Any] | None:
 
 
 def _multiscales(attributes: Mapping[str, Any]) -> Any:
-    """Return the first description of levels; None without one."""
     return next((each for each in attributes.get("ome", attributes).get("multiscales") or () if each["datasets"]), None)
 
 
 def omero_channels(attributes: Mapping[str, Any]) -> tuple[OmeroChannel, ...]:
-    """Return how the channels of an image are shown, by the attributes of its folder."""
     found = (attributes.get("ome", attributes).get("omero") or {}).get("channels") or []
     return tuple(_omero_channel(n, each) for n, each in enumerate(found))
 
@@ -308,7 +300,6 @@ def channel_sections(path: FilePath) -> list[dict[str, Any]]:
 
 
 def _ramp(channel: OmeroChannel) -> list[tuple[float, tuple[float, ...]]]:
-    """Return the values and colours at the ends of a channel's window, in ascending order."""
     assert channel.window
     assert channel.color
     return sorted(zip(channel.window, ((0.0, 0.0, 0.0), channel.color), strict=True))
@@ -319,7 +310,6 @@ def _version(description: Mapping[str, Any]) -> str:
 
 
 def _check_same(path: FilePath, attributes: Mapping[str, Any]) -> None:
-    """Check that a store of clusterviz is the one that was opened."""
     found = find_range(path, fresh=True)
     if found is None or json.loads(found[0]).get("attributes") != attributes:
         raise DataError("the store was changed while it was in use", where=str(path.parent), allowed="start again")
@@ -356,7 +346,7 @@ def _name(path: FilePath, wanted: str, datasets: Sequence[Any], slab: Hyperslab)
 
 def _open_by_zarr(path: FilePath, wanted: str) -> Any:
     library("zarr", "store", str(path))
-    from clusterviz.data.store.zarr_files import open_zarr
+    from clusterviz.data.store.zarr_files import open_zarr  # which may be missing
 
     place, kind, is_newer = path / wanted, "", False
     if find_range(place / "zarr.json"):
@@ -365,7 +355,7 @@ def _open_by_zarr(path: FilePath, wanted: str) -> Any:
     elif find_range(place / ".zarray"):
         kind = "array"
     if kind != "array":
-        files = [file for name in METADATA for file in place.glob(f"*/{name}")] if isinstance(place, Path) else []
+        files = [file for name in ZARR for file in place.glob(f"*/{name}")] if isinstance(place, Path) else []
         held = ", ".join(sorted({file.parent.name for file in files})) or None
         what = "no array is named" if kind or held else "no such array"
         raise DataError(what, where=str(place), allowed=held)

@@ -77,7 +77,6 @@ class _File:
     body: bytes
 
     def numbers(self, width: int, is_label: bool = False, begin: int = 0) -> tuple[NDArray[Any], int]:
-        """Return the numbers of a list from a place on, and where it ends."""
         found = LIST.search(self.body, begin)
         if found is None or (found[2] == b";" and int(found[1])):
             raise DataError("no list", where=str(self.path), allowed="N ( … ) or N { … }")
@@ -123,7 +122,6 @@ def _load(path: Path) -> _File:
 
 
 def _faces(file: _File) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return begins and sizes (f,) of faces among indices of points."""
     if file.header.get("class") == "faceCompactList":
         offsets, end = file.numbers(1, is_label=True)
         return offsets[:-1], np.diff(offsets), file.numbers(1, is_label=True, begin=end)[0]

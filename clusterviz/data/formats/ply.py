@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import readable
+from clusterviz.data.files import explained, readable
 from clusterviz.data.geometry import Geometry, Mesh, Points, scaled_colours, triangulate, triangulate_strips
 from clusterviz.data.header import check_packed, check_size
 from clusterviz.data.storage import numbers_of_words
@@ -104,12 +104,10 @@ def _joined(columns: list[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _offsets(lists: NDArray[Any] | tuple[NDArray[np.int64], NDArray[Any]]) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return lists as offsets (count + 1,) and items."""
     return lists if isinstance(lists, tuple) else (np.arange(len(lists) + 1) * lists.shape[1], lists.reshape(-1))
 
 
 def _header(content: mmap.mmap, where: str) -> tuple[str, list[_Element], int]:
-    """Return the form, the elements and the offset of the data."""
     end = content.find(b"end_header", 0, MAX_HEADER)
     line_end = content.find(b"\n", end)
     if end < 0 or line_end < 0:
@@ -142,15 +140,11 @@ def _header(content: mmap.mmap, where: str) -> tuple[str, list[_Element], int]:
 def _numbers(data: memoryview, elements: list[_Element], where: str) -> memoryview:
     """Return text as float64 numbers, so that it is read as binary data is."""
     check_packed(len(data), sum(each.count * len(each.properties) for each in elements), "text", where)
-    try:
+    with explained("not a number", where, ValueError):
         return memoryview(numbers_of_words(bytes(data).split(), np.float64).tobytes())
-    except ValueError as error:
-        raise DataError(f"not a number: {error}", where=where) from error
 
 
 def _read(data: memoryview, element: _Element, order: str, text: bool, where: str) -> memoryview:
-    """Read the rows of an element from the start of the data; return the rest."""
-
     def stored(kind: str) -> np.dtype[Any]:
         return np.dtype("f8" if text else order + kind)
 
@@ -187,7 +181,6 @@ def _read(data: memoryview, element: _Element, order: str, text: bool, where: st
 
 
 def _read_rows(data: memoryview, element: _Element, stored: Any, where: str) -> memoryview:
-    """Read rows whose lists differ in length, one by one."""
     parts: list[list[NDArray[Any]]] = [[] for _ in element.properties]
     at, types = 0, [(stored(each.length) if each.length else None, stored(each.dtype)) for each in element.properties]
     for _ in range(element.count):

@@ -21,19 +21,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from clusterviz.data.axes import Subset, select, unnamed_axes
 from clusterviz.data.files import refuse_array, require_file
 from clusterviz.data.header import check_dtype, check_size, make_grid, triple
-from clusterviz.data.storage import FileBytes, FileRange
-from clusterviz.data.strided import StridedSource, slab_source
+from clusterviz.data.storage import FileBytes, FileRange, StridedSource, slab_source
 from clusterviz.errors import DataError
+from clusterviz.scene.yaml_text import parse_yaml, read_text, yaml_problem
 
 KEYS = ("shape", "dtype", "byte_order", "header_bytes", "spacing", "origin", "direction")
 
 
 def sidecar_of(path: Path) -> Path:
-    """Return the path of a raw file's sidecar."""
     return path.with_name(path.name + ".yaml")
 
 
@@ -67,10 +67,6 @@ def open_raw(path: Path, subset: Subset) -> StridedSource:
 
 
 def _read_sidecar(sidecar: Path) -> Mapping[str, Any]:
-    import yaml
-
-    from clusterviz.scene.yaml_text import parse_yaml, read_text, yaml_problem
-
     require_file(sidecar)
     try:
         keys = parse_yaml(read_text(sidecar, DataError))
@@ -93,9 +89,8 @@ def _stored_dtype(keys: Mapping[str, Any], where: str) -> np.dtype[Any]:
     try:
         stored = np.dtype(str(keys["dtype"]))
     except TypeError as error:
-        raise DataError(
-            "impossible dtype", where=where, found=keys["dtype"], allowed="uint8, int16, float32, …"
-        ) from error
+        allowed = "uint8, int16, float32, …"
+        raise DataError("impossible dtype", where=where, found=keys["dtype"], allowed=allowed) from error
     check_dtype(stored, where)
     return stored.newbyteorder("<" if order == "little" else ">")
 

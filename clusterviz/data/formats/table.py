@@ -70,7 +70,6 @@ def _without_comment(line: str) -> str:
 
 
 def _fields(line: str, separator: str | None) -> list[str]:
-    """Return the fields of a line, without quotes."""
     words = (
         next(csv.reader([line.strip(" \r\n")], delimiter=separator, skipinitialspace=True))
         if separator
@@ -80,7 +79,6 @@ def _fields(line: str, separator: str | None) -> list[str]:
 
 
 def _first_entries(rows: Sequence[str], count: int, separator: str | None, where: str) -> list[str]:
-    """Return the first entry of each column that is not empty."""
     found = [""] * count
     for number, row in enumerate(rows):
         fields = _fields(row, separator)
@@ -93,15 +91,13 @@ def _first_entries(rows: Sequence[str], count: int, separator: str | None, where
 
 
 def read_npy_table(path: Path) -> Geometry:
-    """Read points from a .npy file."""
     where = str(path)
     array = np.load(path, mmap_mode="r", allow_pickle=False)  # the map refuses what the file is too short for
     if array.dtype.names:
         return _geometry({name: np.array(array[name]) for name in array.dtype.names}, where)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "iuf":
-        raise DataError(
-            "not points", where=where, found=f"{array.dtype} {array.shape}", allowed="numbers (n, 3 or more)"
-        )
+        found = f"{array.dtype} {array.shape}"
+        raise DataError("not points", where=where, found=found, allowed="numbers (n, 3 or more)")
     names = [*POSITIONS[0], *(f"column {n}" for n in range(3, array.shape[1]))]
     return _geometry({name: np.array(column) for name, column in zip(names, array.T, strict=True)}, where)
 
@@ -112,7 +108,6 @@ def is_npy_table(path: Path) -> bool:
 
 
 def read_npz_mesh(path: Path) -> Geometry:
-    """Read a mesh from a .npz file."""
     where = str(path)
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
@@ -123,9 +118,8 @@ def read_npz_mesh(path: Path) -> Geometry:
         vertices, faces = arrays.pop("arr_0")[:, ::-1], arrays.pop("arr_1")[:, ::-1]
         arrays = {"values": arrays["arr_2"]} if "arr_2" in arrays else {}
     else:
-        raise DataError(
-            "no mesh", where=where, found=", ".join(arrays), allowed="vertices and faces, or arr_0 and arr_1"
-        )
+        allowed = "vertices and faces, or arr_0 and arr_1"
+        raise DataError("no mesh", where=where, found=", ".join(arrays), allowed=allowed)
     of_vertices = {name: array for name, array in arrays.items() if array.shape[:1] == vertices.shape[:1]}
     of_faces = {n: a for n, a in arrays.items() if a.shape[:1] == faces.shape[:1] and n not in of_vertices}
     vertices = np.ascontiguousarray(vertices, np.promote_types(vertices.dtype, np.float32))
@@ -142,7 +136,6 @@ def is_npz_mesh(path: Path) -> bool:
 
 
 def _geometry(columns: dict[str, NDArray[Any]], where: str) -> Geometry:
-    """Return the points of a table, or its lines if it has a column `line`."""
     by_name = {name.lower(): name for name in columns}
     found = next((names for names in POSITIONS if all(name in by_name for name in names)), None)
     if not found:

@@ -19,17 +19,17 @@ from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 
 from clusterviz.data.axes import Hyperslab, Subset, select
-from clusterviz.data.files import require_file
-from clusterviz.data.header import check_box, check_dtype, check_packed, check_size, make_grid
+from clusterviz.data.files import explained, require_file
+from clusterviz.data.header import axis_factors, check_box, check_dtype, check_packed, check_size, make_grid
 from clusterviz.data.source import Grid, Index, Source, Triple
-from clusterviz.data.storage import FileBytes, FileRange
-from clusterviz.data.strided import slab_source
-from clusterviz.data.units import axis_factors
+from clusterviz.data.storage import FileBytes, FileRange, slab_source
 from clusterviz.errors import DataError
 
 OME_UNIT = "µm"
@@ -54,10 +54,8 @@ class TiffPages:
         inside = next(axis for axis in range(len(shape) + 1) if prod(shape[:axis]) == len(self.pages))
         for layer, z in zip(voxels, range(begin_zyx[0], end_zyx[0]), strict=True):
             before = [z if i is None else i for i in index[:inside]]
-            page = self._page(int(np.ravel_multi_index(before, shape[:inside])) if before else 0).reshape(
-                shape[inside:]
-            )
-            picture = page[tuple(slice(None) if i is None else i for i in index[inside:])]
+            page = self._page(int(np.ravel_multi_index(before, shape[:inside])) if before else 0)
+            picture = page.reshape(shape[inside:])[tuple(slice(None) if i is None else i for i in index[inside:])]
             picture = picture[z] if picture.ndim == 3 else picture
             layer[:] = picture[begin_zyx[1] : end_zyx[1], begin_zyx[2] : end_zyx[2]]
         return voxels
@@ -68,10 +66,8 @@ class TiffPages:
         if page is None:
             raise DataError("the page is missing", where=where)
         _check_page(page, self.file.filehandle.size, where)
-        try:
+        with explained("the page cannot be decoded", where):
             return np.asarray(page.asarray())
-        except Exception as error:  # codecs raise many kinds
-            raise DataError(f"the page cannot be decoded: {error}", where=where) from error
 
 
 def _check_page(page: Any, size: int, where: str) -> None:
@@ -87,8 +83,6 @@ def _check_page(page: Any, size: int, where: str) -> None:
 
 def _check_codec(page: Any, where: str) -> None:
     """Check that what decodes a page is installed: tifffile has few codecs of its own."""
-    import tifffile
-
     try:
         codec = tifffile.TIFF.DECOMPRESSORS[page.compression]
         tifffile.TIFF.UNPREDICTORS[page.predictor]
@@ -103,22 +97,14 @@ def _check_codec(page: Any, where: str) -> None:
 
 
 def open_tiff(path: Path, subset: Subset) -> Source:
-    """Open a stack of pages, or one picture as a single layer."""
-    import tifffile
-
     size = require_file(path)
     with ExitStack() as closing:
-        try:
-            with _lost_pages_raised():
-                file: Any = closing.enter_context(tifffile.TiffFile(path))
-                _check_pages(file, size)
-                series, number = _choose(file.series, subset.array, path)
-                shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
-                spacing, names = _spacing_of(file, path), _channel_names(file, series)
-        except DataError:
-            raise
-        except Exception as error:  # a damaged file makes tifffile raise many kinds
-            raise DataError(f"truncated or damaged: {error}", where=str(path)) from error
+        with explained("truncated or damaged", path), _lost_pages_raised():
+            file: Any = closing.enter_context(tifffile.TiffFile(path))
+            _check_pages(file, size)
+            series, number = _choose(file.series, subset.array, path)
+            shape, axes = tuple(int(n) for n in series.shape), str(series.axes)
+            spacing, names = _spacing_of(file, path), _channel_names(file, series)
         where = f"{path}:{number}" if len(file.series) > 1 else str(path)
         stored = np.dtype(series.dtype).newbyteorder(file.byteorder)
         slab = select(shape, _letters(shape, axes, subset), subset, where, names)
@@ -173,9 +159,6 @@ def _channel_names(file: Any, series: Any) -> tuple[str, ...]:
 
 
 def _ome_pixels(file: Any) -> Any:
-    """Return the Pixels element of OME metadata, or None."""
-    from xml.etree import ElementTree
-
     return ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
 
 
@@ -201,7 +184,6 @@ def _lost_pages_raised() -> Iterator[None]:
 
 
 def _choose(series: Any, array: str | None, path: Path) -> tuple[Any, int]:
-    """Return the requested series, by default the first, and its number."""
     if array is not None and array not in map(str, range(len(series))):
         listed = ", ".join(f"{i}: {s.axes} {s.shape}" for i, s in enumerate(series))
         raise DataError("no such array", where=str(path), found=array, allowed=listed)

@@ -23,9 +23,8 @@ from clusterviz.data.axes import Hyperslab, Subset, select
 from clusterviz.data.files import require_file
 from clusterviz.data.header import check_box, check_packed, check_shape, stated_numbers
 from clusterviz.data.source import Grid, Index, Source, as_index
-from clusterviz.data.strided import StridedSource, slab_source
-from clusterviz.data.vtk_ghosts import VisibleSource
-from clusterviz.data.vtk_image import image_grid, open_image, rectilinear
+from clusterviz.data.storage import StridedSource, slab_source
+from clusterviz.data.vtk_image import VisibleSource, open_image, rectilinear, stated_grid
 from clusterviz.data.vtk_xml import PACKINGS, XmlArray, XmlLayout, load_array, scan_xml, storage_of, stored_dtype
 from clusterviz.errors import DataError
 
@@ -97,7 +96,6 @@ def _index(numbers: NDArray[np.int64]) -> Index:
 
 
 def open_vti(path: Path, subset: Subset) -> Source:
-    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file."""
     piece = _open_piece(path, subset, _kind(path))
     if (piece.extent != piece.whole).any():
         found, allowed = piece.extent.tolist(), piece.whole.tolist()
@@ -106,7 +104,6 @@ def open_vti(path: Path, subset: Subset) -> Source:
 
 
 def open_pvti(path: Path, subset: Subset) -> Source:
-    """Open one scalar array, or a component of vectors, of a VTK image or rectilinear file in pieces."""
     where, kind = str(path), _kind(path)
     layout = scan_xml(path, f"P{kind}")
     whole = _extent(layout.dataset, "WholeExtent", where)
@@ -133,13 +130,9 @@ def open_pvti(path: Path, subset: Subset) -> Source:
     assert first.source.slab, "the piece is a part of an array"
     slab = replace(first.source.slab, shape=(*shape, first.source.slab.channels), shape_zyx=shape)
     check_packed(sum(map(require_file, files)), slab.samples * first.source.stored_dtype.itemsize, packing, where)
-    coordinates = (
-        tuple(
-            np.full(last - begin + 1, np.nan, np.result_type(line, np.float32))
-            for (begin, last), line in zip(whole.tolist(), first.coordinates, strict=True)
-        )
-        if first.coordinates
-        else ()
+    coordinates = tuple(
+        np.full(last - begin + 1, np.nan, np.result_type(line, np.float32))
+        for (begin, last), line in zip(whole.tolist(), first.coordinates, strict=False)  # an image has none
     )
     for number in range(len(files)) if coordinates else ():
         for line, part, begin in zip(
@@ -188,7 +181,6 @@ def _extent(attributes: Mapping[str, str], key: str, where: str) -> NDArray[np.i
 
 
 def _samples(extent: NDArray[np.int64], on_cells: bool, where: str) -> Index:
-    """Return the samples along z, y and x of points or cells."""
     points = extent[:, 1] - extent[:, 0] + 1
     return check_shape((np.where(points > 1, points - 1, points) if on_cells else points)[::-1].tolist(), where)
 
@@ -205,11 +197,5 @@ def _placed(
     where = source.name
     if coordinates:
         return rectilinear(source, coordinates, on_cells, spaced, where)
-    spacing = stated_numbers(image.get("Spacing", "1 1 1"), "Spacing", 3, where)
-    direction = stated_numbers(image.get("Direction", "1 0 0 0 1 0 0 0 1"), "Direction", 9, where)
-    origin = stated_numbers(image.get("Origin", "0 0 0"), "Origin", 3, where)
-    steps = direction.reshape(3, 3) * spacing
-    points = extent[:, 1] - extent[:, 0] + 1
-    grid = image_grid(points, steps, origin, extent[:, 0].astype(float), on_cells, where)
-    found: Source = replace(source, grid=grid)
+    found: Source = replace(source, grid=stated_grid(image, extent, on_cells, where))
     return found

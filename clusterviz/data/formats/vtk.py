@@ -24,32 +24,26 @@ from numpy.typing import NDArray
 
 from clusterviz.data.axes import Subset, select
 from clusterviz.data.files import readable, require_file
+from clusterviz.data.formats.vtp import Cells, polydata
 from clusterviz.data.geometry import Attributes, Geometry
 from clusterviz.data.header import check_packed, check_size, stated_numbers
 from clusterviz.data.source import Grid, Source
-from clusterviz.data.storage import FileBytes, FileRange, LoadedBytes, Storage, numbers_from_text
-from clusterviz.data.strided import StridedSource, slab_source
+from clusterviz.data.storage import (
+    FileBytes,
+    FileRange,
+    StridedSource,
+    numbers_from_text,
+    numbers_in_text,
+    slab_source,
+)
 from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid
 from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
 from clusterviz.data.vtk_image import ImageArray, image_grid, open_image, rectilinear
-from clusterviz.data.vtk_polydata import Cells, polydata
 from clusterviz.errors import DataError
 
-TYPES = {
-    "char": "i1",
-    "unsigned_char": "u1",
-    "short": "i2",
-    "unsigned_short": "u2",
-    "int": "i4",
-    "unsigned_int": "u4",
-    "long": "i8",
-    "unsigned_long": "u8",
-    "vtktypeint64": "i8",
-    "vtktypeuint64": "u8",
-    "vtkidtype": "i4",
-    "float": "f4",
-    "double": "f8",
-}
+TYPES = {"char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2", "int": "i4", "unsigned_int": "u4"}
+TYPES |= {"long": "i8", "unsigned_long": "u8", "vtktypeint64": "i8", "vtktypeuint64": "u8", "vtkidtype": "i4"}
+TYPES |= {"float": "f4", "double": "f8"}
 COORDINATES = ("X_COORDINATES", "Y_COORDINATES", "Z_COORDINATES")
 CELLS = {"VERTICES": "Verts", "LINES": "Lines", "POLYGONS": "Polys", "TRIANGLE_STRIPS": "Strips", "CELLS": "Cells"}
 VECTORS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
@@ -92,7 +86,6 @@ class _Scan:
         return []
 
     def dataset(self) -> list[str]:
-        """Read up to the kind of the dataset, and return its line."""
         self.file.readline(MAX_LINE)  # "# vtk DataFile Version 3.0", then a title
         self.file.readline(MAX_LINE)
         form, kind = self.line()[:1], self.line()
@@ -170,7 +163,6 @@ class _Scan:
         return [offsets, self.skipped("CONNECTIVITY", self.word(words, 1), 1, size)]
 
     def skipped(self, name: str, kind: str, components: int, tuples: int) -> VtkArray:
-        """Return where an array lies, and skip it."""
         begin = self.file.tell()
         self.skip(kind, components * tuples)
         end = self.file.tell()
@@ -247,7 +239,6 @@ def _scan(path: Path, datasets: Sequence[str], noun: str) -> _Scan:
 
 
 def is_polydata(path: Path) -> bool:
-    """Return whether a legacy file holds polygonal data."""
     return _kind_of(path) == ["POLYDATA"]
 
 
@@ -258,7 +249,6 @@ def _kind_of(path: Path) -> list[str]:
 
 
 def open_vtk(path: Path, subset: Subset) -> Source:
-    """Open one array, or one component of one, of a legacy VTK file."""
     scan = _scan(path, ("STRUCTURED_POINTS", "RECTILINEAR_GRID"), "image data")
     chosen, source = open_image(scan.arrays, subset, path, "array", partial(_source_of, path, scan))
     if not scan.coordinates:
@@ -272,19 +262,15 @@ def open_vtk(path: Path, subset: Subset) -> Source:
 
 
 def _source_of(path: Path, scan: _Scan, array: VtkArray, subset: Subset) -> StridedSource:
-    """Return the samples of an array of an image."""
     where = f"{path}:{array.name}"
     stored = np.dtype(scan.type_of(array.kind)).newbyteorder(">" if scan.binary else "=")
     grid = _grid_of(scan, array.on_cells, where)
     slab = select((*grid.shape_zyx, array.components), "ZYXC", subset, where)
     begin, end, count = array.begin, array.end, slab.samples
-    data = FileBytes([FileRange(path, begin, end - begin)])
-    storage: Storage = data
-    if scan.binary:
-        check_size(end - begin, count * stored.itemsize, where, exact=True)
-    else:
-        storage = LoadedBytes(lambda: numbers_from_text(data.read_at(0, end - begin), stored, count, where), where)
-    return slab_source(where, slab, grid, storage, stored)
+    if not scan.binary:
+        return slab_source(where, slab, grid, numbers_in_text(path, begin, end, stored, count, where), stored)
+    check_size(end - begin, count * stored.itemsize, where, exact=True)
+    return slab_source(where, slab, grid, FileBytes([FileRange(path, begin, end - begin)]), stored)
 
 
 def _grid_of(scan: _Scan, on_cells: bool, where: str) -> Grid:
@@ -304,7 +290,6 @@ def read_polydata(path: Path) -> Geometry:
 
 
 def is_unstructured(path: Path) -> bool:
-    """Return whether a legacy file holds an unstructured grid."""
     return _kind_of(path) == ["UNSTRUCTURED_GRID"]
 
 
@@ -323,21 +308,12 @@ def read_unstructured(path: Path) -> UnstructuredGrid:
 
 
 def _parts(path: Path, scan: _Scan) -> tuple[NDArray[Any], dict[str, Cells], Attributes, Attributes]:
-    """Return the points (n, 3), the cells by section, and the arrays of points and of cells."""
     if scan.points is None:
         raise DataError("no POINTS", where=str(path), allowed="POINTS n type")
     points = _load(path, scan, scan.points).reshape(-1, 3)
-    cells = {
-        section: _cells([_load(path, scan, a) for a in arrays], str(path)) for section, arrays in scan.cells.items()
-    }
-    of_points, of_cells = (
-        {
-            a.name: _load(path, scan, a)
-            for a in scan.arrays
-            if a.on_cells == on_cells and a.kind in TYPES and a.components
-        }
-        for on_cells in (False, True)
-    )
+    cells = {key: _cells([_load(path, scan, a) for a in arrays], str(path)) for key, arrays in scan.cells.items()}
+    usable = [a for a in scan.arrays if a.kind in TYPES and a.components]
+    of_points, of_cells = ({a.name: _load(path, scan, a) for a in usable if a.on_cells == on} for on in (False, True))
     return points, cells, of_points, of_cells
 
 

@@ -34,8 +34,7 @@ from clusterviz.data.rectilinear import interpolate
 from clusterviz.data.source import Grid, Index, Source
 from clusterviz.data.unstructured import UnstructuredGrid
 from clusterviz.data.vtk_cells import grid_of_cells
-from clusterviz.data.vtk_ghosts import HIDDEN_CELL, TYPE
-from clusterviz.data.vtk_image import ImageArray, choose_array, image_grid, open_image
+from clusterviz.data.vtk_image import HIDDEN_CELL, TYPE, ImageArray, choose_array, open_image, stated_grid
 from clusterviz.errors import DataError
 
 MOST = 1 << 36
@@ -45,7 +44,6 @@ MAX_LEVELS = 32
 
 
 def _kind(root: Any) -> str:
-    """Return the type of a data set by its root, which may be missing."""
     return "no group VTKHDF" if root is None else _text(root.attrs.get("Type", ""))
 
 
@@ -56,7 +54,6 @@ def is_grid(path: Path) -> bool:
 
 
 def open_vtkhdf(path: Path, subset: Subset) -> Source:
-    """Open one array of an image, or of overlapping levels."""
     file = h5py.File(path, locking="best-effort")
     root = file.get("VTKHDF")
     if (kind := _kind(root)) not in IMAGES:
@@ -83,15 +80,10 @@ def _open_image(root: Any, path: Path, subset: Subset) -> Source:
 
 
 def _source_of(root: Any, path: Path, array: ImageArray, subset: Subset) -> Hdf5Source:
-    """Return the samples of an array of an image."""
     where = f"{path}:{array.name}"
     extent = stated_numbers(root.attrs.get("WholeExtent"), "WholeExtent", 6, where).astype(np.int64).reshape(3, 2)
     dataset = array.held
-    points = extent[:, 1] - extent[:, 0] + 1
-    direction = stated_numbers(root.attrs.get("Direction", np.eye(3)), "Direction", 9, where)
-    steps = direction.reshape(3, 3) * stated_numbers(root.attrs.get("Spacing", np.ones(3)), "Spacing", 3, where)
-    origin = stated_numbers(root.attrs.get("Origin", np.zeros(3)), "Origin", 3, where)
-    grid = image_grid(points, steps, origin, extent[:, 0].astype(float), array.on_cells, where)
+    grid = stated_grid(root.attrs, extent, array.on_cells, where)
     timed = "Steps" in root
     shape = tuple(dataset.shape)
     axes = ("T" if timed else "") + "ZYX" + ("C" if len(shape) == 4 + timed else "")
@@ -152,7 +144,6 @@ class LevelsSource:
         return self._cells(len(self.meshes) - 1, first + begin_zyx, first + end_zyx).astype(self.dtype)
 
     def _cells(self, number: int, begin: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the cells of a level in a box, which lies in its domain."""
         level = self.meshes[number]
         cells, missing = np.full(end - begin, np.nan), np.ones(end - begin, bool)
         begins, ends = np.maximum(level.first, begin), np.minimum(level.last + 1, end)
@@ -211,19 +202,15 @@ def _open_levels(root: Any, path: Path, subset: Subset) -> LevelsSource:
     origin = stated_numbers(root.attrs.get("Origin", np.zeros(3)), "Origin", 3, name)
     levels = list[Level]()
     for number, group in enumerate(groups):
-        boxes = load_dataset(group["AMRBox"]).astype(np.int64)
+        boxes, place = load_dataset(group["AMRBox"]).astype(np.int64), f"{name}: level {number}"
         if boxes.ndim != 2 or boxes.shape[1] != 6 or (boxes[:, 1::2] < boxes[:, ::2]).any():
-            raise DataError(
-                "impossible AMRBox", where=f"{name}: level {number}", found=boxes.tolist(), allowed="(n, 6)"
-            )
+            raise DataError("impossible AMRBox", where=place, found=boxes.tolist(), allowed="(n, 6)")
         first, last = boxes[:, ::2][:, ::-1], boxes[:, 1::2][:, ::-1]
         counts = np.prod((last - first + 1).astype(object), axis=1)
         dataset = group.get(f"CellData/{chosen.name}")
         if dataset is None or tuple(dataset.shape) != (sum(counts),):
             found = "nothing" if dataset is None else dataset.shape
-            raise DataError(
-                "the cells do not fit", where=f"{name}: level {number}", found=found, allowed=(sum(counts),)
-            )
+            raise DataError("the cells do not fit", where=place, found=found, allowed=(sum(counts),))
         ratio, domain = np.ones(3, np.int64), np.stack([first.min(axis=0), last.max(axis=0) + 1])
         if number:
             exact = (spacings[number - 1] / spacings[number])[::-1]
@@ -232,10 +219,8 @@ def _open_levels(root: Any, path: Path, subset: Subset) -> LevelsSource:
                 raise DataError("levels whose spacings do not fit", where=name, found=exact, allowed="whole numbers")
             inside = levels[-1].domain * ratio
             if (domain[0] < inside[0]).any() or (domain[1] > inside[1]).any():
-                found, allowed = domain.tolist(), inside.tolist()
-                raise DataError(
-                    f"boxes of level {number} lie outside the first one", where=name, found=found, allowed=allowed
-                )
+                what = f"boxes of level {number} lie outside the first one"
+                raise DataError(what, where=name, found=domain.tolist(), allowed=inside.tolist())
             domain = inside
         begins = np.cumsum(np.append(0, counts[:-1])).astype(np.int64)
         ghosts = group.get(f"CellData/{TYPE}")
@@ -276,11 +261,7 @@ def read_vtkhdf(path: Path) -> UnstructuredGrid:
             raise DataError("the counts do not fit", where=str(path), found=f"{len(corners)} indices")
         corners += np.repeat(np.cumsum(counts["Points"]) - counts["Points"], counts["ConnectivityIds"])
         of_points, of_cells = (
-            {
-                name: load(f"{group}/{name}")
-                for name in root.get(group, {})
-                if root[f"{group}/{name}"].dtype.kind in "iuf"
-            }
+            {name: load(f"{group}/{name}") for name, data in root.get(group, {}).items() if data.dtype.kind in "iuf"}
             for group in ("PointData", "CellData")
         )
     return grid_of_cells(points, types, np.concatenate(begins), corners, of_points, of_cells, str(path))

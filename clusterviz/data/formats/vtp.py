@@ -1,10 +1,12 @@
-"""VTK's polygonal data in XML (.vtp): polygons, strips, lines and vertices; see `clusterviz.data.vtk_xml`.
+"""VTK's polygonal data (.vtp: polygons, strips, lines and vertices) and unstructured grids (.vtu) in XML.
 
-Several pieces are joined; of arrays, those that all pieces have are kept. Lines can be written.
+Several pieces are joined, without ghost cells; of arrays, those that all pieces have are kept. Lines can be written.
+See `clusterviz.data.vtk_xml`; `grid_files.py` reads lists of pieces (.pvtu).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -12,10 +14,29 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.geometry import Geometry, Lines, joined_arrays
-from clusterviz.data.vtk_polydata import SECTIONS, Cells, polydata
+from clusterviz.data.geometry import (
+    Attributes,
+    Geometry,
+    Lines,
+    Mesh,
+    Points,
+    check_attributes,
+    check_indices,
+    joined_arrays,
+    triangulate,
+    triangulate_strips,
+)
+from clusterviz.data.unstructured import Polyhedra, UnstructuredGrid, joined_grids
+from clusterviz.data.vtk_cells import POLYHEDRON, grid_of_cells
+from clusterviz.data.vtk_image import UNDRAWN_POINTS, drawn_cells, some_cells, split_ghosts
 from clusterviz.data.vtk_xml import XmlPiece, xml_pieces
+from clusterviz.errors import DataError
 from clusterviz.image.replace import replacing
+
+SECTIONS = ("Verts", "Lines", "Polys", "Strips")
+"""Kinds of cells, in the order of their numbers."""
+Cells = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Offsets (k + 1,), and indices of points: cell i has those at [offsets[i], offsets[i + 1])."""
 
 
 def read_vtp(path: Path) -> Geometry:
@@ -47,7 +68,6 @@ def _cell_numbers(piece: XmlPiece, section: str) -> NDArray[np.int64]:
 
 
 def _joined(pieces: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Return the arrays that all pieces with tuples have."""
     return joined_arrays([piece for piece in pieces if any(map(len, piece.values()))] or pieces[:1])
 
 
@@ -87,3 +107,94 @@ def write_vtp(path: str | Path, lines: Lines) -> None:
         file.write(f'{head}<AppendedData encoding="raw">_'.encode())
         file.writelines(body)
         file.write(b"</AppendedData></VTKFile>\n")
+
+
+def polydata(
+    points: NDArray[np.floating], cells: Mapping[str, Cells], of_points: Attributes, of_cells: Attributes, where: str
+) -> Geometry:
+    """Return the geometry of polygonal data; a dataset without cells is points.
+
+    Parameters
+    ----------
+    of_points, of_cells : arrays by name; cells are numbered in the order of `SECTIONS`
+    """
+    points = points.astype(np.promote_types(points.dtype, np.float32), copy=False)
+    check_attributes(of_points, len(points), "points", where)
+    of_points, point_bits = split_ghosts(of_points, len(points))
+    empty = np.zeros(1, np.int64), np.zeros(0, np.int64)
+    numbers, begin = {}, 0
+    for section in SECTIONS:
+        offsets, indices = cells.get(section, empty)
+        if offsets[0] != 0 or offsets[-1] != len(indices) or (np.diff(offsets) < 0).any():
+            allowed = f"offsets that rise from 0 to {len(indices)}"
+            raise DataError(f"the offsets of {section} are wrong", where=where, found=offsets[[0, -1]], allowed=allowed)
+        check_indices(indices, len(points), where)
+        numbers[section] = np.arange(begin, begin + len(offsets) - 1)
+        begin += len(offsets) - 1
+    for name, array in of_cells.items():
+        if len(array) != begin:
+            raise DataError(f"the array {name} does not fit", where=where, found=len(array), allowed=f"{begin} cells")
+    if not begin:
+        is_drawn = point_bits & UNDRAWN_POINTS == 0
+        return Geometry(points=Points(where, points[is_drawn], {n: a[is_drawn] for n, a in of_points.items()}))
+    of_cells, bits = split_ghosts(of_cells, begin)
+    if point_bits.any() or bits.any():
+        cells = dict(cells)
+        for section in cells:
+            is_drawn = drawn_cells(*cells[section], bits[numbers[section]], point_bits)
+            cells[section], numbers[section] = some_cells(*cells[section], is_drawn), numbers[section][is_drawn]
+    found = []
+    for section, cut in (("Polys", triangulate), ("Strips", triangulate_strips)):
+        triangles, cell = cut(*cells.get(section, empty))
+        found.append((triangles, numbers[section][cell]))
+    triangles, cell = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    mesh = Mesh(where, points, triangles, of_points, {name: array[cell] for name, array in of_cells.items()})
+    offsets, along = cells.get("Lines", empty)
+    on_lines = {name: array[numbers["Lines"]] for name, array in of_cells.items()}
+    lines = Lines(where, points[along], offsets, {name: array[along] for name, array in of_points.items()}, on_lines)
+    begins, dots = cells.get("Verts", empty)
+    cell = np.repeat(numbers["Verts"], np.diff(begins))
+    on_dots = {name: array[cell] for name, array in of_cells.items()}
+    verts = Points(where, points[dots], on_dots | {name: array[dots] for name, array in of_points.items()})
+    has_polygons = len(numbers["Polys"]) + len(numbers["Strips"]) > 0
+    return Geometry(
+        mesh if has_polygons else None,
+        lines if len(numbers["Lines"]) else None,
+        verts if len(numbers["Verts"]) else None,
+    )
+
+
+def read_vtu(path: Path) -> UnstructuredGrid:
+    grids = [_grid(piece, str(path)) for piece in xml_pieces(path, "UnstructuredGrid")]
+    return grids[0] if len(grids) == 1 else joined_grids(grids, str(path))
+
+
+def _grid(piece: XmlPiece, where: str) -> UnstructuredGrid:
+    points, count = piece.points(), piece.count("NumberOfCells")
+    ends, corners = piece.cells("Cells", count)
+    check_indices(corners, len(points), where)
+    types = piece.array("Cells", "types", count).reshape(-1) if count else np.zeros(0, np.uint8)
+    of_cells = piece.arrays("CellData", count)
+    of_points = piece.arrays("PointData", len(points))
+    polyhedra = _polyhedra(piece, types)
+    return grid_of_cells(points, types, np.append(0, ends), corners, of_points, of_cells, where, polyhedra)
+
+
+def _polyhedra(piece: XmlPiece, types: NDArray[Any]) -> Polyhedra:
+    """Return the polyhedra of a piece, in VTK's form from 9.4 on, or as streams."""
+    own = np.flatnonzero(types == POLYHEDRON)
+    if not len(own):
+        return Polyhedra.of_streams(np.zeros(0, np.int64), own)
+
+    def load(name: str, count: int) -> NDArray[np.int64]:
+        return piece.array("Cells", name, count).astype(np.int64).reshape(-1)
+
+    if piece.has("Cells", "faceoffsets"):
+        ends = load("faceoffsets", len(types))[own]
+        return Polyhedra.of_streams(load("faces", int(ends.max())), np.append(0, ends[:-1]))
+    ends = load("polyhedron_offsets", len(types))
+    faces = load("polyhedron_to_faces", int(ends[-1]))
+    face_ends = load("face_offsets", int(faces.max(initial=-1)) + 1)
+    owners = np.repeat(np.arange(len(own)), np.diff(ends, prepend=0)[own])
+    sizes = np.diff(face_ends, prepend=0)[faces]
+    return Polyhedra(len(own), owners, face_ends[faces] - sizes, sizes, load("face_connectivity", int(face_ends[-1])))

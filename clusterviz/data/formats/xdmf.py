@@ -24,12 +24,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from clusterviz.data.files import read_xml, readable, require_file
+from clusterviz.data.files import explained, read_xml, readable, require_file
 from clusterviz.data.formats.vtkhdf import load_dataset
 from clusterviz.data.grid_files import choose_step
 from clusterviz.data.header import check_size
 from clusterviz.data.storage import numbers_from_text
-from clusterviz.data.unstructured import CORNERS, SECOND_ORDER, UnstructuredGrid, joined_grids, linearised
+from clusterviz.data.unstructured import UnstructuredGrid, joined_grids, linearised, nodes_of
 from clusterviz.errors import DataError, warn_of_data
 
 Element = ElementTree.Element
@@ -42,8 +42,6 @@ NUMBERS = {1: "vertex", 2: "line", 3: "polygon", 4: "triangle", 5: "quad", 6: "t
 NUMBERS |= {9: "hexahedron", 0x22: "line3", 0x23: "quad9", 0x24: "triangle6", 0x25: "quad8", 0x26: "tetra10"}
 NUMBERS |= {0x27: "pyramid13", 0x28: "wedge15", 0x29: "wedge18", 0x30: "hexahedron20", 0x32: "hexahedron27"}
 """Kinds in mixed topologies; of the first three the number of nodes follows."""
-NODES = {"vertex": 1, "line": 2, "triangle": 3, "quad": 4, "line3": 3, "triangle6": 6, "quad8": 8, "quad9": 9}
-NODES |= CORNERS | {kind: len(order.stored) for kind, order in SECOND_ORDER.items()}
 TYPES = {"float": "f", "int": "i", "uint": "u", "char": "i", "uchar": "u", "short": "i"}
 GEOMETRIES = {"xyz": 3, "xy": 2, "x_y_z": 3, "x_y": 2}
 """Coordinates of points."""
@@ -80,7 +78,6 @@ class _Mesh:
 
 
 def _tag(element: Element) -> str:
-    """Return the name of an element without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
@@ -102,7 +99,6 @@ class _File:
         return str(self.path)
 
     def times(self, grid: Element) -> Iterator[float]:
-        """Yield the times of all steps of a grid."""
         if _kind(grid) == "temporal":
             yield from self._own_times(grid)
         elif _kind(grid) in ("spatial", "tree"):
@@ -118,13 +114,10 @@ class _File:
                 listed = [listed[0] + listed[1] * n for n in range(len(children))]
             return (listed + [float(n) for n in range(len(listed), len(children))])[: len(children)]
         own = [child.find("Time") for child in children]
-        try:
+        with explained("an impossible time", self.where, ValueError, allowed="<Time Value=…>"):
             return [float(n if one is None else one.get("Value", "")) for n, one in enumerate(own)]
-        except ValueError as error:
-            raise DataError(f"an impossible time: {error}", where=self.where, allowed="<Time Value=…>") from error
 
     def leaves(self, grid: Element, time: float) -> Iterator[Element]:
-        """Yield the uniform grids of a grid at a time."""
         kind, children = _kind(grid), grid.findall("Grid")
         if kind == "uniform":
             yield grid
@@ -141,7 +134,6 @@ class _File:
             raise DataError("a grid of an unsupported type", where=self.where, found=kind, allowed=allowed)
 
     def add(self, grid: Element, meshes: dict[object, _Mesh]) -> None:
-        """Add a uniform grid to the mesh that it has."""
         parts = list(self._parts(grid))
         of = {tag: next((part for part in parts if _tag(part) == tag), None) for tag in ("Geometry", "Topology")}
         geometry, topology = of.values()
@@ -188,7 +180,6 @@ class _File:
             yield from (part for part in self._parts(target) if _tag(part) in names) if names else [target]
 
     def _resolved(self, element: Element) -> Element:
-        """Return the element that one refers to, or itself."""
         reference = element.get("Reference")
         if reference is None:
             return element
@@ -197,10 +188,8 @@ class _File:
     def _find(self, path: str) -> Element:
         """Return the first element at a path of XPath from the root."""
         relative = re.sub(r"^/Xdmf/", "./", path.strip())
-        try:
+        with explained("a path that is not understood", self.where, SyntaxError, KeyError, found=path):
             found = self.root.find(f".{relative}" if relative.startswith("//") else relative)
-        except (SyntaxError, KeyError) as error:
-            raise DataError(f"a path that is not understood: {error}", where=self.where, found=path) from error
         if found is None:
             raise DataError("a reference to nothing", where=self.where, found=path)
         return found
@@ -236,7 +225,7 @@ class _File:
             blocks = [("vertex", np.arange(points)[:, None])]
         else:
             kind, corners = WORDS[word[1]] + word[2], self.numbers(self._item(topology)).astype(np.int64)
-            width = int(topology.get("NodesPerElement", "0")) or NODES.get(kind, 0) or int(corners.shape[-1])
+            width = int(topology.get("NodesPerElement", "0")) or nodes_of(kind) or int(corners.shape[-1])
             blocks = [(kind, corners.reshape(-1, width))]
         base = int(topology.get("BaseOffset", "0"))
         return [(kind, corners - base) for kind, corners in blocks]
@@ -269,7 +258,6 @@ class _File:
         return np.frombuffer(numbers_from_text(text.encode(), dtype, count, self.where), dtype)
 
     def _raw(self, item: Element, name: str, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
-        """Return numbers of a raw file beside this one."""
         file, begin = self.path.parent / name, int(item.get("Seek", "0"))
         check_size(require_file(file), begin + count * dtype.itemsize, str(file))
         stored = dtype.newbyteorder(">") if item.get("Endian", "Native").lower() == "big" else dtype
@@ -277,7 +265,6 @@ class _File:
             return np.fromfile(file, stored, count, offset=begin).astype(dtype)
 
     def _dataset(self, text: str) -> NDArray[Any]:
-        """Return a dataset of HDF5, named by file:path."""
         name, _, place = text.rpartition(":")
         file = self.path.parent / name
         require_file(file, (b"\x89HDF\r\n\x1a\n",))
@@ -296,9 +283,8 @@ class _File:
         ends = slab[0] + slab[1] * (slab[2] - 1) + 1
         if slab.shape[1] != whole.ndim or slab[0].min() < 0 or slab[1:].min() < 1 or (ends > whole.shape).any():
             raise DataError("an impossible HyperSlab", where=self.where, found=slab.tolist(), allowed=whole.shape)
-        return whole[
-            tuple(slice(*each) for each in zip(slab[0].tolist(), ends.tolist(), slab[1].tolist(), strict=True))
-        ]
+        parts = zip(slab[0].tolist(), ends.tolist(), slab[1].tolist(), strict=True)
+        return whole[tuple(slice(*each) for each in parts)]
 
 
 def _content(element: Element) -> object:
@@ -313,7 +299,7 @@ def _mixed(numbers: NDArray[np.int64], where: str) -> list[Block]:
     while at < len(listed):
         kind = NUMBERS.get(listed[at], "")
         begin = at + 2 if kind in ("vertex", "line", "polygon") else at + 1
-        width = NODES.get(kind, 0) if begin == at + 1 else listed[at + 1] if at + 1 < len(listed) else 0
+        width = nodes_of(kind) if begin == at + 1 else listed[at + 1] if at + 1 < len(listed) else 0
         if width < 1 or begin + width > len(listed):
             found = f"{listed[at : at + 12]} at {at}"
             raise DataError("not cells", where=where, found=found, allowed=f"kinds {', '.join(map(str, NUMBERS))}")

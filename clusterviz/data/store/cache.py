@@ -68,12 +68,10 @@ class BrickCache:
         return samples
 
     def count(self, bytes_read: int) -> None:
-        """Count bytes of encoded bricks."""
         with self._lock:
             self.bytes_read += bytes_read
 
     def drop(self, owner: int) -> None:
-        """Drop the bricks of an owner."""
         with self._lock:
             for place in [place for place in self._bricks if place[0] == owner]:
                 self._remove(place)
@@ -108,7 +106,7 @@ def for_each(work: Callable[[T], object], items: Iterable[T], threads: int | Non
 
 
 def _cores() -> int:
-    from numba import config
+    from numba import config  # slow to import
 
     return int(getattr(config, "NUMBA_NUM_THREADS"))  # noqa: B009
 

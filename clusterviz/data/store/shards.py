@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.data.bricks import Box
-from clusterviz.data.files import library
+from clusterviz.data.files import explained, library
 from clusterviz.data.header import check_box
 from clusterviz.data.remote import CONNECTIONS, FilePath, Version, read_range
 from clusterviz.data.source import Index, as_index
@@ -86,12 +86,10 @@ class BrickCodec:
             raise InputError("no such level of zstd", where="effort", found=self.effort, allowed=f"1 to {MOST_EFFORT}")
 
     def require(self, where: str) -> None:
-        """Check that the packages of the codec are installed."""
         if self.name == "zfp":
             library("zfpy", "zfp", where)
 
     def check(self, dtype: np.dtype[Any]) -> None:
-        """Refuse a type of samples that is not packed so."""
         if self.name != "zfp":
             return
         self.require("codec")
@@ -103,7 +101,6 @@ class BrickCodec:
             raise InputError(text, where="error", found=self.error, allowed="0; --codec wavelet")
 
     def encode(self, samples: NDArray[Any]) -> bytes:
-        """Return a brick as bytes."""
         if self.name == "wavelet":
             return encode_brick(samples, self.error, self.effort)
         if self.name == "zfp":
@@ -111,7 +108,6 @@ class BrickCodec:
         return compress(np.ascontiguousarray(samples), self.effort)
 
     def decode(self, data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
-        """Return the samples of a brick."""
         if self.name == "wavelet":
             return decode_brick(data, shape, dtype, where)
         if self.name == "zfp":
@@ -121,7 +117,6 @@ class BrickCodec:
 
     @property
     def metadata(self) -> list[dict[str, Any]]:
-        """Zarr's list of codecs."""
         if self.name == "wavelet":
             configuration = {"error": self.error, "effort": self.effort}
             return [{"name": "clusterviz.wavelet", "configuration": configuration}, _CRC]
@@ -168,7 +163,6 @@ class ShardedArray:
         return replace(self, index=index)
 
     def at_step(self, step: int) -> ShardedArray:
-        """Return the same channel at another time step."""
         return self.at(step, *self.index[1:])
 
     @property
@@ -178,22 +172,18 @@ class ShardedArray:
 
     @property
     def counts_zyx(self) -> Index:
-        """Bricks along each axis."""
         return _quotients(self.shape_zyx, self.brick_zyx)
 
     @property
     def shards_zyx(self) -> Index:
-        """Shards along each axis."""
         return _quotients(self.counts_zyx, self.shard_zyx)
 
     @property
     def shards(self) -> list[Index]:
-        """Indices of all shards, in order."""
         return _indices(self.shards_zyx)
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """Content of the array's `zarr.json`."""
         sharding = {
             "chunk_shape": [*self._ones, *self.brick_zyx],
             "codecs": self.codec.metadata,
@@ -211,7 +201,6 @@ class ShardedArray:
 
     @property
     def statistics_metadata(self) -> dict[str, Any]:
-        """Content of the `zarr.json` of the statistics of bricks."""
         names = ["minimum", "maximum", "error", "step"][: self._rows]
         shape, chunk = (*self.counts, self._rows, *self.counts_zyx), (*self._ones, self._rows, *self.shard_zyx)
         axes = [*self.axes, ", ".join(names), *"zyx"]
@@ -222,11 +211,9 @@ class ShardedArray:
         return 4 if "t" in self.axes else 3
 
     def shard_path(self, shard: Index) -> Path:
-        """Return the path of a shard."""
         return self.path.joinpath("c", *map(str, (*self.index, *shard)))
 
     def statistics_path(self, shard: Index) -> Path:
-        """Return the file of the statistics of a shard's bricks."""
         return self.path.parent.joinpath("bricks", self.path.name, "c", *map(str, (*self.index, 0, *shard)))
 
     def write_statistics(self, shard: Index, found: Mapping[Index, Sequence[float]]) -> None:
@@ -274,7 +261,6 @@ class ShardedArray:
         return values[:, :nz, :ny, :nx]
 
     def bricks_of(self, shard: Index) -> list[Index]:
-        """Return the bricks of a shard that lie in the array, in order."""
         ranges = [
             range(s * n, min((s + 1) * n, count))
             for s, n, count in zip(shard, self.shard_zyx, self.counts_zyx, strict=True)
@@ -348,7 +334,6 @@ class ShardedArray:
         return self.at_step(step).brick(brick)
 
     def _stored(self, brick: Index) -> bytes:
-        """Return the bytes of a brick, whose checksum is right."""
         z, y, x = (i // n for i, n in zip(brick, self.shard_zyx, strict=True))
         path, where, key = self.shard_path((z, y, x)), f"{self.path}: brick {brick}", (*self.index, z, y, x)
         with self._lock:
@@ -381,7 +366,6 @@ class ShardedArray:
         return index, version
 
     def _slot(self, brick: Index) -> int:
-        """Return the number of a brick in its shard."""
         _, ny, nx = self.shard_zyx
         z, y, x = (i % n for i, n in zip(brick, self.shard_zyx, strict=True))
         return (z * ny + y) * nx + x
@@ -436,7 +420,6 @@ def open_array(
 def array_metadata(
     shape: Iterable[int], chunk: Iterable[int], dtype: np.dtype[Any], codecs: list[dict[str, Any]], axes: list[str]
 ) -> dict[str, Any]:
-    """Return the content of an array's `zarr.json`."""
     return {
         "zarr_format": 3,
         "node_type": "array",
@@ -452,7 +435,6 @@ def array_metadata(
 
 
 def require_packages(where: str) -> None:
-    """Check that the packages of bricks are installed."""
     for name in PACKAGES:
         library(name, "store", where)
 
@@ -464,10 +446,8 @@ def description_checksum(attributes: Mapping[str, Any]) -> str:
 
 
 def read_json(path: FilePath) -> dict[str, Any]:
-    try:
+    with explained("damaged", path, ValueError):
         found = json.loads(read_range(path)[0])
-    except ValueError as error:
-        raise DataError(f"damaged: {error}", where=str(path)) from error
     if not isinstance(found, dict):
         raise DataError("damaged", where=str(path), found=type(found).__name__, allowed="an object of JSON")
     return found
@@ -481,7 +461,7 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 def checksum(data: bytes) -> bytes:
     """Return the CRC-32C of bytes, little-endian."""
-    import google_crc32c
+    import google_crc32c  # which may be missing
 
     return int(google_crc32c.value(data)).to_bytes(_CRC_BYTES, "little")
 

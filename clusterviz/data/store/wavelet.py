@@ -41,6 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.codec import kernels
+from clusterviz.data.order_statistics import keys_of, samples_of
 from clusterviz.data.source import Index
 from clusterviz.errors import DataError
 from clusterviz.kernels.compiled import CompiledKernel
@@ -105,7 +106,7 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0, effort: int = EFFORT
         if data is not None:
             return data
         error = 0.0
-    keys = _keys(samples.ravel())
+    keys = keys_of(samples.ravel())
     low, high = int(keys.min()), int(keys.max())
     width = _width(high - low)
     # No number of this width may be beyond the keys, since decoded ones may be larger than all that were encoded.
@@ -148,7 +149,6 @@ def _few_values(keys: NDArray[Any]) -> NDArray[Any] | None:
 
 
 def _encode_rounded(samples: NDArray[Any], error: float, effort: int) -> bytes | None:
-    """Return a brick of floats within an error; None if that is not possible."""
     values = samples.ravel().astype(np.float64)
     low, high = float(values.min()), float(values.max())
     # Decoded samples are rounded to their type.
@@ -164,7 +164,6 @@ def _encode_rounded(samples: NDArray[Any], error: float, effort: int) -> bytes |
 
 
 def _pack(numbers: NDArray[Any], shape: Index, meaning: _Numbers, effort: int) -> bytes:
-    """Return header, table and numbers, lifted or as they are, whichever is shorter."""
     count, width, step, table = numbers.size, numbers.itemsize, meaning.step, meaning.table
     as_they_are, residuals = np.zeros((2, _padded(count, width)), numbers.dtype)
     restored = np.empty(count, numbers.dtype)
@@ -186,7 +185,7 @@ def compress(numbers: NDArray[Any], effort: int, repeats: bool = True) -> bytes:
     ----------
     repeats : whether they may repeat in other ways than as runs; residuals do not, and level 1 then looks for runs only
     """
-    import zstandard
+    import zstandard  # which may be missing
 
     if effort == 1 and not repeats:
         runs = {"strategy": zstandard.STRATEGY_FAST, "min_match": 7, "hash_log": 10, "window_log": 18}
@@ -197,8 +196,7 @@ def compress(numbers: NDArray[Any], effort: int, repeats: bool = True) -> bytes:
 
 
 def decompress(frame: memoryview, size: int, where: str) -> bytes:
-    """Return the bytes of a frame of zstd."""
-    import zstandard
+    import zstandard  # which may be missing
 
     try:
         found = zstandard.frame_content_size(frame)
@@ -210,13 +208,6 @@ def decompress(frame: memoryview, size: int, where: str) -> bytes:
 
 
 def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], where: str = "") -> NDArray[Any]:
-    """Return the samples of a brick, of the given type and shape.
-
-    Raises
-    ------
-    DataError
-        The bytes are not those of a brick of this shape and type, or a brick of another time step is needed.
-    """
     view, count = memoryview(data), math.prod(shape)
     if (before := referred_step(bytes(view[: _REFERENCE.size + 1]))) is not None:
         allowed = "clusterviz, or a store of `clusterviz store --codec zstd`, which every program reads"
@@ -247,32 +238,7 @@ def decode_brick(data: bytes | memoryview, shape: Index, dtype: np.dtype[Any], w
         keys = numbers.astype(f"u{dtype.itemsize}", copy=False)
         if offset:
             keys += keys.dtype.type(offset & (1 << 8 * keys.itemsize) - 1)
-    return _samples(keys, dtype).reshape(shape)
-
-
-def _keys(samples: NDArray[Any]) -> NDArray[Any]:
-    """Return unsigned numbers, as wide as the samples and in the same order."""
-    bits = 8 * samples.itemsize
-    keys = samples.view(f"u{samples.itemsize}")
-    if samples.dtype.kind in "ub":
-        return keys
-    sign = keys.dtype.type(1 << (bits - 1))
-    if samples.dtype.kind == "f":
-        return np.asarray(keys ^ ((samples.view(f"i{samples.itemsize}") >> (bits - 1)).view(keys.dtype) | sign))
-    return np.asarray(keys ^ sign)
-
-
-def _samples(keys: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Invert `_keys`, in place."""
-    if dtype.kind not in "ub":
-        bits = 8 * dtype.itemsize
-        sign = keys.dtype.type(1 << (bits - 1))
-        if dtype.kind == "f":
-            negative = (keys.view(f"i{dtype.itemsize}") >> (bits - 1)).view(keys.dtype)
-            keys ^= ~negative | sign
-        else:
-            keys ^= sign
-    return keys.view(dtype)
+    return samples_of(keys, dtype).reshape(shape)
 
 
 def _padded(count: int, width: int) -> int:

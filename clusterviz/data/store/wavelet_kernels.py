@@ -88,7 +88,6 @@ def _level(encoding, residuals, done, nz, ny, nx, step, fine, below, samples, ap
 
 @jit
 def _plane(encoding, pz, py, px, back, plane, front, ny, nx, step, rows, residuals, at, samples, apart, x):  # type: ignore[no-untyped-def]
-    """Code the samples of a plane with given parities of (z, y, x)."""
     ex, wide, last = (nx + 1) // 2, nx + 1, (ny - 1) // 2 * 2
     count, begin = (nx // 2, ex + 1) if px == 1 else (ex, 0)
     for y in range(py, ny, 2):

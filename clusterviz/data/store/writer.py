@@ -4,7 +4,7 @@
                                   the checksum of all these
     OUT.ome.zarr/0, 1, …          levels, the finest first; bricks in shards
     OUT.ome.zarr/bricks/0, 1, …   float64 (3, z, y, x bricks): minimum, maximum, and largest error of each brick
-    OUT.ome.zarr/bricks/statistics.npz   summary of the finest level: see `statistics.py`; statistics-T-C.npz of
+    OUT.ome.zarr/bricks/statistics.npz   summary of the finest level: see `levels.py`; statistics-T-C.npz of
                                   time step T and channel C
 
 Each process writes whole files, which appear when they are complete, so a run that was stopped is continued by the same
@@ -37,7 +37,17 @@ from numpy.typing import NDArray
 from clusterviz.data.bricks import Box, BrickLayout, with_margin
 from clusterviz.data.series import Series
 from clusterviz.data.source import Grid, Index, Source, as_index
-from clusterviz.data.store.levels import Read, coarser, difference, is_within, largest_difference, low_pass
+from clusterviz.data.store.levels import (
+    MARGIN,
+    Read,
+    coarser,
+    difference,
+    is_within,
+    largest_difference,
+    low_pass,
+    read_statistics,
+    write_statistics,
+)
 from clusterviz.data.store.shards import (
     BrickCodec,
     ShardedArray,
@@ -47,7 +57,6 @@ from clusterviz.data.store.shards import (
     require_packages,
     write_json,
 )
-from clusterviz.data.store.statistics import MARGIN, read_statistics, write_statistics
 from clusterviz.data.store.wavelet import encode_reference
 from clusterviz.data.summary import AllGather, summarise, summary_over_time
 from clusterviz.errors import DataError, OutputError
@@ -214,7 +223,6 @@ class StoreWriter:
             array.write_statistics(shard, found)
 
     def _stored(self, array: ShardedArray, data: bytes, samples: NDArray[Any]) -> NDArray[Any]:
-        """Return the samples of a brick as they will be read."""
         if self.codec.error == 0:
             return samples
         z, y, x = samples.shape
@@ -299,7 +307,6 @@ class _Before:
         return found if is_within(samples, found, error) else None
 
     def step_of(self, brick: Index, stored: NDArray[Any]) -> int:
-        """Return the first time step from which on a brick has these samples."""
         same = self.within(brick, stored, 0.0) is not None
         return int(self.steps[brick]) if same else self.array.step
 

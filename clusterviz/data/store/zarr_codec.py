@@ -58,7 +58,6 @@ class WaveletCodec(ArrayBytesCodec):
 
 
 def _three_axes(shape: tuple[int, ...]) -> Index:
-    """Return a shape with axes z, y and x."""
     if any(side != 1 for side in shape[:-3]):
         raise DataError("not a brick", where=NAME, found=shape, allowed="chunks of 1 along all but the last three axes")
     return as_index((1, 1, 1, *shape)[-3:])

@@ -38,7 +38,6 @@ _INSTALL = {"imagecodecs": "imagecodecs", "pcodec": "pcodec", "zfpy": "zfpy", "w
 
 
 def open_zarr(path: FilePath, zarr_format: Literal[2, 3]) -> Array[Any]:
-    """Open an array for reading."""
     where = str(path)
     files = ZarrFiles(path)
     try:
@@ -144,7 +143,6 @@ def _most_bytes(chunk_bytes: int) -> int:
 
 
 def _packing(metadata: Any, chunk_bytes: int) -> _Packing:
-    """Return how the chunks of an array are packed."""
     if metadata["zarr_format"] == 2:
         found = [*(metadata.get("filters") or []), *filter(None, [metadata.get("compressor")])]
         return _Packing(_compressors(each["id"] for each in found[::-1]), _most_bytes(chunk_bytes))
@@ -166,13 +164,13 @@ def _compressors(codecs: Iterable[str]) -> tuple[str, ...]:
 
 
 def _zstd_bytes(data: bytes) -> int:
-    import zstandard
+    import zstandard  # which may be missing
 
     return int(zstandard.frame_content_size(data))
 
 
 def _zstd_stream(data: bytes) -> Any:
-    import zstandard
+    import zstandard  # which may be missing
 
     return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True)
 
@@ -246,7 +244,6 @@ class ZarrFiles(Store):
         self._checked = monotonic()
 
     async def get(self, key: str, prototype: BufferPrototype | None = None, byte_range: Any = None) -> Buffer | None:
-        """Return the bytes of a file; None if it is missing."""
         data = await asyncio.to_thread(self._find, key, byte_range)
         return None if data is None else (prototype or default_buffer_prototype()).buffer.from_bytes(data)
 
@@ -265,7 +262,6 @@ class ZarrFiles(Store):
         self._check_writable()
 
     def list(self) -> AsyncIterator[str]:
-        """Refuse to list files, which servers do not."""
         raise NotImplementedError("files of a server are not listed")
 
     def list_prefix(self, prefix: str) -> AsyncIterator[str]:

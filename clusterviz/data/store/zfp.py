@@ -22,7 +22,6 @@ _FIXED_ACCURACY, _REVERSIBLE = 4, 5
 
 
 def metadata(error: float) -> dict[str, Any]:
-    """Return Zarr's entry of the codec."""
     mode = {"mode": _FIXED_ACCURACY, "tolerance": error} if error > 0 else {"mode": _REVERSIBLE}
     return {"name": NAME, "configuration": mode}
 
@@ -35,7 +34,7 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0) -> bytes:
     error : largest difference between a sample and the decoded one, for floats; 0: bit for bit, as with samples that
         zfp does not keep within it
     """
-    import zfpy
+    import zfpy  # which may be missing
 
     samples = np.ascontiguousarray(samples)
     if error > 0 and np.isfinite(samples).all():
@@ -47,8 +46,7 @@ def encode_brick(samples: NDArray[Any], error: float = 0.0) -> bytes:
 
 
 def decode_brick(data: bytes, shape: Index, dtype: np.dtype[Any], where: str) -> NDArray[Any]:
-    """Return the samples of a brick."""
-    import zfpy
+    import zfpy  # which may be missing
 
     try:
         header = zfpy.header(data)

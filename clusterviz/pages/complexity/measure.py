@@ -35,16 +35,10 @@ Counts = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class FrameComplexity:
-    """Depth complexity of a frame.
+    """Depth complexity of a frame."""
 
-    Attributes
-    ----------
-    histogram : int64 (max + 1,), pixels with 0, 1, … fragments
-    seconds : stage -> seconds of the frame on the slowest rank, and `total`
-    """
-
-    histogram: Counts
-    seconds: dict[str, float]
+    histogram: Counts  # int64 (max + 1,), pixels with 0, 1, … fragments
+    seconds: dict[str, float]  # stage -> seconds of the frame on the slowest rank, and `total`
 
     @property
     def pixels(self) -> int:
@@ -117,22 +111,14 @@ class FrameComplexity:
 
 @dataclass(frozen=True)
 class Report:
-    """Contents of the page.
+    """Contents of the page."""
 
-    Attributes
-    ----------
-    scene : completed
-    picture : float (h, w, 4), premultiplied
-    degrees : angle of the orbit; None without one
-    counts : int32 (h, w), fragments of the pixels of the first frame
-    """
-
-    scene: Scene
-    picture: NDArray[np.float32]
+    scene: Scene  # completed
+    picture: NDArray[np.float32]  # float (h, w, 4), premultiplied
     ranks: int
     renderer: str
-    degrees: float | None
-    counts: NDArray[np.int32]
+    degrees: float | None  # angle of the orbit; None without one
+    counts: NDArray[np.int32]  # int32 (h, w), fragments of the pixels of the first frame
     frames: tuple[FrameComplexity, ...]
 
 
@@ -192,8 +178,6 @@ def _draw(
 
 
 def _transparent(scene: Scene) -> Scene:
-    """Return a scene in which no surface hides others."""
-
     def lowered(section: GeometrySection) -> GeometrySection:
         opacity: Any = section.opacity
         if isinstance(opacity, float):

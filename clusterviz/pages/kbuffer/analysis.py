@@ -53,16 +53,10 @@ _ENTRIES = CompiledKernel(
 
 @dataclass(frozen=True, eq=False)
 class KBufferNeeds:
-    """Fragments of one view.
+    """Fragments of one view."""
 
-    Attributes
-    ----------
-    fragments : int64 (h, w), number in each pixel
-    needed : int64 (h, w), entries that make the pixel right; 0 without fragments
-    """
-
-    fragments: Indices
-    needed: Indices
+    fragments: Indices  # int64 (h, w), number in each pixel
+    needed: Indices  # int64 (h, w), entries that make the pixel right; 0 without fragments
 
     def wrong(self, k: int) -> int:
         """Return the number of pixels that a buffer of k entries may get wrong."""

@@ -66,11 +66,8 @@ def list_fragments(vertices, lens, order, faces, places, depths):  # type: ignor
 def count_entries(begins, depths, needed):  # type: ignore[no-untyped-def]
     """Sort the fragments of each pixel, and write how many entries a k-buffer needs for it.
 
-    Parameters
-    ----------
-    begins : int64 (n + 1,), of each pixel in `depths`
-    depths : float64 (k,), sorted
-    needed : int32 (n,), written; 0 without fragments, else 2 at least
+    `begins`: int64 (n + 1,), of each pixel in `depths`. `depths`: float64 (k,), sorted. `needed`: int32 (n,), written;
+    0 without fragments, else 2 at least.
     """
     for pixel in range(len(needed)):
         most = 2 if begins[pixel + 1] > begins[pixel] else 0

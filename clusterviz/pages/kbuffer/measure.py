@@ -28,8 +28,7 @@ from clusterviz.frame import FrameLoop, Options
 from clusterviz.gl.devices import Device
 from clusterviz.pages.kbuffer.analysis import KBufferNeeds, analyse, comparisons
 from clusterviz.plan.domain import world_from_file
-from clusterviz.report.early_discarding import all_counts
-from clusterviz.report.kbuffer_counts import KBufferCounts
+from clusterviz.report.counts import KBufferCounts, all_counts
 from clusterviz.scene.camera import fitted_camera, point_along
 from clusterviz.scene.values import Camera, Scene
 
@@ -53,29 +52,17 @@ class View:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A way to draw all views.
+    """A way to draw all views."""
 
-    Attributes
-    ----------
-    k : entries; 0: exact
-    entries : sorted or unsorted; "" of exact
-    cpu_seconds : CPU time of drawing, all threads, mean of the views
-    seconds : time of drawing, mean of the views
-    counts : of all views; None of exact
-    by_formula : comparisons that the formula gives for the fragments that were drawn
-    differing : pixels of all views that differ from exact by more than `DIFFERS`
-    largest : difference of a pixel from exact
-    """
-
-    k: int
-    entries: str
+    k: int  # entries; 0: exact
+    entries: str  # sorted or unsorted; "" of exact
     integration: str
-    cpu_seconds: float
-    seconds: float
-    counts: KBufferCounts | None = None
-    by_formula: int = 0
-    differing: int = 0
-    largest: float = 0.0
+    cpu_seconds: float  # CPU time of drawing, all threads, mean of the views
+    seconds: float  # time of drawing, mean of the views
+    counts: KBufferCounts | None = None  # of all views; None of exact
+    by_formula: int = 0  # comparisons that the formula gives for the fragments that were drawn
+    differing: int = 0  # pixels of all views that differ from exact by more than `DIFFERS`
+    largest: float = 0.0  # difference of a pixel from exact
 
 
 DIFFERS = 1e-3
@@ -83,22 +70,15 @@ DIFFERS = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Contents of the page.
+    """Contents of the page."""
 
-    Attributes
-    ----------
-    scene : completed
-    picture : float32 (h, w, 4), premultiplied, exact, of the first view
-    views : 14
-    """
-
-    scene: Scene
-    picture: NDArray[np.float32]
+    scene: Scene  # completed
+    picture: NDArray[np.float32]  # float32 (h, w, 4), premultiplied, exact, of the first view
     renderer: str
     tetrahedra: int
     faces: int
     boundary: int
-    views: tuple[View, ...]
+    views: tuple[View, ...]  # 14
     drawings: tuple[Drawing, ...]
 
     @property
@@ -117,10 +97,7 @@ def measure(
 ) -> Report:
     """Analyse and draw the grid of a scene that holds nothing else.
 
-    Parameters
-    ----------
-    step : called with the name of what is done next, as in `steps`
-    given : replaces the grid's file
+    `step`: called with the name of what is done next, as in `steps`. `given`: replaces the grid's file.
     """
     step("read")
     section = first_of(GRID, scene).model_copy(update={"visibility": "exact"})

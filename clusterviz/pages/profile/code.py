@@ -19,34 +19,22 @@ SAMPLING = "take_run", "last_of", "take_slab", "class_at"
 
 @dataclass(frozen=True)
 class Share:
-    """Function or line of the shader.
+    """Function or line of the shader."""
 
-    Attributes
-    ----------
-    name : of the function, or file:line
-    executions : by packets of lanes; of the statement of a line that is executed most
-    idle : share of lanes that were not active, in [0, 1]; of a line, in all its statements
-    share : of the time, in [0, 1], without functions that it calls; 0 where they are timed with their callers
-    """
-
-    name: str
-    executions: int
+    name: str  # of the function, or file:line
+    executions: int  # by packets of lanes; of the statement of a line that is executed most
     lanes: int
-    idle: float
-    share: float
+    idle: float  # share of lanes that were not active, in [0, 1]; of a line, in all its statements
+    share: float  # of the time, in [0, 1], without functions that it calls; 0 where they are timed with their callers
 
 
 @dataclass(frozen=True)
 class Code:
     """Profile of the shader on a CPU, of all ranks.
 
-    Attributes
-    ----------
-    ticks, seconds : of drawing by one thread, without measuring
-    functions, lines : from the largest share on
-    idle : share of lanes that were idle, weighted by time
-    ideal : share of the time in which the same samples would be taken if no lane were ever idle, and nothing else done
-    source : lines of each file of the shader
+    `ticks`, `seconds`: of drawing by one thread, without measuring. `functions`, `lines`: from the largest share on.
+    `ideal`: share of the time in which the same samples would be taken if no lane were ever idle, and nothing else
+    done.
     """
 
     lanes: int
@@ -54,9 +42,9 @@ class Code:
     seconds: float
     functions: list[Share]
     lines: list[Share]
-    idle: float
+    idle: float  # share of lanes that were idle, weighted by time
     ideal: float
-    source: dict[str, dict[int, str]]
+    source: dict[str, dict[int, str]]  # lines of each file of the shader
 
 
 def code_of(profiles: Sequence[CodeProfile]) -> Code | None:

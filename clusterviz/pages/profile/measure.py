@@ -30,16 +30,13 @@ Numbers = dict[str, float]
 class RankProfile:
     """Profile of a rank, or of all.
 
-    Attributes
-    ----------
-    maps : (h, w) of the whole picture: those of `PieceProfile`, and "iterations" and "left_out", slabs behind the point
-        where the ray was opaque
-    memory : bricks and blocks that were sampled, their bytes, and bytes fetched by samples
+    `maps`: (h, w) of the whole picture: those of `PieceProfile`, and "iterations" and "left_out", slabs behind the
+    point where the ray was opaque.
     """
 
     maps: Maps
     bricks: int
-    memory: Numbers
+    memory: Numbers  # bricks and blocks that were sampled, their bytes, and bytes fetched by samples
 
     @property
     def totals(self) -> dict[str, int]:
@@ -49,24 +46,16 @@ class RankProfile:
 
 @dataclass(frozen=True)
 class Report:
-    """Contents of the page.
+    """Contents of the page."""
 
-    Attributes
-    ----------
-    scene : completed
-    picture : float (h, w, 4), premultiplied
-    block_side : cells; memory is counted in such blocks
-    code : None on GPUs
-    """
-
-    scene: Scene
-    picture: NDArray[np.float32]
+    scene: Scene  # completed
+    picture: NDArray[np.float32]  # float (h, w, 4), premultiplied
     renderer: str
     clock: str
-    block_side: int
+    block_side: int  # cells; memory is counted in such blocks
     whole: RankProfile
     ranks: dict[int, RankProfile]
-    code: Code | None
+    code: Code | None  # None on GPUs
 
 
 def measure(scene: Scene, ranks: int, on_cpu: bool, step: Step) -> Report:
@@ -125,7 +114,6 @@ def measure(scene: Scene, ranks: int, on_cpu: bool, step: Step) -> Report:
 
 
 def _joined(plan: Plan, pieces: list[PieceProfile], voxel_bytes: int) -> RankProfile:
-    """Return the profile of several pieces."""
     whole = Rect(0, 0, *plan.view.size)
     maps: Maps = {}
     for piece in pieces:

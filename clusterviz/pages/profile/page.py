@@ -82,7 +82,6 @@ def _map(profile: RankProfile, key: str, text: str) -> dict[str, Any]:
 
 
 def _top(code: Code) -> list[tuple[Share, str]]:
-    """Return the most expensive lines, with their texts."""
     found = []
     for one in code.lines[:TOP]:
         file, _, number = one.name.rpartition(":")

@@ -115,12 +115,7 @@ def forecast_chart(
     weak: Sequence[PredictedFrame],
     others: Mapping[str, Sequence[PredictedFrame]],
 ) -> str:
-    """Return a chart of predicted curves and measured points, as SVG.
-
-    Parameters
-    ----------
-    others : name of another network -> forecast
-    """
+    """Return a chart of predicted curves and measured points, as SVG. `others`: name of another network -> forecast."""
     figure = make_figure(9.5, 4.6)
     row = figure.subplots(1, 2 if weak else 1, squeeze=False, sharey=True)[0]
     kinds = (("strong", strong, found.strong, STRONG_COLOUR), ("weak", weak, found.weak, WEAK_COLOUR))
@@ -178,7 +173,6 @@ def _marks(axes: Any, points: Sequence[Point], values: Sequence[float], colour: 
 
 
 def _ideal(axes: Any, points: Sequence[Point]) -> None:
-    """Draw ideal scaling from the first point."""
     first, ranks = points[0], [point.ranks for point in points]
     strong = first.scaling == "strong"
     times = [1e3 * first.total_seconds * (first.ranks / n if strong else 1.0) for n in ranks]

@@ -41,23 +41,17 @@ MIN_SAMPLE_RATIO = 4.0
 class Rates:
     """Measured inputs of a forecast.
 
-    Attributes
-    ----------
-    draw_seconds, draw_seconds_per_sample : linear model of a rank's drawing; the first is 0 if it cannot be estimated
-    readback_seconds_per_pixel : seconds per pixel of a rank's image
-    samples : number of ranks -> samples of the scene on all ranks
-    imbalance : imbalance of the samples at the largest measured count
-    images : partial images at the largest measured count
-    crowded : whether all measured counts were oversubscribed, so that drawing is overestimated
+    `draw_seconds`, `draw_seconds_per_sample`: linear model of a rank's drawing; the first is 0 if it cannot be
+    estimated.
     """
 
     draw_seconds: float
     draw_seconds_per_sample: float
-    readback_seconds_per_pixel: float
-    samples: dict[int, float]
-    imbalance: float
-    images: ImageStatistics
-    crowded: bool
+    readback_seconds_per_pixel: float  # seconds per pixel of a rank's image
+    samples: dict[int, float]  # number of ranks -> samples of the scene on all ranks
+    imbalance: float  # imbalance of the samples at the largest measured count
+    images: ImageStatistics  # partial images at the largest measured count
+    crowded: bool  # whether all measured counts were oversubscribed, so that drawing is overestimated
 
 
 @dataclass(frozen=True)
@@ -78,12 +72,7 @@ class PredictedFrame:
 
 @dataclass(frozen=True)
 class Machine:
-    """Machine of a forecast.
-
-    Attributes
-    ----------
-    near, far : network constants for jobs on one node, and on several
-    """
+    """Machine of a forecast. `near`, `far`: network constants for jobs on one node, and on several."""
 
     near: Network
     far: Network

@@ -22,7 +22,7 @@ from clusterviz.errors import SceneError
 from clusterviz.frame import FrameLoop, Options, Rendered
 from clusterviz.frame.work import DrawnFrame
 from clusterviz.gl.devices import choose_device, egl_devices, prefers_cpu
-from clusterviz.image.partial import EMPTY
+from clusterviz.image.partial import bounding_rect
 from clusterviz.plan.plan import Plan
 from clusterviz.report.statistics import RankFrame
 from clusterviz.scene.animation import scenes_along
@@ -34,17 +34,11 @@ Write = Callable[[Image, Scene], None]
 
 @dataclass(frozen=True)
 class RankResources:
-    """Node, cores and GPU of a rank.
-
-    Attributes
-    ----------
-    cores : numbers of the cores in the affinity mask
-    gpu : EGL index of the GPU; None for software rendering, or if nothing was drawn
-    """
+    """Node, cores and GPU of a rank."""
 
     host: str
-    cores: tuple[int, ...]
-    gpu: int | None
+    cores: tuple[int, ...]  # numbers of the cores in the affinity mask
+    gpu: int | None  # EGL index of the GPU; None for software rendering, or if nothing was drawn
 
 
 @dataclass(frozen=True)
@@ -56,29 +50,22 @@ class Measured:
     frames : by frame, then rank; `seconds` has the stages of a frame, `total`, and `cpu`, the CPU time of the process
     once : seconds of the stages done once a job, all in the first frame: `plan`, `load` (reading, summarising,
         uploading), `context`, `shaders`
-    finish_seconds : seconds of writing the picture
-    resources : node, cores and GPU of each rank
-    order : ranks from front to back
     rects : bounding rectangle of each rank's images, (x_begin, y_begin, x_end, y_end); empty if nothing was drawn
-    algorithm : algorithm of the counted frame; "" if ranks had several images or tiles, which are not counted
-    counted : messages and pixels sent in the counted frame, by rank, then round
     size, step : width and height of the picture, and the step in voxels
-    bytes_per_pixel : bytes of a pixel of partial images
-    sharing : mode of the last frame, `Sharing.way`
     """
 
     frames: list[list[RankFrame]]
     once: list[dict[str, float]]
-    finish_seconds: float
-    resources: list[RankResources]
-    order: list[int]
+    finish_seconds: float  # seconds of writing the picture
+    resources: list[RankResources]  # node, cores and GPU of each rank
+    order: list[int]  # ranks from front to back
     rects: list[tuple[int, int, int, int]]
-    algorithm: str
-    counted: list[list[tuple[int, int]]]
+    algorithm: str  # algorithm of the counted frame; "" if ranks had several images or tiles, which are not counted
+    counted: list[list[tuple[int, int]]]  # messages and pixels sent in the counted frame, by rank, then round
     size: tuple[int, int]
     step: float
-    bytes_per_pixel: int
-    sharing: str = "sort-last"
+    bytes_per_pixel: int  # bytes of a pixel of partial images
+    sharing: str = "sort-last"  # mode of the last frame, `Sharing.way`
 
     def as_json(self) -> dict[str, Any]:
         """Return the attributes as a dict."""
@@ -108,15 +95,8 @@ def measure(
 ) -> Measured:
     """Draw a scene several times; collective.
 
-    Parameters
-    ----------
-    write : called on rank 0 with the last picture
-    orbit : total angle of the camera in all frames, degrees; None for a static camera
-
-    Raises
-    ------
-    SceneError, RankError
-        On every rank: there is nothing to draw, or a rank failed.
+    `write`: called on rank 0 with the last picture. `orbit`: total angle of the camera in all frames, degrees; None for
+    a static camera. Raises SceneError, RankError: on every rank: there is nothing to draw, or a rank failed.
     """
     count, cpu_seconds, rendered = warm_up + frames, list[float](), list[Rendered]()
     with FrameLoop(scene, channel, options=Options(keep_drawn=True, overlap=False)) as loop:
@@ -166,7 +146,6 @@ def _with_cpu(rank: RankFrame, seconds: float) -> RankFrame:
 
 
 def _resources(channel: Channel, drawn: DrawnFrame) -> RankResources:
-    """Return the node, cores and GPU of this rank."""
     place, gpu = channel.placement(), None
     if drawn.counts.bricks and not prefers_cpu():
         devices = egl_devices()
@@ -176,10 +155,7 @@ def _resources(channel: Channel, drawn: DrawnFrame) -> RankResources:
 
 
 def _covered_rect(drawn: DrawnFrame) -> tuple[int, int, int, int]:
-    """Return the bounding rectangle of this rank's images."""
-    rect = EMPTY
-    for partial in drawn.partials:
-        rect = rect.unite(partial.rect)
+    rect = bounding_rect(partial.rect for partial in drawn.partials)
     rect = drawn.work.plan.on_screen(rect) if drawn.work.plan else rect
     return rect.x_begin, rect.y_begin, rect.x_end, rect.y_end
 

@@ -22,28 +22,19 @@ KIND, TABLE, BALANCE_TABLE = "scale", "scale.csv", "balance.csv"
 
 @dataclass(frozen=True)
 class Report:
-    """Contents of the page.
-
-    Attributes
-    ----------
-    scene : the completed scene
-    threads : threads of each rank at every count; "" if set by the environment
-    strong, weak : forecasts; weak may be empty
-    others : name of another network -> forecast of strong scaling
-    environment : output of `clusterviz doctor --json`, or {"problem": reason}
-    """
+    """Contents of the page. `strong`, `weak`: forecasts; weak may be empty."""
 
     name: str
-    scene: Scene
+    scene: Scene  # the completed scene
     frames: int
-    threads: str
+    threads: str  # threads of each rank at every count; "" if set by the environment
     found: SurveyResult
     rates: Rates
     machine: Machine
     strong: Sequence[PredictedFrame]
     weak: Sequence[PredictedFrame]
-    others: Mapping[str, Sequence[PredictedFrame]]
-    environment: Mapping[str, Any]
+    others: Mapping[str, Sequence[PredictedFrame]]  # name of another network -> forecast of strong scaling
+    environment: Mapping[str, Any]  # output of `clusterviz doctor --json`, or {"problem": reason}
 
     @property
     def verdict(self) -> list[str]:

@@ -20,7 +20,7 @@ from clusterviz.composite.schedules.rectangles import Rectangles
 from clusterviz.composite.simulation.loads import count_sparse
 from clusterviz.composite.simulation.simulate import Options, count_load
 from clusterviz.image.compare import Difference
-from clusterviz.image.partial import EMPTY, Rect
+from clusterviz.image.partial import Rect, bounding_rect
 from clusterviz.pages.scale.measure import Measured, RankResources
 from clusterviz.report.statistics import FrameStatistics, RankFrame
 
@@ -29,10 +29,8 @@ from clusterviz.report.statistics import FrameStatistics, RankFrame
 class Round:
     """One round of all ranks, without the final gather.
 
-    Attributes
-    ----------
-    messages, bytes : counted by the compositor, for raw pixels
-    messages_theory, bytes_theory : according to the schedule, for the rectangles of the ranks' images
+    `messages`, `bytes`: counted by the compositor, for raw pixels. `messages_theory`, `bytes_theory`: according to the
+    schedule, for the rectangles of the ranks' images.
     """
 
     messages: int
@@ -64,17 +62,9 @@ def dense_bytes(measured: Measured) -> int:
     drawn = [Rect(*rect) for rect in measured.rects if Rect(*rect).pixels]
     if not measured.algorithm or len(drawn) < 2:
         return 0
-    canvas = canvas_of(drawn)
+    canvas = bounding_rect(drawn)
     load, _ = count_load(measured.algorithm, len(drawn), (canvas.width, canvas.height), "dense", Options())
     return int(load.pixels_sent.sum()) * measured.bytes_per_pixel
-
-
-def canvas_of(rects: Sequence[Rect]) -> Rect:
-    """Return the bounding rectangle."""
-    canvas = EMPTY
-    for rect in rects:
-        canvas = canvas.unite(rect)
-    return canvas
 
 
 def _by_stage(counted: Sequence[Sequence[tuple[int, int]]]) -> list[tuple[tuple[int, int], ...]]:
@@ -84,7 +74,7 @@ def _by_stage(counted: Sequence[Sequence[tuple[int, int]]]) -> list[tuple[tuple[
 
 def _theory(algorithm: str, rects: Sequence[Rect]) -> list[tuple[int, int]]:
     """Return messages and pixels of each stage, for images from front to back."""
-    canvas = canvas_of(rects)
+    canvas = bounding_rect(rects)
     x, y = canvas.x_begin, canvas.y_begin
     shifted = [Rect(r.x_begin - x, r.y_begin - y, r.x_end - x, r.y_end - y) for r in rects]
     patches = [Patch(canvas.width, 0, canvas.pixels, rect) for rect in shifted]
@@ -112,45 +102,32 @@ class Point:
 
     Attributes
     ----------
-    scaling : "strong" or "weak"
-    step : step in voxels
-    crowded : oversubscribed cores or GPUs in words, for which times do not show scaling; "" if there are none
     seconds : stage -> seconds; `plan`, `load`, `context`, `shaders` and `finish` once a job, the others once a frame
     total_seconds, total_seconds_min, total_seconds_max : median, minimum and maximum of a frame, from a barrier until
         the picture is complete
-    render_mean_seconds : seconds of drawing, mean of the ranks
-    cpu_seconds : CPU seconds of a frame, all ranks and threads
     compositing_seconds, predicted_seconds : measured on the slowest rank, and predicted by the time model; 0 without
         compositing
-    efficiency : parallel efficiency relative to the smallest count; None if either is oversubscribed
-    imbalance : largest over mean seconds of drawing, by frame
-    samples : field samples of a frame, by rank
-    draw_seconds : seconds of drawing by rank, the minimum over frames
-    sharing : mode: sort-last, sort-first or hybrid
     counted_algorithm, rounds, bytes_dense : results of one frame with messages; see `rounds`
-    readback_seconds_per_pixel : seconds per pixel of the slowest rank
-    software : whether all ranks drew on the CPU
-    difference : difference from the picture of the first rank count; None for weak scaling
     """
 
-    scaling: str
+    scaling: str  # "strong" or "weak"
     ranks: int
     nodes: int
-    step: float
-    crowded: str
+    step: float  # step in voxels
+    crowded: str  # oversubscribed cores or GPUs in words, for which times do not show scaling; "" if there are none
     seconds: dict[str, float]
     total_seconds: float
     total_seconds_min: float
     total_seconds_max: float
-    render_mean_seconds: float
-    cpu_seconds: float
+    render_mean_seconds: float  # seconds of drawing, mean of the ranks
+    cpu_seconds: float  # CPU seconds of a frame, all ranks and threads
     compositing_seconds: float
     predicted_seconds: float
-    efficiency: float | None
-    imbalance: tuple[float, ...]
-    samples: tuple[int, ...]
-    draw_seconds: tuple[float, ...]
-    sharing: str
+    efficiency: float | None  # parallel efficiency relative to the smallest count; None if either is oversubscribed
+    imbalance: tuple[float, ...]  # largest over mean seconds of drawing, by frame
+    samples: tuple[int, ...]  # field samples of a frame, by rank
+    draw_seconds: tuple[float, ...]  # seconds of drawing by rank, the minimum over frames
+    sharing: str  # mode: sort-last, sort-first or hybrid
     algorithm: str
     transport: str
     codec: str
@@ -161,10 +138,10 @@ class Point:
     voxel_bytes: tuple[int, ...]
     peak_memory_bytes: tuple[int, ...]
     images: ImageStatistics
-    readback_seconds_per_pixel: float
+    readback_seconds_per_pixel: float  # seconds per pixel of the slowest rank
     renderer: str
-    software: bool
-    difference: Difference | None
+    software: bool  # whether all ranks drew on the CPU
+    difference: Difference | None  # difference from the picture of the first rank count; None for weak scaling
 
     @property
     def imbalance_samples(self) -> float:
@@ -261,7 +238,7 @@ def _of_ranks(measured: Measured, stage: str, reduce: Callable[[list[float]], fl
 
 def _images(measured: Measured, rects: Sequence[Rect]) -> ImageStatistics:
     drawn = [rect.pixels for rect in rects if rect.pixels]
-    pixels = canvas_of(rects).pixels
+    pixels = bounding_rect(rects).pixels
     if not drawn:
         return ImageStatistics(0, 0, 1.0, 1.0, measured.bytes_per_pixel, True)
     front = next(rank for rank in measured.order if rects[rank].pixels)
@@ -279,20 +256,13 @@ def as_json(point: Point) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Balance:
-    """Imbalance of one distribution over an orbit; lists are by frame.
-
-    Attributes
-    ----------
-    imbalance : largest over mean seconds of drawing
-    imbalance_samples : largest over mean number of samples, which other programs do not disturb
-    busiest_samples : largest number of samples of a rank
-    """
+    """Imbalance of one distribution over an orbit; lists are by frame."""
 
     distribution: str
     ranks: int
-    imbalance: tuple[float, ...]
-    imbalance_samples: tuple[float, ...]
-    busiest_samples: tuple[int, ...]
+    imbalance: tuple[float, ...]  # largest over mean seconds of drawing
+    imbalance_samples: tuple[float, ...]  # largest over mean number of samples, which other programs do not disturb
+    busiest_samples: tuple[int, ...]  # largest number of samples of a rank
 
     def rows(self) -> list[Mapping[str, Any]]:
         """Return a line of the CSV file for each frame."""

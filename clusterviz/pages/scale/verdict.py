@@ -15,12 +15,7 @@ MIN_LOSS = 0.05
 
 
 def verdict(found: SurveyResult, expected: Sequence[PredictedFrame], network: str) -> list[str]:
-    """Return the sentences at the top of the page.
-
-    Parameters
-    ----------
-    expected : forecast of strong scaling
-    """
+    """Return the sentences at the top of the page. `expected`: forecast of strong scaling."""
     points = found.strong or found.weak
     own = [point for point in points if not point.crowded]
     judged = max(own or points, key=lambda point: point.ranks)

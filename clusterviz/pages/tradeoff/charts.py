@@ -84,11 +84,8 @@ def _draw(
 ) -> None:
     """Draw one chart; errors below the ground truth's own are drawn at the edge of a grey band.
 
-    Parameters
-    ----------
-    rated : settings with cost and error
-    floor : the ground truth's own error
-    best : which settings are on the front; computed if None
+    `rated`: settings with cost and error. `floor`: the ground truth's own error. `best`: which settings are on the
+    front; computed if None.
     """
     lowest = max(floor, LOWEST)
     points = [(cost.value(one), max(lowest, error.value(one))) for one in rated]

@@ -55,19 +55,14 @@ class Halving:
 class GroundTruth:
     """Picture with which all others are compared.
 
-    Attributes
-    ----------
-    picture : float64 (h, w, 4), premultiplied
-    source : "reference" (float64 NumPy) or "renderer"
-    step : step in voxels
-    checked : (max, rms, step, width) of the difference between renderer and reference at a small size; None for the
-        reference itself, or if it cannot draw the scene
+    `checked`: (max, rms, step, width) of the difference between renderer and reference at a small size; None for the
+    reference itself, or if it cannot draw the scene.
     """
 
-    picture: Floats
-    source: str
+    picture: Floats  # float64 (h, w, 4), premultiplied
+    source: str  # "reference" (float64 NumPy) or "renderer"
     why: str
-    step: float
+    step: float  # step in voxels
     max: float
     rms: float
     halvings: tuple[Halving, ...]
@@ -78,16 +73,8 @@ def converge(draw: Callable[[float], NDArray[Any]], budget_seconds: float) -> tu
     """Halve the step until the picture changes by at most `GOAL`, or the next halving would exceed the budget.
 
     If halving the step at least halves the error, as for every transfer function without a pole, the remaining error is
-    at most the last change.
-
-    Parameters
-    ----------
-    draw : draws the picture; its time is assumed to double with each halving
-    budget_seconds : time limit of all pictures; at least two are drawn
-
-    Returns
-    -------
-    halvings : at least one halving
+    at most the last change. `draw`: draws the picture; its time is assumed to double with each halving.
+    `budget_seconds`: time limit of all pictures; at least two are drawn. Returns at least one halving.
     """
     started, step = perf_counter(), COARSEST
     picture, halvings = draw(step), list[Halving]()
@@ -105,11 +92,8 @@ def converge(draw: Callable[[float], NDArray[Any]], budget_seconds: float) -> tu
 def find_ground_truth(scene: Scene, renderer: Draw, budget_seconds: float) -> GroundTruth:
     """Return the ground truth of a scene.
 
-    Parameters
-    ----------
-    scene : a completed scene; settings with an error of their own are replaced by exact ones, so that renderer and
-        reference differ by the step only
-    budget_seconds : approximate time limit
+    `scene`: a completed scene; settings with an error of their own are replaced by exact ones, so that renderer and
+    reference differ by the step only. `budget_seconds`: approximate time limit.
     """
     scene = with_settings(scene, exact_settings())
     reference, why = _reference_renderer(scene, CHECK_SHARE * max(1.0, budget_seconds))
@@ -150,9 +134,7 @@ def _checked(truth: GroundTruth, renderer: Draw, reference: Draw, small: Scene, 
 def _reference_renderer(scene: Scene, most_seconds: float = math.inf) -> tuple[Draw | None, str]:
     """Return the float64 reference as a function of scene and step, or None and the reason.
 
-    Parameters
-    ----------
-    most_seconds : that it may take for a picture of a few pixels, which large meshes take whole
+    `most_seconds`: that it may take for a picture of a few pixels, which large meshes take whole.
     """
     if why := why_unchecked(scene):
         return None, f"the reference {why}"

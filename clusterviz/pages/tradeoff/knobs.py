@@ -23,25 +23,15 @@ from clusterviz.scene.values import Scene
 
 @dataclass(frozen=True)
 class Knob:
-    """Quality setting.
+    """Quality setting."""
 
-    Attributes
-    ----------
-    name : last name of its key in the scene
-    values : values tried; empty for all names that the scene's type allows, except "auto"
-    together : values tried in combinations; empty for all
-    exact : the value without an error of its own
-    control : whether it must not change the picture; it is not combined
-    exclusive : whether it chooses other settings; it is not combined
-    """
-
-    name: str
+    name: str  # last name of its key in the scene
     about: str
-    values: tuple[Any, ...] = ()
-    together: tuple[Any, ...] = ()
-    exact: Any = None
-    control: bool = False
-    exclusive: bool = False
+    values: tuple[Any, ...] = ()  # values tried; empty for all names that the scene's type allows, except "auto"
+    together: tuple[Any, ...] = ()  # values tried in combinations; empty for all
+    exact: Any = None  # the value without an error of its own
+    control: bool = False  # whether it must not change the picture; it is not combined
+    exclusive: bool = False  # whether it chooses other settings; it is not combined
     ranks: int = 1
 
     @property
@@ -82,16 +72,10 @@ KNOBS = (
 
 @dataclass(frozen=True)
 class Setting:
-    """Combination of changes of a scene.
+    """Combination of changes of a scene."""
 
-    Attributes
-    ----------
-    changes : last name of a key -> value
-    kind : "scene" (no change), "alone", "together" or "control"
-    """
-
-    changes: Mapping[str, Any]
-    kind: str
+    changes: Mapping[str, Any]  # last name of a key -> value
+    kind: str  # "scene" (no change), "alone", "together" or "control"
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {_shown(value)}" for name, value in self.changes.items()) or "as the scene is"
@@ -100,14 +84,8 @@ class Setting:
 def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tuple[list[Setting], int]:
     """Return the settings to measure.
 
-    Parameters
-    ----------
-    scene : the scene, whose own values are measured once
-    most : largest number of settings; combinations with the most changes are left out first
-
-    Returns
-    -------
-    settings : the unchanged scene, each value alone, then combinations
+    `scene`: the scene, whose own values are measured once. `most`: largest number of settings; combinations with the
+    most changes are left out first. Returns the unchanged scene, each value alone, then combinations.
     """
     idle = _idle(scene)
     knobs = [knob for knob in KNOBS if knob.name in names and knob.ranks <= ranks and knob.name not in idle]
@@ -124,13 +102,7 @@ def settings_of(scene: Scene, ranks: int, names: Sequence[str], most: int) -> tu
 
 
 def parse_knobs(text: str | None) -> list[str]:
-    """Parse a list of settings such as "step,filter"; None is all.
-
-    Raises
-    ------
-    InputError
-        A name is unknown.
-    """
+    """Parse a list of settings such as "step,filter"; None is all. Raises InputError: a name is unknown."""
     known = [knob.name for knob in KNOBS]
     names = [name.strip() for name in text.split(",")] if text else known
     unknown = [name for name in names if name not in known]
@@ -153,13 +125,7 @@ def value_of(scene: Scene, name: str) -> Any:
 
 
 def changed(scene: Scene, setting: Setting) -> Scene:
-    """Return the scene with the changes of a setting.
-
-    Raises
-    ------
-    SceneError
-        The changes are invalid for this scene.
-    """
+    """Return the scene with the changes of a setting. Raises SceneError: the changes are invalid for this scene."""
     return with_settings(scene, setting.changes)
 
 
@@ -201,7 +167,6 @@ def _is_possible(scene: Scene, setting: Setting) -> bool:
 
 
 def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any]]:
-    """Yield all combinations of two or more changes."""
     turned = [knob for knob in knobs if not (knob.control or knob.exclusive)]
     options = [(None, *_others(scene, knob, knob.together or knob.choices)) for knob in turned]
     for values in product(*options):
@@ -212,7 +177,6 @@ def _combinations(scene: Scene, knobs: Sequence[Knob]) -> Iterator[dict[str, Any
 
 
 def _others(scene: Scene, knob: Knob, values: Sequence[Any]) -> list[Any]:
-    """Return the values that differ from the scene's."""
     own = value_of(scene, knob.name)
     own = own.model_dump(exclude_none=True) if isinstance(own, Section) else own
     return [value for value in values if value != own]

@@ -32,23 +32,19 @@ class Cost:
 
     Attributes
     ----------
-    render_seconds : seconds of drawing on the slowest rank, median of the frames
     total_seconds : seconds from a barrier until the picture is complete on rank 0, without reading, upload and writing;
         median of the frames
     total_seconds_min, total_seconds_max : the same for the fastest and slowest frame
-    samples : field samples of one frame, all ranks
-    voxel_bytes : memory of the voxels for drawing, all ranks
-    peak_memory_bytes : largest peak resident size of a rank
     bytes_sent, messages_sent : bytes and messages of compositing one frame, all ranks, without the final gather
     """
 
-    render_seconds: float
+    render_seconds: float  # seconds of drawing on the slowest rank, median of the frames
     total_seconds: float
     total_seconds_min: float
     total_seconds_max: float
-    samples: int
-    voxel_bytes: int
-    peak_memory_bytes: int
+    samples: int  # field samples of one frame, all ranks
+    voxel_bytes: int  # memory of the voxels for drawing, all ranks
+    peak_memory_bytes: int  # largest peak resident size of a rank
     bytes_sent: int
     messages_sent: int
 
@@ -64,32 +60,19 @@ def cost_from_json(data: dict[str, Any]) -> Cost:
 
 @dataclass(frozen=True)
 class Measured:
-    """Cost and picture of a setting.
-
-    Attributes
-    ----------
-    image : float32 (h, w, 4), premultiplied, on rank 0; None on other ranks
-    scene : the completed scene
-    renderer : name of the renderer, as in OpenGL; "" if nothing was visible
-    """
+    """Cost and picture of a setting."""
 
     cost: Cost
-    image: Image | None
-    scene: Scene
-    renderer: str
+    image: Image | None  # float32 (h, w, 4), premultiplied, on rank 0; None on other ranks
+    scene: Scene  # the completed scene
+    renderer: str  # name of the renderer, as in OpenGL; "" if nothing was visible
 
 
 def measure(scene: Scene, channel: Channel, frames: int, warm_up: int = 1) -> Measured:
     """Draw a scene several times; collective.
 
-    Parameters
-    ----------
-    frames, warm_up : numbers of timed frames, and of frames before them, at least one
-
-    Raises
-    ------
-    SceneError, RankError
-        On every rank: there is nothing to draw, or a rank failed.
+    `frames`, `warm_up`: numbers of timed frames, and of frames before them, at least one. Raises SceneError, RankError:
+    on every rank: there is nothing to draw, or a rank failed.
     """
     if not scene.has_content:
         raise mark_agreed(SceneError("nothing to measure", where="volumes", allowed="a scene that shows something"))

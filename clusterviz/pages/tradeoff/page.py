@@ -21,28 +21,19 @@ PIXELATED = 200
 
 @dataclass(frozen=True)
 class Report:
-    """Contents of the page.
-
-    Attributes
-    ----------
-    scene : the completed scene
-    rated : settings with cost and error; the unchanged scene comes first
-    failed : settings that could not be drawn
-    left_out : number of combinations not measured
-    seconds_again : seconds of a frame of the unchanged scene, measured again at the end
-    """
+    """Contents of the page."""
 
     name: str
-    scene: Scene
+    scene: Scene  # the completed scene
     ranks: int
     frames: int
     rounds: int
     renderer: str
     truth: GroundTruth
-    rated: Sequence[RatedSetting]
-    failed: Sequence[FailedSetting]
-    left_out: int
-    seconds_again: float
+    rated: Sequence[RatedSetting]  # settings with cost and error; the unchanged scene comes first
+    failed: Sequence[FailedSetting]  # settings that could not be drawn
+    left_out: int  # number of combinations not measured
+    seconds_again: float  # seconds of a frame of the unchanged scene, measured again at the end
 
     @property
     def drift(self) -> float:
@@ -103,7 +94,6 @@ def numbers(report: Report) -> dict[str, Any]:
 
 
 def _as_json(one: RatedSetting) -> dict[str, Any]:
-    """Return an entry of "settings" in the JSON file."""
     errors = {
         "max": one.max,
         "rms": one.rms,

@@ -31,14 +31,8 @@ K1, K2, RANGE = 0.01, 0.03, 1.0
 def ssim(a: NDArray[Any], b: NDArray[Any]) -> float:
     """Return the mean SSIM of two grey pictures.
 
-    Parameters
-    ----------
-    a, b : (h, w), same shape, in [0, 1]
-
-    Returns
-    -------
-    index : 1 for equal pictures; the mean over all positions of the window inside the picture, which is mirrored at its
-        edges if it is smaller than the window
+    `a`, `b`: (h, w), same shape, in [0, 1]. Returns 1 for equal pictures; the mean over all positions of the window
+    inside the picture, which is mirrored at its edges if it is smaller than the window.
     """
     x, y = (_padded(np.asarray(picture, np.float64)) for picture in (a, b))
     mean_x, mean_y = _blur(x), _blur(y)
@@ -89,23 +83,17 @@ GREY: RGB = (0.5, 0.5, 0.5)
 class RatedSetting:
     """Setting with its cost and error.
 
-    Attributes
-    ----------
-    max, rms : maximum and root mean square of the difference over all premultiplied channels, full scale 1
-    wrong_pixels : number of pixels that differ by more than 1/255
-    ssim : structural similarity of the 8-bit pictures over the background
-    image : float32 (h, w, 4), the picture
-    front : number on the Pareto front, starting at 1 for the fastest; 0 if not on it
+    `max`, `rms`: maximum and root mean square of the difference over all premultiplied channels, full scale 1.
     """
 
     setting: Setting
     cost: Cost
     max: float
     rms: float
-    wrong_pixels: int
-    ssim: float
-    image: Image
-    front: int = 0
+    wrong_pixels: int  # number of pixels that differ by more than 1/255
+    ssim: float  # structural similarity of the 8-bit pictures over the background
+    image: Image  # float32 (h, w, 4), the picture
+    front: int = 0  # number on the Pareto front, starting at 1 for the fastest; 0 if not on it
 
 
 @dataclass(frozen=True)
@@ -126,9 +114,7 @@ def rate(setting: Setting, cost: Cost, image: Image, truth: GroundTruth, backgro
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
     """Return which points are on the Pareto front of two costs.
 
-    Parameters
-    ----------
-    points : pairs of costs, smaller is better; equal points are all on the front
+    `points`: pairs of costs, smaller is better; equal points are all on the front.
     """
     return [
         not any(a <= x and b <= y and (a < x or b < y) for a, b in points)
@@ -187,10 +173,8 @@ def _fastest(rated: Sequence[RatedSetting]) -> RatedSetting | None:
 def verdict(rated: Sequence[RatedSetting], truth: GroundTruth, drift: float = 1.0) -> list[str]:
     """Return the conclusions in sentences.
 
-    Parameters
-    ----------
-    rated : settings with cost and error; the unchanged scene comes first
-    drift : ratio of two measurements of one setting; smaller gains are not mentioned
+    `rated`: settings with cost and error; the unchanged scene comes first. `drift`: ratio of two measurements of one
+    setting; smaller gains are not mentioned.
     """
     scene = rated[0]
     sentences = [f"As the scene is, a frame takes {milliseconds(scene)} and errs by {levels(scene, truth)}."]

@@ -26,21 +26,14 @@ class Job(Protocol):
 
 @dataclass(frozen=True)
 class Survey:
-    """Settings to measure, and the parameters of the measurement.
+    """Settings to measure, and the parameters of the measurement."""
 
-    Attributes
-    ----------
-    settings : the unchanged scene comes first
-    rounds : number of measurements of each setting, of which the fastest counts
-    budget_seconds : time limit of the ground truth
-    """
-
-    settings: Sequence[Setting]
+    settings: Sequence[Setting]  # the unchanged scene comes first
     left_out: int
     ranks: int
     frames: int
-    rounds: int
-    budget_seconds: float
+    rounds: int  # number of measurements of each setting, of which the fastest counts
+    budget_seconds: float  # time limit of the ground truth
 
     @property
     def steps(self) -> list[str]:
@@ -52,14 +45,8 @@ class Survey:
     def run(self, name: str, scene: Scene, job: Job, progress: Callable[[str], None]) -> Report:
         """Draw the unchanged scene, find the ground truth, then draw all settings.
 
-        Parameters
-        ----------
-        progress : called with each of `steps` when it begins
-
-        Raises
-        ------
-        ClustervizError
-            The unchanged scene cannot be drawn. Other settings that cannot be drawn are listed in the report.
+        `progress`: called with each of `steps` when it begins. Raises ClustervizError: the unchanged scene cannot be
+        drawn. Other settings that cannot be drawn are listed in the report.
         """
         steps = iter(self.steps)
         progress(next(steps))
@@ -95,7 +82,6 @@ def _faster(known: RatedSetting | None, found: RatedSetting) -> RatedSetting:
 
 
 def _with_step(job: Job) -> Draw:
-    """Return the renderer as a function of scene and step."""
     return lambda scene, step: _picture(job(with_settings(scene, {"step": step}), 1, 0))
 
 

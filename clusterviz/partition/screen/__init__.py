@@ -1,12 +1,5 @@
 """Partition of the screen among groups of ranks (sort-first, and its hybrids with sort-last). Pure functions.
 
-- tiles.py        partitions of the screen, groups of ranks, tiles, also static ones, round robin
-- pattern.py      static pattern on the volume's front faces
-- temporal.py     cuts by the cost of the last frame
-- estimated.py    cuts by the cost of a coarse pre-pass
-- cuts.py         tree of cuts, even in cost
-- cost_map.py     cost of parts of the screen, and a work queue of tiles
-
 Rectangles count pixels, row 0 at the top. One group is sort-last; as many groups as ranks are sort-first.
 """
 
@@ -25,24 +18,3 @@ from clusterviz.partition.screen.tiles import (
     rank_groups,
     visible_bricks,
 )
-
-__all__ = [
-    "COARSE",
-    "CostMap",
-    "RankGroups",
-    "ScreenPartition",
-    "ScreenTree",
-    "adapt",
-    "brick_rects",
-    "build_cuts",
-    "carried",
-    "coarse_partition",
-    "coarse_plan",
-    "cost_map_of_blocks",
-    "cost_map_of_rects",
-    "interleaved_tiles",
-    "pattern_tiles",
-    "rank_groups",
-    "tile_queue",
-    "visible_bricks",
-]

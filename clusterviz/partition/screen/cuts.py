@@ -98,7 +98,8 @@ def profile_of(cost: CostMap, rect: Rect, axis: int) -> Costs:
 def _grow(cost: CostMap, rect: Rect, weights: tuple[int, ...], first: int) -> ScreenNode:
     if len(weights) == 1:
         return first
-    middle = _halfway(weights)
+    # Groups that make up half the weight, at least one on each side.
+    middle = int(np.argmin(np.abs(np.cumsum(weights)[:-1] - sum(weights) / 2))) + 1
     share = sum(weights[:middle]) / sum(weights)
     profiles = [profile_of(cost, rect, axis) for axis in (0, 1)]
     corner = (rect.y_begin, rect.x_begin)
@@ -109,11 +110,6 @@ def _grow(cost: CostMap, rect: Rect, weights: tuple[int, ...], first: int) -> Sc
     at = loads[axis][1]
     low, high = halves(rect, axis, at)
     return Cut(axis, at, _grow(cost, low, weights[:middle], first), _grow(cost, high, weights[middle:], first + middle))
-
-
-def _halfway(weights: tuple[int, ...]) -> int:
-    before = np.cumsum(weights)[:-1]
-    return int(np.argmin(np.abs(before - sum(weights) / 2))) + 1
 
 
 def _extent(profile: Costs) -> int:

@@ -6,8 +6,7 @@ slabs `LONGER` times as long, so it takes about one sample for `COARSE`² · `LO
 exchange their counts.
 
 Reference: B. Moloney, D. Weiskopf, T. Möller, M. Strengert: Scalable sort-first parallel direct volume rendering with
-dynamic load balancing, EGPGV 2007; M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters,
-Stuttgart 2010, section 5.2.3, cost estimation.
+dynamic load balancing, EGPGV 2007; M. Strengert 2010, section 5.2.3, cost estimation.
 """
 
 from __future__ import annotations

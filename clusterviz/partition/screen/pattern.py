@@ -28,9 +28,8 @@ def pattern_tiles(
 
     Tiles of which no asked ray meets the volume are interleaved.
 
-    Reference: M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart 2010,
-    section 5.2.3, static, and figure 5.3; P. Chang, R. Jain: A multi-processor system for hidden-surface-removal,
-    Computer Graphics 15(4), 1981.
+    Reference: M. Strengert 2010, section 5.2.3, static, and figure 5.3; P. Chang, R. Jain: A multi-processor system for
+    hidden-surface-removal, Computer Graphics 15(4), 1981.
 
     `extent`: last sample of the volume in x, y, z; `repetitions`: repetitions of the pattern along each side of a face,
     1 or more.

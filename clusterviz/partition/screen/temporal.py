@@ -25,8 +25,7 @@ def adapt(tree: ScreenTree, last: CostMap) -> ScreenTree:
     `last`: what that frame cost, or what the next one should cost after it.
 
     Reference: F. Abraham, W. Celes, R. Cerqueira, J. Campos: A load-balancing strategy for sort-first distributed
-    rendering, SIBGRAPI 2004; M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters,
-    Stuttgart 2010, section 5.2.3, temporal adaption.
+    rendering, SIBGRAPI 2004; M. Strengert 2010, section 5.2.3, temporal adaption.
     """
     if not last.cost.any():
         return tree

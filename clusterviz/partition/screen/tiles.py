@@ -27,7 +27,6 @@ class ScreenPartition:
 
     @property
     def groups(self) -> int:
-        """Number of groups."""
         return len(self.rects)
 
     def owner(self) -> NDArray[np.int32]:
@@ -137,8 +136,7 @@ def interleaved_tiles(size: Size, groups: int, side: int) -> ScreenPartition:
     they take turns along columns too, and neighbours are far apart in number.
 
     Reference: R. Hu, J. Foley: Parallel processing approaches to hidden-surface removal in image space, Computers &
-    Graphics 9(3), 1985; M. Strengert, Parallel Visualization and Compute Environments for Graphics Clusters, Stuttgart
-    2010, section 5.2.3, static.
+    Graphics 9(3), 1985; M. Strengert 2010, section 5.2.3, static.
     """
     rows, columns = tile_counts(size, side)
     shift = next(n for n in range(max(1, round(GOLDEN * groups)), groups + 2) if gcd(n, groups) == 1)

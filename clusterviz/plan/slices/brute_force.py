@@ -4,8 +4,8 @@ Sorting starts anywhere and goes on with an intersection on the same face, as ea
 slowest of the generators on CPUs.
 
 The thesis tells of polygons that are incomplete where a plane comes close to a corner: there, validating each line by
-itself may find one or three intersections on a face, because of rounding or because the corner itself is on three
-edges. Validated by corners, as here, that cannot happen.
+itself (`by_lines`) may find one or three intersections on a face, because of rounding or because the corner itself is
+on three edges. Validated by corners, which is this module's default, that cannot happen.
 
 References
 ----------
@@ -48,20 +48,27 @@ FIRST = np.array([(bits & -bits).bit_length() - 1 for bits in range(1 << 12)])
 """Lowest bit of a set of edges."""
 
 
-def brute_force(cuts: Cuts) -> Polygons:
-    """Return the polygons of planes in boxes."""
+def brute_force(cuts: Cuts, by_lines: bool = False) -> Polygons:
+    """Return the polygons of planes in boxes.
+
+    `by_lines`: intersections are validated on each line by itself, in [0, 1], as in the thesis; some polygons are
+    wrong.
+    """
     levels, level = cuts.corner_levels, cuts.level[:, None]
     near, far = levels[:, EDGES[:, 0]], levels[:, EDGES[:, 1]]
-    return sorted_polygons(cuts, (near <= level) & (level < far), shares(level, near, far))
+    share = shares(level, near, far)
+    valid = (near <= level) & (level < far)
+    if by_lines:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            on_line = (level - near) / (far - near)
+        valid = (on_line >= 0) & (on_line <= 1)
+    return sorted_polygons(cuts, valid, share)
 
 
 def sorted_polygons(cuts: Cuts, valid: Flags, share: Floats) -> Polygons:
     """Return the polygons of intersections with edges.
 
-    Parameters
-    ----------
-    valid : bool (n, 12), the edges that are intersected
-    share : float64 (n, 12), where
+    `valid`: bool (n, 12), the edges that are intersected. `share`: float64 (n, 12), where.
     """
     edges, counts = walk_faces(valid)
     return Polygons(points_on(cuts, edges, np.take_along_axis(share, edges, axis=1)), counts)
@@ -70,9 +77,7 @@ def sorted_polygons(cuts: Cuts, valid: Flags, share: Floats) -> Polygons:
 def walk_faces(valid: Flags) -> tuple[Integers, Integers]:
     """Return the order of edges around polygons, int64 (n, 6), with the last one repeated, and their number (n,).
 
-    Parameters
-    ----------
-    valid : bool (n, 12), the edges that are intersected; the walk from face to face begins with the first of them
+    `valid`: bool (n, 12), the edges that are intersected; the walk from face to face begins with the first of them.
     """
     left = (valid * (1 << np.arange(12))).sum(axis=1)
     edges, counts = np.zeros((len(left), MOST_VERTICES), np.int64), np.zeros(len(left), np.int64)

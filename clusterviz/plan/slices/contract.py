@@ -40,19 +40,12 @@ MOST_VERTICES = 6
 
 @dataclass(frozen=True)
 class Cuts:
-    """Boxes, and a plane for each.
-
-    Attributes
-    ----------
-    low, high : float64 (n, 3), corners (x, y, z) with low ≤ high
-    normal : float64 (n, 3) or (3,), not zero
-    level : float64 (n,)
-    """
+    """Boxes, and a plane for each. `low`, `high`: float64 (n, 3), corners (x, y, z) with low ≤ high."""
 
     low: Floats
     high: Floats
-    normal: Floats
-    level: Floats
+    normal: Floats  # float64 (n, 3) or (3,), not zero
+    level: Floats  # float64 (n,)
 
     @property
     def near(self) -> Floats:
@@ -80,16 +73,10 @@ class Cuts:
 
 @dataclass(frozen=True)
 class Polygons:
-    """Polygons of planes in boxes.
+    """Polygons of planes in boxes."""
 
-    Attributes
-    ----------
-    vertices : float64 (n, m, 3), in order around the polygon, then the last one again; neighbours may be equal
-    counts : int64 (n,), vertices, without repetitions at the end; 0 where the plane does not meet the box
-    """
-
-    vertices: Floats
-    counts: Integers
+    vertices: Floats  # float64 (n, m, 3), in order around the polygon, then the last one again; neighbours may be equal
+    counts: Integers  # int64 (n,), vertices, without repetitions at the end; 0 where the plane does not meet the box
 
     @property
     def areas(self) -> Floats:
@@ -109,10 +96,7 @@ def shares(level: Floats, near: Floats, far: Floats) -> Floats:
 def points_on(cuts: Cuts, edges: Integers, share: Floats) -> Floats:
     """Return points of edges, float64 (n, m, 3).
 
-    Parameters
-    ----------
-    edges : int64 (n, m), numbers of `EDGES`
-    share : float64 (n, m), of each edge from its near corner
+    `edges`: int64 (n, m), numbers of `EDGES`. `share`: float64 (n, m), of each edge from its near corner.
     """
     near, far = cuts.near[:, None], cuts.far[:, None]
     points = np.where(FAR[EDGES[edges, 0]], far, near)

@@ -22,25 +22,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SlicePlanes:
-    """Equidistant planes perpendicular to the view direction.
+    """Equidistant planes perpendicular to the view direction."""
 
-    Attributes
-    ----------
-    first : view depth of the first plane, in distances
-    distance : of neighbouring planes, in world units
-    """
-
-    first: float
-    distance: float
+    first: float  # view depth of the first plane, in distances
+    distance: float  # of neighbouring planes, in world units
 
 
 def slice_planes(view: View, extent: Vector, step_world: float) -> SlicePlanes:
     """Return the planes of a view.
 
-    Parameters
-    ----------
-    extent : lengths (x, y, z) of the box through which rays are sampled, in index space, where it begins at 0
-    step_world : length of the longest slab, in world units
+    `extent`: lengths (x, y, z) of the box through which rays are sampled, in index space, where it begins at 0.
+    `step_world`: length of the longest slab, in world units.
     """
     distance = step_world * view.corner_cosine
     corners = np.array(list(product(*((0.0, length) for length in extent))))
@@ -49,18 +41,11 @@ def slice_planes(view: View, extent: Vector, step_world: float) -> SlicePlanes:
 
 @dataclass(frozen=True)
 class PlaneLevels:
-    """The planes in the middle of slabs, in index space: points p with normal · p = first + k, for k = 0, 1, …
+    """The planes in the middle of slabs, in index space: points p with normal · p = first + k, for k = 0, 1, …"""
 
-    Attributes
-    ----------
-    normal : float64 (3,)
-    first : level of the first plane
-    eye : level of the eye's own plane; what lies behind is not seen
-    """
-
-    normal: Floats
-    first: float
-    eye: float
+    normal: Floats  # float64 (3,)
+    first: float  # level of the first plane
+    eye: float  # level of the eye's own plane; what lies behind is not seen
 
     def between(self, low: Floats, high: Floats) -> Floats:
         """Return the levels of the planes that meet a box [low, high], float64 (n,)."""

@@ -28,24 +28,16 @@ ROUNDING = 8 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True)
 class Moves:
-    """Planes of a template, and how far they are moved.
+    """Planes of a template, and how far they are moved."""
 
-    Attributes
-    ----------
-    template : the boxes of the template at the origin, and planes whose levels are integers
-    offset : float64 (n, 3), from there to where the polygon is
-    """
-
-    template: Cuts
-    offset: Floats
+    template: Cuts  # the boxes of the template at the origin, and planes whose levels are integers
+    offset: Floats  # float64 (n, 3), from there to where the polygon is
 
 
 def moves_of(cuts: Cuts, beyond: float = 0.0) -> Moves:
     """Return the planes of a template for planes in boxes of its size.
 
-    Parameters
-    ----------
-    beyond : length by which the template's box is larger on all sides, as rasterisers round
+    `beyond`: length by which the template's box is larger on all sides, as rasterisers round.
     """
     normal = np.broadcast_to(cuts.normal, cuts.low.shape)
     ahead = normal / (normal**2).sum(axis=1, keepdims=True)  # one distance

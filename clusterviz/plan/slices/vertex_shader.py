@@ -54,9 +54,7 @@ def vertex_shader(cuts: Cuts) -> Polygons:
 def choose_edges(cuts: Cuts, in_order_of_1: bool = False) -> tuple[Integers, Integers]:
     """Return the edges of the six vertices, int64 (n, 6), and the number of edges that each has tried, int64 (n, 6).
 
-    Parameters
-    ----------
-    in_order_of_1 : an odd vertex that is not to the side tries its path from the begin, as in [1]
+    `in_order_of_1`: an odd vertex that is not to the side tries its path from the begin, as in [1].
     """
     levels, level = cuts.corner_levels, cuts.level[:, None]
     crossed = (levels[:, EDGES[:, 0]] <= level) & (level < levels[:, EDGES[:, 1]])

@@ -24,11 +24,10 @@ from clusterviz.partition import BrickBox, Piece, bounding_box
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.tiles import camera_block
 from clusterviz.render.frame_coherence import projection_of, rays_of, still_holds
-from clusterviz.report.early_discarding import EarlyDiscarding
+from clusterviz.report.counts import EarlyDiscarding
 
 HIDDEN = np.dtype([("limit", "f4"), ("end", "f4"), ("state", "i4"), ("left_out", "i4")])
 """As `Hidden` in hidden.glsl."""
-HIDDEN_BINDING = 17
 _MOVE = CompiledKernel(
     "clusterviz.render.reprojection_kernel",
     "move_ends",

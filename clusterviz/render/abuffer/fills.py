@@ -43,8 +43,6 @@ FRAGMENT, WORD, EARLY = 8, 4, 8
 are kept as they are counted."""
 PAGE_SHIFT: dict[Fill, int] = {"fixed": 31, "dynamic": 31, "lists": 0, "pages": 2}
 """Logarithm of the fragments of a page; 31: a list is in one piece."""
-KEYS, LISTS, LINKS = 8, 11, 16
-"""Bindings of fragments, of lists, and of links, as in stored.glsl."""
 HEAD = 4
 """Words in front of the pixels' lists, as in stored.glsl."""
 START = {"fixed": 4.0, "lists": 1.0, "pages": 0.5}
@@ -55,7 +53,7 @@ MEMORY_RATIO = 2
 MOST_BYTES = 1 << 30
 """Memory for the fragments of a rectangle, beyond which it is divided."""
 LEAST_SIDE = 8
-"""Pixels along the side of a rectangle that are not divided."""
+"""Rows of a rectangle that are not divided."""
 Lists = NDArray[np.uint32]
 Run = Callable[[Pass, Lists, int, int], None]
 
@@ -115,14 +113,13 @@ def room_for(fill: Fill, counts: NDArray[Any], pixels: NDArray[Any] | int = 1) -
     return int(np.sum(-(-counts.astype(np.int64) >> shift) * pixels))
 
 
-def store_fragments(fill: Fill, rect: Rect, pools: Pools, run: Run, whole_rows: bool = False, most: int = 0) -> Lists:
+def store_fragments(fill: Fill, rect: Rect, pools: Pools, run: Run, most: int = 0) -> Lists:
     """Store the fragments of a rectangle by a scheme; return its lists, as in stored.glsl, without classes.
 
     Parameters
     ----------
     run : runs a pass, given the lists, which it writes, and the numbers of fragments and links for which memory is
         needed; raises MemoryError where there is none
-    whole_rows : a rectangle is only divided between rows
     most : bytes of a buffer, at most; 0: any number
 
     Raises
@@ -135,7 +132,7 @@ def store_fragments(fill: Fill, rect: Rect, pools: Pools, run: Run, whole_rows: 
     lists = np.zeros(HEAD + 2 * rect.pixels, np.uint32)
     counts, (fixed_bytes, each) = lists[HEAD + 1 :: 2], bytes_of(fill, rect.pixels)
     most = most or 1 << 62
-    can_divide = rect.height > LEAST_SIDE or (rect.width > LEAST_SIDE and not whole_rows)
+    can_divide = rect.height > LEAST_SIDE
     places = {"fixed": rect.pixels, "dynamic": 1, "lists": 1, "pages": 1 << PAGE_SHIFT["pages"]}[fill]
     most_room = max(0, min((MOST_BYTES - fixed_bytes) // each, most // (FRAGMENT * places)))
     if can_divide and fixed_bytes > min(MOST_BYTES, most):

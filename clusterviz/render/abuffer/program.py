@@ -6,13 +6,13 @@ the functions that light it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from clusterviz.content.grid.section import KBuffer
 from clusterviz.data.primitives import Kind
-from clusterviz.gl.layout import glsl_array, glsl_rows
-from clusterviz.gl.shader import assemble
+from clusterviz.gl.layout import Constant, glsl_array, glsl_constants, glsl_rows
+from clusterviz.gl.shader import assemble, defined_names
 from clusterviz.plan.blend_mode import Lattice
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
@@ -20,13 +20,12 @@ from clusterviz.plan.shading import Shading
 from clusterviz.render.abuffer.fills import EARLY, PASSES, Pass
 from clusterviz.render.abuffer.resolves import SMALLEST, is_sorted
 from clusterviz.render.abuffer.tiles import CPU_TILE, GEOMETRY_BLOCK, GPU_TILE
-from clusterviz.render.cells.table import GRID, GRIDS_BINDING
+from clusterviz.render.cells.table import GRID
 from clusterviz.render.frame_block import FRAME_BLOCK
-from clusterviz.render.sizes import PACKETS, SIZES, SIZES_BINDING
+from clusterviz.render.sizes import PACKETS, SIZES
 from clusterviz.render.volume_layers import LATTICES, MOST_ROWS, chain_of, define, light_files, undefine
 from clusterviz.spmd.source import ShaderSource
 
-LIGHTING_BINDING, COUNTED_BINDING, INTEGRALS_BINDING = 2, 16, 24
 MOST_SORTED = 256
 """Fragments of a pixel that a GPU's program sorts: llvmpipe leaves loops after 65535 iterations in total."""
 STORES: dict[Pass, str] = {
@@ -35,32 +34,6 @@ STORES: dict[Pass, str] = {
     "fixed": "fixed.glsl",
     "pages": "pages.glsl",
 }
-_LIGHT_NAMES = [
-    "lighting",
-    "toward_eye",
-    "normal_from_gradient",
-    "material",
-    "power",
-    "face",
-    "lit",
-    "reflected",
-    "toward_light",
-    "ambient_at",
-    "brick_begin",
-    "classified",
-]
-_RAMP_NAMES = [
-    "Class",
-    "is_valid",
-    "class_at",
-    "segment_of",
-    "IN_ORDER",
-    "leaning",
-    "absorb",
-    "absorb_within",
-    "absorb_next",
-    "integrated",
-]
 
 
 @dataclass(frozen=True)
@@ -100,9 +73,8 @@ class GeometryVariant:
     @property
     def constants(self) -> str:
         """GLSL declarations, in front of all files."""
-        whole = f"const bool WHOLE_CELLS = {_bool(self.whole_cells)};\n"
-        grids = f"const int GRIDS = {self.grids};\n{whole}"
-        return f"#define STORED readonly\nconst int SIZE = {self.size};\n{grids}{kind_constants(self.kinds)}"
+        own: dict[str, Constant] = {"SIZE": self.size, "GRIDS": self.grids, "WHOLE_CELLS": self.whole_cells}
+        return f"#define STORED readonly\n{glsl_constants(own | kind_constants(self.kinds))}"
 
     def cells(self, on_cpu: bool, planes: int) -> tuple[str, ...]:
         """Return the files of unstructured grids.
@@ -114,7 +86,10 @@ class GeometryVariant:
         if not self.grids:
             return ("no_cells.glsl",)
         grid = f"grid[{'own_grid' if self.grids > 1 else 0}]"
-        macros = {name: f"{name}_of_cells" for name in _RAMP_NAMES} | {
+        integrate: tuple[str, ...] = ("transfer.glsl", "front_to_back.glsl", "ramp.glsl")
+        if self.kbuffer and self.kbuffer.integration == "table":
+            integrate = ("integration_table.glsl",)
+        macros = {name: f"{name}_of_cells" for name in (*defined_names(*integrate), "is_valid")} | {
             "frame": grid,
             "buckets": f"{grid}.buckets",
             "FIRST_BUCKET": f"{grid}.first_bucket",
@@ -122,11 +97,8 @@ class GeometryVariant:
         }
         # A tetrahedron that is cut has to look as if it were not.
         macros["AS_ONE"] = "0.125LF"
-        begin = glsl_array("grid", GRIDS_BINDING, GRID, self.grids) + "int own_grid = 0;\n"
+        begin = glsl_array("grid", 4, GRID, self.grids) + "int own_grid = 0;\n"
         begin += "bool is_valid_of_cells(float s) { return true; }\n"
-        integrate: tuple[str, ...] = ("transfer.glsl", "front_to_back.glsl", "ramp.glsl")
-        if self.kbuffer and self.kbuffer.integration == "table":
-            integrate = ("integration_table.glsl",)
         ramp = (begin + define(macros), *integrate, undefine(macros))
         walk: tuple[str, ...]
         kept = () if planes else ("planes.glsl",)
@@ -155,7 +127,11 @@ class GeometryVariant:
 
     def parts(self, number: int, on_cpu: bool) -> tuple[str, ...]:
         """Return the files behind those of `number` volumes."""
-        macros = {name: f"{name}_of_geometry" for name in _LIGHT_NAMES} | {
+        files: tuple[str, ...] = ("unlit.glsl",)
+        if self.lights:
+            files = ("lights.glsl", *light_files(self.near, False))
+        names = *defined_names(*files), "lighting", "material", "brick_begin", "classified"
+        macros = {name: f"{name}_of_geometry" for name in names} | {
             "LIGHTS": "geometry.counts.w",
             "CAPS": "0",
             "LIGHT_ROWS": "5" if self.near else "2",
@@ -165,11 +141,9 @@ class GeometryVariant:
         begin = define(macros | chain) + "ivec3 brick_begin;\n"
         if self.lights:
             rows = MOST_ROWS if on_cpu else self.lights
-            begin = glsl_rows("Lights", LIGHTING_BINDING, {"lighting_of_geometry": rows}) + begin
-            files: tuple[str, ...] = ("lights.glsl", *light_files(self.near, False))
+            begin = glsl_rows("Lights", 2, {"lighting_of_geometry": rows}) + begin
         else:
             begin += "vec4 material;\n"
-            files = ("unlit.glsl",)
         end = undefine([*macros, *(name for name in chain if "_before" in name)])
         cells = ("cells_lit.glsl",) if self.lit_cells else ()
         return (begin, *files, "shaded.glsl", *cells, end)
@@ -180,14 +154,9 @@ def kinds_of(plan: Plan) -> tuple[Kind, ...]:
     return tuple(sorted({layer.kind for layer in plan.content.geometry}))
 
 
-def kind_constants(kinds: tuple[Kind, ...]) -> str:
-    """Return GLSL constants that say which kinds of primitives there are."""
-    flags = {"PRIMITIVES": bool(kinds), "TRIANGLES": "triangle" in kinds, "TUBES": "tube" in kinds}
-    return "".join(f"const bool {name} = {_bool(flag)};\n" for name, flag in flags.items())
-
-
-def _bool(flag: bool) -> str:
-    return str(flag).lower()
+def kind_constants(kinds: tuple[Kind, ...]) -> dict[str, Constant]:
+    """Return constants that say which kinds of primitives there are."""
+    return {"PRIMITIVES": bool(kinds), "TRIANGLES": "triangle" in kinds, "TUBES": "tube" in kinds}
 
 
 def lit_layer(plan: Plan) -> Shading | None:
@@ -205,22 +174,38 @@ def geometry_variant(plan: Plan, on_cpu: bool = False) -> GeometryVariant | None
     size, discards = 0 if is_sorted(plan.content) else SMALLEST, plan.march.discard_margin is not None
     kinds, grids, kbuffer = kinds_of(plan), len(plan.content.cells), plan.content.kbuffer
     whole = grids == 1 and not kinds and not plan.content.volume_layers
-    rows, lit = min(1, rows) if on_cpu else rows, any(layer.shading for layer in plan.content.cells)
-    return GeometryVariant(rows, near, kinds, size, discards, grids, kbuffer, whole, lit)
+    return GeometryVariant(
+        lights=min(1, rows) if on_cpu else rows,
+        near=near,
+        kinds=kinds,
+        size=size,
+        discards=discards,
+        grids=grids,
+        kbuffer=kbuffer,
+        whole_cells=whole,
+        lit_cells=any(layer.shading for layer in plan.content.cells),
+    )
 
 
 def find_variants(plan: Plan, lanes: int = 0) -> list[FindVariant]:
     """Return the programs that find a plan's fragments, in the order in which they run; none without any layers."""
     layers = plan.content.layers
+    if not layers or plan.content.kbuffer:
+        return []
     opaque = {isinstance(layer, GeometryLayer) and layer.opaque for layer in layers}
-    which: Literal["no", "some", "all"] = "all" if opaque == {True} else "some" if True in opaque else "no"
-    planes = min(1, len(plan.clip)) if lanes else len(plan.clip)
-    brick = 0 if lanes else plan.layout.brick
-    in_order, discards = bool(layers) and is_sorted(plan.content), plan.march.discard_margin is not None
-    grids = bool(plan.content.cells)
-    common = plan.march.lattice, planes, kinds_of(plan), which, brick, in_order, lanes, discards, grids
-    finds = layers and not plan.content.kbuffer
-    return [FindVariant(step, *common) for step in (PASSES[plan.content.fill] if finds else ())]
+    common = FindVariant(
+        step="count",
+        lattice=plan.march.lattice,
+        planes=min(1, len(plan.clip)) if lanes else len(plan.clip),
+        kinds=kinds_of(plan),
+        opaque="all" if opaque == {True} else "some" if True in opaque else "no",
+        brick=0 if lanes else plan.layout.brick,
+        in_order=is_sorted(plan.content),
+        lanes=lanes,
+        discards=plan.march.discard_margin is not None,
+        grids=bool(plan.content.cells),
+    )
+    return [replace(common, step=step) for step in PASSES[plan.content.fill]]
 
 
 @dataclass(frozen=True)
@@ -267,23 +252,27 @@ class FindVariant:
     def slots(self) -> dict[str, str | tuple[str, ...]]:
         """Files and constants of all shaders that find fragments."""
         width, height = PACKETS[self.lanes] if self.lanes else (0, 0)
-        lines = [
-            "#define STORED",
-            f"const int LIST_TILE = {CPU_TILE if self.lanes else GPU_TILE}, EARLY = {EARLY};",
-            f"const int PACKET_WIDTH = {width}, PACKET_HEIGHT = {height};",
-            kind_constants(self.kinds),
-            f"const bool SOME_OPAQUE = {_bool(self.opaque != 'no')}, ALL_OPAQUE = {_bool(self.opaque == 'all')};",
-            f"const bool SORTED = {_bool(self.in_order)}, ENTRIES = {_bool(self.grids)};",
-            f"const int MOST_SORTED = {0 if self.lanes else self.most_sorted};",
-            f"const int BRICK = {self.brick}, PLANES = {self.planes}, MOST_PLANES = PLANES;",
-        ]
+        values: dict[str, Constant] = {
+            "LIST_TILE": CPU_TILE if self.lanes else GPU_TILE,
+            "EARLY": EARLY,
+            "PACKET_WIDTH": width,
+            "PACKET_HEIGHT": height,
+            "SOME_OPAQUE": self.opaque != "no",
+            "ALL_OPAQUE": self.opaque == "all",
+            "SORTED": self.in_order,
+            "ENTRIES": self.grids,
+            "MOST_SORTED": 0 if self.lanes else self.most_sorted,
+            "MOST_PLANES": MOST_ROWS if self.lanes else self.planes,
+        }
+        sizes = glsl_constants({"BRICK": self.brick, "PLANES": self.planes})
         if self.lanes:
-            planes = f"int BRICK = sizes[0].cells.w, PLANES = sizes[0].counts.z;\nconst int MOST_PLANES = {MOST_ROWS};"
-            lines[-1:] = [glsl_array("sizes", SIZES_BINDING, SIZES, 1), planes]
+            sizes = glsl_array("sizes", 9, SIZES, 1) + "int BRICK = sizes[0].cells.w, PLANES = sizes[0].counts.z;\n"
         return {
-            "CONSTANTS": "\n".join(lines) + "\n",
-            "FRAME": FRAME_BLOCK,
-            "LATTICE": LATTICES[self.lattice],
+            "CONSTANTS": f"#define STORED\n{glsl_constants(values | kind_constants(self.kinds))}{sizes}",
+            "RAYS": (
+                *("reals_double.glsl", FRAME_BLOCK, "vectors_double.glsl", "reals.glsl", "own_box.glsl"),
+                *(LATTICES[self.lattice], "numbers.glsl", "ray.glsl"),
+            ),
             "CLIP": ("kept.glsl", "clip.glsl" if self.planes else "unclipped.glsl"),
             "GEOMETRY": (GEOMETRY_BLOCK, "strict_side.glsl"),
             "STORE": ("sort.glsl", STORES[self.step]),

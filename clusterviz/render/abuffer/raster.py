@@ -27,10 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clusterviz.errors import DeviceError
-from clusterviz.gl.context import is_llvmpipe
-from clusterviz.gl.device import LEAST_BYTES, Device
-from clusterviz.gl.drawing import compile_program
-from clusterviz.gl.driver_needs import compile_checked
+from clusterviz.gl.context import LLVMPIPE_ITERATIONS, is_llvmpipe
+from clusterviz.gl.device import Device, Program
 from clusterviz.gl.layout import glsl_block
 from clusterviz.gl.shader import assemble
 from clusterviz.gl.staging import Bytes
@@ -41,21 +39,17 @@ from clusterviz.render.abuffer import fills
 from clusterviz.render.abuffer.fills import (
     FRAGMENT,
     HEAD,
-    KEYS,
     LEAST_SIDE,
-    LINKS,
-    LISTS,
     PAGE_SHIFT,
     SLACK,
     WORD,
     ManyFragmentsError,
 )
-from clusterviz.render.abuffer.fragments import Fragments
-from clusterviz.render.abuffer.on_gl import DRAW_ITERATIONS, bind_cells, check_loops, sort_long
+from clusterviz.render.abuffer.fragments import DRAW_ITERATIONS, Fragments, check_loops, give_scene, sort_long
 from clusterviz.render.abuffer.primitives import PrimitiveTable
-from clusterviz.render.abuffer.program import LIGHTING_BINDING, MOST_SORTED, FindVariant, find_variants, lit_layer
+from clusterviz.render.abuffer.program import MOST_SORTED, FindVariant, find_variants, lit_layer
 from clusterviz.render.abuffer.resolves import is_sorted
-from clusterviz.render.abuffer.tiles import GEOMETRY_BINDING, GPU_TILE, camera_block, lens_of
+from clusterviz.render.abuffer.tiles import GPU_TILE, camera_block, lens_of
 from clusterviz.render.frame_block import FRAME_BLOCK
 
 RASTER = np.dtype(
@@ -65,13 +59,10 @@ RASTER = np.dtype(
         ("counts", "i4", 4),  # vertices, words of `fragment_list`, layers, logarithm of a page
     ]
 )
-RASTER_BINDING = 12
 MOVE = np.dtype(
     [("right", "f8", 4), ("up", "f8", 4), ("forward", "f8", 4), ("unit", "f8", 4), ("words", "i4", 4), ("pad", "i4", 4)]
 )
 """As `Move` in raster_begin.glsl."""
-MOVES, WORDS, VERTICES, CORNERS, LAYERS, ATTRIBUTES, BOXES, OPAQUE, LINKED = 9, 10, 12, 13, 14, 15, 18, 25, 26
-"""Bindings of storage buffers."""
 TAKEN, GROUP, ROW = 2, 64, 1 << 15
 """Word of the lists' head with the number of all fragments; invocations of a work group; work groups in x."""
 LEAST_BLOCKS, FIRST_ROOM = 8, 4
@@ -79,7 +70,7 @@ LEAST_BLOCKS, FIRST_ROOM = 8, 4
 ROUNDED = 0.04
 """Pixels by which the vertex shader's sums may be off, with a margin."""
 LINKED_SHIFT, JOINED_SHIFT = PAGE_SHIFT["lists"], PAGE_SHIFT["dynamic"]
-Programs = tuple[moderngl.ComputeShader, moderngl.Program, moderngl.ComputeShader]
+Programs = tuple[Program, Program, Program]
 
 
 def has_rasteriser(context: moderngl.Context) -> bool:
@@ -111,9 +102,14 @@ class Rasteriser:
         self._most_sorted = MOST_SORTED if is_llvmpipe(device.context.info["GL_RENDERER"]) else 0
         self._programs: dict[FindVariant, Programs] = {}
         self._table: PrimitiveTable | None = None
-        self._arrays: dict[int, NDArray[np.generic]] = {}
+        self._arrays: dict[str, NDArray[np.generic]] = {}
         self._words: NDArray[np.int32] = np.zeros((0, 4), np.int32)
         self._room = 0
+
+    @property
+    def choice(self) -> str:
+        """How fragments are found where a scene leaves it to the device, and why."""
+        return "rasteriser, as there is a GPU" if self.is_used else "tile lists, as no GPU rasterises"
 
     def serves(self, plan: Plan, rect: Rect) -> bool:
         """Return True if fragments of a plan's primitives are found here, and not by tile lists."""
@@ -149,10 +145,9 @@ class Rasteriser:
         """Sort fragments that llvmpipe's loops do not."""
         if self._most_sorted:
             begins, counts = lists[HEAD::2], lists[HEAD + 1 :: 2]
-            check_loops(
-                self.device.context, int(counts.max()), DRAW_ITERATIONS + len(table.layers), "fragments in a pixel"
-            )
-            sort_long(self.device.reserve(KEYS, FRAGMENT * self._room), counts, begins)
+            per_fragment = DRAW_ITERATIONS + len(table.layers)
+            check_loops(LLVMPIPE_ITERATIONS, int(counts.max()), per_fragment, "fragments in a pixel")
+            sort_long(self.device, self.device.reserve("keys", FRAGMENT * self._room), counts, begins)
 
     def queue(self, plan: Plan, table: PrimitiveTable, rect: Rect) -> moderngl.Buffer:
         """Queue all calls for a rectangle, and return the lists, whose word `TAKEN` may be beyond the room."""
@@ -161,16 +156,16 @@ class Rasteriser:
         words = HEAD + 2 * rect.pixels + (-(-rect.width // GPU_TILE)) * (-(-rect.height // GPU_TILE))
         has_order = _has_order(plan)
         self._give(plan, table, rect, words, JOINED_SHIFT if has_order else LINKED_SHIFT)
-        lists = device.reserve(LISTS, WORD * words)
-        for binding, count in ((VERTICES, 16 * vertices), (BOXES, 16 * vertices), (OPAQUE, WORD * rect.pixels)):
-            device.reserve(binding, count)
-        device.reserve(LINKS, WORD * self._room)
-        linked = device.reserve(LINKED if has_order else KEYS, FRAGMENT * self._room)
-        linked.bind_to_storage_buffer(KEYS, size=max(LEAST_BYTES, FRAGMENT * self._room))
+        lists = device.reserve("fragments", WORD * words)
+        sizes = {"vertices": 16 * vertices, "boxes": 16 * vertices, "opaque": WORD * rect.pixels}
+        for name, size_of in (sizes | {"links": WORD * self._room}).items():
+            device.reserve(name, size_of)
+        linked = device.reserve("linked" if has_order else "keys", FRAGMENT * self._room)
+        device.bind("keys", linked, FRAGMENT * self._room)
         device.dispatch(begin, _groups(max(vertices, words)))
         device.draw(draw, 3 * len(table.corners), size)
         if has_order:
-            device.reserve(KEYS, FRAGMENT * self._room)
+            device.reserve("keys", FRAGMENT * self._room)
             device.dispatch(sort, _groups(rect.pixels))
         return lists
 
@@ -185,33 +180,27 @@ class Rasteriser:
         """Bind what shaders read: the camera's numbers, and the primitives, which are sent once."""
         shading = lit_layer(plan)
         block = camera_block(plan, len(shading.lights) if shading else 0)
-        self.device.give(GEOMETRY_BINDING, block, "uniform")
-        if shading:
-            self.device.give(LIGHTING_BINDING, shading.block(), "uniform")
+        give_scene(self.device, plan, table, block, int(self.device.context.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]))
         if table is not self._table:
             self._table, (self._words, self._arrays) = table, _resident(table)
         lens = lens_of(plan, block, rect)
         record = np.zeros(1, RASTER)
         record["eye"], record["centre"] = lens[:4], lens[4:8]
         record["counts"] = table.vertices, words, len(self._words), page
-        self.device.give(RASTER_BINDING, record, "uniform")
-        self.device.give(MOVES, _moves(plan, block, self._words))
-        for binding, data in self._arrays.items():
-            self.device.give(binding, data)
-        bind_cells(self.device, plan, table)
+        self.device.give("raster", record)
+        self.device.give("moves", _moves(plan, block, self._words))
+        for name, data in self._arrays.items():
+            self.device.give(name, data)
 
     def _compiled(self, plan: Plan) -> Programs:
         """Return the programs of a plan, compiled when they are first needed."""
         variant = replace(find_variants(plan)[0], step="count", most_sorted=self._most_sorted)
         if variant not in self._programs:
-            context = self.device.context
-            snapped = f"const float SNAPPED = {2.0 ** -context.info['GL_SUBPIXEL_BITS'] + ROUNDED};\n"
-            slots = variant.slots | {"RASTER": _common(), "SNAPPED": snapped}
+            snapped = f"const float SNAPPED = {2.0 ** -self.device.context.info['GL_SUBPIXEL_BITS'] + ROUNDED};\n"
+            slots = variant.slots | {"FRAME": FRAME_BLOCK, "RASTER": _common(), "SNAPPED": snapped}
             draw = (assemble(f"raster_{stage}.glsl", slots) for stage in ("vertices", "fragments"))
-            begin, sort = (
-                compile_checked(context, assemble(f"raster_{step}.glsl", slots)) for step in ("begin", "sort")
-            )
-            self._programs[variant] = begin, compile_program(context, *draw), sort
+            begin, sort = (self.device.compile(assemble(f"raster_{step}.glsl", slots)) for step in ("begin", "sort"))
+            self._programs[variant] = begin, self.device.compile_stages(*draw), sort
         return self._programs[variant]
 
     def _grow(self, needed: int, rect: Rect) -> None:
@@ -235,15 +224,15 @@ def _groups(invocations: int) -> tuple[int, int]:
     return min(groups, ROW), -(-groups // ROW)
 
 
-def _common() -> tuple[str, ...]:
-    """Return what all compute shaders share: their blocks, and the number of an invocation."""
+def _common() -> str:
+    """Return what all compute shaders share: their block, and the number of an invocation."""
     number = "(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * gl_WorkGroupSize.x + gl_LocalInvocationIndex"
     invocation = f"int invocation() {{\n    return int({number});\n}}\n"
-    return FRAME_BLOCK, glsl_block("raster", RASTER_BINDING, RASTER) + invocation
+    return glsl_block("raster", 12, RASTER) + invocation
 
 
-def _resident(table: PrimitiveTable) -> tuple[NDArray[np.int32], dict[int, NDArray[np.generic]]]:
-    """Return the words of each layer, as in `MOVE`, and the arrays that stay on the device, by binding."""
+def _resident(table: PrimitiveTable) -> tuple[NDArray[np.int32], dict[str, NDArray[np.generic]]]:
+    """Return the words of each layer, as in `MOVE`, and the arrays that stay on the device, by name."""
     parts: list[NDArray[np.uint32]] = []
     records = np.zeros((len(table.positions), 4), np.int32)
     first = place = 0
@@ -253,10 +242,10 @@ def _resident(table: PrimitiveTable) -> tuple[NDArray[np.int32], dict[int, NDArr
         parts += [own, np.ascontiguousarray(radii, np.float32).view(np.uint32)]
         first, place = first + len(positions), place + len(own) + len(radii)
     arrays = {
-        WORDS: np.concatenate([*parts, np.zeros(1, np.uint32)]),
-        CORNERS: table.corners.view(),
-        LAYERS: table.layers.view(),
-        ATTRIBUTES: table.attributes.view(),
+        "words": np.concatenate([*parts, np.zeros(1, np.uint32)]),
+        "corners": table.corners.view(),
+        "layers": table.layers.view(),
+        "attributes": table.attributes.view(),
     }
     for data in arrays.values():
         data.setflags(write=False)

@@ -18,7 +18,6 @@ from clusterviz.kernels.radix_sort import sorted_order
 from clusterviz.plan.geometry import GeometryLayer
 from clusterviz.plan.plan import Plan
 from clusterviz.render.abuffer.primitives import PrimitiveTable
-from clusterviz.render.cells.table import CELLS_BINDING
 
 CPU_TILE, GPU_TILE = 4, 8  # pixels along the side of a tile: a packet of 16 lanes, and a work group
 SMALL = 16  # pixels of a primitive's box, below which each pixel is a tile
@@ -34,8 +33,7 @@ GEOMETRY = np.dtype(
         ("counts", "i4", 4),  # layers, tiles across, log2 of a tile's side in pixels, lights
     ]
 )
-GEOMETRY_BINDING, LEFT_OUT_BINDING = 8, 18
-GEOMETRY_BLOCK = glsl_block("geometry", GEOMETRY_BINDING, GEOMETRY)
+GEOMETRY_BLOCK = glsl_block("geometry", 8, GEOMETRY)
 Floats = NDArray[np.float64]
 _SOURCES = [Path(__file__).with_name("tile_kernel.py")]
 _MOVE = {
@@ -84,14 +82,14 @@ class TileLists:
     left_out: NDArray[np.float32]
 
     @property
-    def lists(self) -> dict[int, NDArray[Any]]:
-        """The lists by their bindings, as in abuffer.glsl and discard.glsl."""
-        return {9: self.begins, 10: self.rows, LEFT_OUT_BINDING: self.left_out}
+    def lists(self) -> dict[str, NDArray[Any]]:
+        """The lists by name, as in abuffer.glsl and discard.glsl."""
+        return {"tiles": self.begins, "lists": self.rows, "leftout": self.left_out}
 
-    def primitives(self, table: PrimitiveTable) -> dict[int, NDArray[Any]]:
-        """Return the primitives of a table by their bindings, as in primitives.glsl and cell_segment.glsl."""
-        cells = {CELLS_BINDING: table.cells.words} if table.cells else {}
-        return {12: self.vertices, 13: self.corners, 14: table.layers, 15: table.attributes} | cells
+    def primitives(self, table: PrimitiveTable) -> dict[str, NDArray[Any]]:
+        """Return the primitives of a table by name, as in primitives.glsl."""
+        own = {"vertices": self.vertices, "corners": self.corners}
+        return own | {"layers": table.layers, "attributes": table.attributes}
 
 
 def prepare_tiles(plan: Plan) -> None:

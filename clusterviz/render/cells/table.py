@@ -27,7 +27,6 @@ GRID = np.dtype(
         ("reflects", "f4", 4),  # material, as in `Shading`
     ]
 )
-GRIDS_BINDING, CELLS_BINDING = 4, 19
 WORDS = 8
 """Of a tetrahedron in the table."""
 NO_VALUES = -0x7FFFFFFF

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from clusterviz.partition import BrickBox
 from clusterviz.plan.geometry import Members
-from clusterviz.render.content_bricks import Part, header_of, pack_parts, parts_of, read_header, write_header
+from clusterviz.render.content_bricks import header_of, read_header, write_header
 from clusterviz.render.storage import STORED_TYPE, Slot
-from clusterviz.render.stored_brick import Ranges, Stored
+from clusterviz.render.stored_brick import Part, Ranges, Stored
 from clusterviz.spmd.intrinsics import IDLE_WORD
 
 LEAST_CHUNK = 1 << 24  # bytes of an array; nobody has them before they are written
@@ -179,8 +179,12 @@ class Memory:
 
     def __init__(self, slot: Slot) -> None:
         self._slot = slot
+        self.release()
+
+    def release(self) -> None:
+        """Give up all bricks."""
         # A cubic spline reads three voxels beyond, along every axis; of lanes that are idle, beyond any header.
-        self._slots = Slots(4 * max(sum(pitch_of(part)) for part in slot.parts or (slot,)) + IDLE_WORD)
+        self._slots = Slots(4 * max(sum(pitch_of(part)) for part in self._slot.parts or (self._slot,)) + IDLE_WORD)
         self._kept: dict[Index, Kept] = {}
 
     @property
@@ -207,24 +211,19 @@ class Memory:
             self._slots.make_room(sum(words_of(self._slot.at(index)) for index in bricks))
         for index in list(bricks):
             brick, own = stored(index, bricks.pop(index)), self._slot.at(index)
+            slot = self._slots.take(_words_of_parts(brick.parts, own) if own.mixed else words_of(own))
             if own.mixed:
-                parts = parts_of(brick.samples, own)
-                slot = self._slots.take(_words_of_parts(parts, own))
-                _lay_out_parts(parts, own, slot.words)
+                _lay_out_parts(brick.parts, own, slot.words)
             else:
-                slot = self._slots.take(words_of(own))
-                lay_out(brick.samples, own, slot.words)
+                lay_out(brick.parts[0].samples, own, slot.words)  # type: ignore[union-attr]
             self._kept[index] = Kept(slot, brick.low, brick.high, brick.voxels, brick.bend, brick.members)
 
     def stored(self, bricks: Iterable[Index]) -> Iterator[tuple[Index, Stored]]:
         """Yield bricks as every ray caster can store them; copies, since slots are used again."""
         for index in bricks:
             kept, own = self._kept[index], self._slot.at(index)
-            if own.mixed:
-                samples = pack_parts(_parts_in(kept.slot.words, own), own)
-            else:
-                samples = _samples(kept.slot.words, own).copy()
-            yield index, Stored(samples, kept.low, kept.high, kept.voxels, kept.bend, kept.members)
+            parts = _parts_in(kept.slot.words, own) if own.mixed else [Part(_samples(kept.slot.words, own).copy())]
+            yield index, Stored(parts, kept.low, kept.high, kept.voxels, kept.bend, kept.members)
 
     def drop(self, bricks: Iterable[Index]) -> None:
         """Drop bricks."""
@@ -360,7 +359,7 @@ def _parts_in(words: NDArray[np.uint32], slot: Slot) -> list[Part | None]:
     found: list[Part | None] = []
     for row, part_slot in zip(header_of(words, slot), slot.parts, strict=True):
         part = read_header(row, np.empty((0, 0, 0)), part_slot)
-        samples = _samples(words[row[0] :], part.slot(part_slot)) if row[0] >= 0 else None
+        samples = _samples(words[row[0] :], part.slot(part_slot)).copy() if row[0] >= 0 else None
         found.append(None if samples is None else replace(part, samples=samples))
     return found
 

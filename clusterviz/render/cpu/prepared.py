@@ -13,7 +13,7 @@ from clusterviz.data.summary import summarise
 from clusterviz.plan.blend_mode import margin_of
 from clusterviz.plan.content import KnownVolume
 from clusterviz.plan.plan import make_plan
-from clusterviz.render.cpu.caster import variant_for
+from clusterviz.render.cpu.device import variant_for
 from clusterviz.render.cpu.pieces import CAPACITIES, MOST
 from clusterviz.render.variant import USUAL_BRICK, Lanes, Variant
 from clusterviz.scene.values import Camera, Scene, Volume
@@ -62,4 +62,4 @@ def _variant_of(dtype: str, look: dict[str, Any], lanes: int) -> Variant:
     layout = BrickLayout(source.grid.shape_zyx, USUAL_BRICK, margin)
     bricks = dict(read_bricks(source, layout, [(0, 0, 0)]))
     summary = summarise(source.dtype, layout, lambda: iter(bricks.items()), lambda value: [value])
-    return variant_for(make_plan(scene, [KnownVolume(source.grid, source.dtype, layout, summary)]), lanes, [None])
+    return variant_for(make_plan(scene, [KnownVolume(source, layout, summary)]), lanes, [None])

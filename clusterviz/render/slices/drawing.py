@@ -121,7 +121,7 @@ class SliceDrawing:
         self._levels = plane_levels(plan.view, plan.slice_planes)
         self._template = self._template_vertices() if generator == TEMPLATE else np.zeros(1, np.float32)
         self._program = self._compiled()
-        self._textures = {index: self._texture(*brick.samples) for index, brick in bricks.items()}
+        self._textures = {index: self._texture(brick.samples[0]) for index, brick in bricks.items()}
         self._order = sorted(bricks, key=self._depth)
         self._triangles = context.vertex_array(self._program, [], index_buffer=context.buffer(FAN.tobytes()))
         self._buffers = [context.buffer(self._template.tobytes()), context.buffer(reserve=4)]
@@ -236,7 +236,7 @@ class SliceDrawing:
         fragments = assemble("slice_fragments.glsl", {"CONSTANTS": "\n".join(constants) + "\n", "FRAME": FRAME_BLOCK})
         return compile_program(self._context, vertices, fragments)
 
-    def _texture(self, samples: NDArray[Any]) -> moderngl.Texture3D:
+    def _texture(self, samples: Any) -> moderngl.Texture3D:
         units = in_units_of_clim(samples.astype(np.float64), *self._plan.volume.transfer.domain).astype(np.float32)
         return self._context.texture3d(samples.shape[::-1], 1, units.tobytes(), dtype="f4")
 

@@ -43,8 +43,6 @@ DARKEST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """Optical properties over wavelengths."""
-
     wavelengths: Floats  # float64 (n,), nm, ascending
     # float64 (n,), K and S of the two-flux equations, per millimetre
     absorption: Floats
@@ -67,16 +65,12 @@ def material(name: str) -> Material:
     return Material(wavelengths, 2 * absorption, 0.75 * scattering, index)
 
 
-def material_of_colour(rgb: Sequence[float], wavelengths: Floats, scattering: float = 1.0) -> Material:
+def material_of_colour(rgb: Sequence[float], wavelengths: Floats) -> Material:
     """Return a material that has a colour in thick layers: K / S = (1 − R)² / (2 R) for the colour's reflectance R.
 
-    Parameters
-    ----------
-    rgb : sRGB values in [0, 1]
-    wavelengths : nm; the colour is met in pictures of these wavelengths
-    scattering : S at all wavelengths, per millimetre
+    `rgb`: sRGB values in [0, 1]. `wavelengths`: nm; the colour is met in pictures of these wavelengths. S is 1 per
+    millimetre at all of them.
     """
     reflectance = np.maximum(reflectance_of(rgb, wavelengths), DARKEST)
-    absorption = scattering * (1 - reflectance) ** 2 / (2 * reflectance)
     same = np.ones_like(reflectance)
-    return Material(wavelengths, absorption, scattering * same, same)
+    return Material(wavelengths, (1 - reflectance) ** 2 / (2 * reflectance), same, same)

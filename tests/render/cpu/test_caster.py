@@ -14,12 +14,12 @@ from clusterviz.image.partial import Rect
 from clusterviz.partition import Piece, build_tree
 from clusterviz.render import sizes, variant
 from clusterviz.render.cpu import memory
-from clusterviz.render.cpu.caster import VectorCaster
+from clusterviz.render.cpu.device import cpu_caster
 
 GRID = Grid(SHAPE)
 
 
-@pytest.mark.cover("float64-adaptive")
+@pytest.mark.cover("float64-adaptive", "float32-interpolation-shade-ambient-diffuse-specular-specular_power")
 @pytest.mark.parametrize(
     ("dtype", "keys"),
     [
@@ -69,7 +69,7 @@ def test_threads_change_nothing(keys: dict[str, Any], monkeypatch: pytest.Monkey
 def test_without_bricks_the_picture_is_blank() -> None:
     prepared = prepare(scene_of(noise(), camera_at("outside", GRID)), noise())
     hidden = replace(prepared.plan, cost=np.zeros_like(prepared.plan.cost))
-    caster = VectorCaster(hidden)
+    caster = cpu_caster(hidden)
     (drawn,) = caster.draw(hidden, [Piece(0, build_tree(prepared.plan.cost, 1).leaves[0].trimmed)])
     assert drawn.partial.rect.pixels == 0
 
@@ -80,7 +80,7 @@ def test_bricks_come_and_go() -> None:
     scene = scene_of(voxels, camera_at("outside", GRID), opacity=((0.0, 0.001), (1.0, 0.02)), step=0.4)
     prepared = prepare(scene, voxels, brick=7)
     plan, bricks = prepared.plan, prepared.shown
-    caster = VectorCaster(plan)
+    caster = cpu_caster(plan)
     box = build_tree(plan.cost, 1).leaves[0].trimmed
     own = np.indices(box.shape_zyx).sum(axis=0) % 2 == 0
     samples, size = 0, []
@@ -90,7 +90,7 @@ def test_bricks_come_and_go() -> None:
         caster.load(plan, dict(here))
         assert caster.pool.bricks == set(here)
         samples += caster.draw(plan, [Piece(0, box, mine)])[0].samples
-        size.append(caster.voxel_bytes)
+        size.append(caster.pool.bytes)
     assert samples == draw(None, prepared).samples
     assert max(size) <= 4 * len(bricks) * (8**3 + 1)
 
@@ -129,14 +129,14 @@ def test_neither_sizes_as_constants_nor_prefetching_change_anything(monkeypatch:
 def test_bricks_that_are_read_back_outlast_their_slots() -> None:
     voxels = noise(dtype="uint16")
     prepared = prepare(scene_of(voxels, camera_at("outside", GRID)), voxels, brick=7)
-    caster = VectorCaster(prepared.plan)
+    caster = cpu_caster(prepared.plan)
     first, *others = bricks = prepared.shown
     caster.load(prepared.plan, {first: bricks[first]})
     ((_, stored),) = caster.pool.stored([first])
-    before = stored.samples.copy()
+    before = stored.parts[0].samples.copy()
     caster.drop([first])
     caster.load(prepared.plan, {index: bricks[index] for index in others})
-    assert np.array_equal(stored.samples, before)
+    assert np.array_equal(stored.parts[0].samples, before)
 
 
 def test_windows_cut_the_picture() -> None:
@@ -144,7 +144,7 @@ def test_windows_cut_the_picture() -> None:
     scene = scene_of(voxels, camera_at("outside", GRID))
     prepared = prepare(scene, voxels)
     picture = whole(draw(None, prepared).partial, (24, 20))
-    caster, box = VectorCaster(prepared.plan), build_tree(prepared.plan.cost, 1).leaves[0].trimmed
+    caster, box = cpu_caster(prepared.plan), build_tree(prepared.plan.cost, 1).leaves[0].trimmed
     caster.load(prepared.plan, prepared.shown)
     window = Rect(5, 3, 18, 14)
     (drawn,) = caster.draw(prepared.plan, [Piece(0, box, None, window)])

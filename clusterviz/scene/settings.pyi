@@ -1,43 +1,39 @@
 """Scene keys as keyword arguments, for type checkers; `python docs/make_scene_keys.py` writes this file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypedDict
+from typing import Any, Literal, TypedDict
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
-    from clusterviz.content.flow.section import Lic, Order, Seeds, Show, Trace
-    from clusterviz.content.geometry.section import Edges
-    from clusterviz.content.grid.section import KBuffer
-    from clusterviz.content.volume.optics import Optics
-    from clusterviz.content.volume.presets import PresetName
-    from clusterviz.content.volume.section import AmbientOcclusion, Detail, Gradient, Interpolation, Scattered, Volume
-    from clusterviz.scene.annotations import Annotations
-    from clusterviz.scene.blend_modes import Blending
-    from clusterviz.scene.camera import Camera, View
-    from clusterviz.scene.cluster import Cluster, Codec, Compositing, Distribution, Mode, Tiling, Transport
-    from clusterviz.scene.transfer_2d import Transfer2d
-    from clusterviz.scene.values import (
-        ABuffer,
-        Borders,
-        Classification,
-        Clip,
-        Filter,
-        ImageSettings,
-        Layer,
-        LensQuality,
-        Light,
-        LightType,
-        PixelFormat,
-        Quality,
-        RendererName,
-    )
+from clusterviz.content.flow.section import Lic, Order, Seeds, Show, Trace
+from clusterviz.content.geometry.section import Edges
+from clusterviz.content.grid.section import KBuffer
+from clusterviz.content.volume.optics import Optics
+from clusterviz.content.volume.presets import PresetName
+from clusterviz.content.volume.section import AmbientOcclusion, Detail, Gradient, Interpolation, Scattered, Volume
+from clusterviz.scene.annotations import Annotations
+from clusterviz.scene.blend_modes import Blending
+from clusterviz.scene.camera import Camera, View
+from clusterviz.scene.cluster import Cluster, Codec, Compositing, Distribution, Mode, Tiling, Transport
+from clusterviz.scene.transfer_2d import Transfer2d
+from clusterviz.scene.values import (
+    ABuffer,
+    Borders,
+    Classification,
+    Clip,
+    Filter,
+    ImageSettings,
+    Layer,
+    LensQuality,
+    Light,
+    LightType,
+    PixelFormat,
+    Quality,
+    RendererName,
+)
 
-    Numbers = Sequence[float] | NDArray[Any]
-    Rows = Sequence[Sequence[Any]] | NDArray[Any]
-
+Numbers = Sequence[float] | NDArray[Any]
+Rows = Sequence[Sequence[Any]] | NDArray[Any]
 
 class Settings(TypedDict, total=False):
     """Keyword arguments of `clusterviz.render`: keys of scenes by their last names."""
