@@ -22,7 +22,7 @@ from clusterviz.data.memory import ArraySource
 from clusterviz.data.source import Grid
 from clusterviz.plan.content import brick_cost, bricks_of_volume
 from clusterviz.render import brick_atlas
-from clusterviz.render.cpu import caster as vectors
+from clusterviz.render.cpu import device as vectors
 from clusterviz.scene import Scene
 
 LIGHT: dict[str, Any] = {"position": (1.0, 2.0, 3.0)}
