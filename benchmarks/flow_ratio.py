@@ -117,6 +117,7 @@ def measure_ranks(asked: argparse.Namespace) -> list[Row]:
 def rank_job() -> None:
     """Print what one rank count needs, from rank 0."""
     channel, vectors = open_channel(), abc(SIDES[-1])
+    trace(vectors, PLACES[:1], settings("rk45"), channel=channel, threads=1)  # which loads the kernel
     for over in ("seeds", "data"):
         channel.barrier()
         how: dict[str, Any] = {"channel": channel, "over": over, "threads": 1}
