@@ -254,7 +254,7 @@ def references(given: Arrays, width: int) -> list[Any]:
     scene = render_frame(scene, LoopbackChannel(), shown).scene  # complete
     placed = [place_cells(section, grid) for section, grid in zip(scene.grids, grids, strict=True)]
     geometry = list(zip(scene.meshes, meshes, strict=True))
-    voxels, boxes = [given["voxels"]] * len(volumes), [one.grid for one in volumes]
+    voxels, boxes = [given.get("voxels")] * len(volumes), [one.grid for one in volumes]
     steps = (1.0, 0.125) if volumes else (1.0,)
     return [render_reference(scene, boxes, voxels, step, geometry=geometry, cells=placed)[..., :3] for step in steps]
 
