@@ -69,7 +69,7 @@ THIN, OPAQUE = (0.0, 0.1, 0.4), (0.0, 0.999, 0.999)  # opacity at the 1st and 99
 SLOW = ("raycast", "zsweep")
 HYPER = "usr/share/dx/samples/data/hyper.dx", "83b902ffbc3231bf3eaf0d786f3396264512676626185cab8a8edd72ba43259e"
 # A format of its own, so that it is of use here alone.
-SAMPLES["hyper"] = Sample("dxsamples", "deb", "", *HYPER, "IPL-1.0", "flow around a wing", "hyper.dx")
+SAMPLES["hyper"] = Sample("dxsamples", "deb", "IPL-1.0", *HYPER, "flow around a wing", "hyper.dx")
 
 
 def peer(python: str, scene: Path, kind: str, size: tuple[int, int], frames: int, out: Path, *more: str) -> Row:

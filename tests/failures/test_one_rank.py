@@ -27,7 +27,7 @@ AGREED = [
     ("scene", 1, "clusterviz.cli.render:open_scene"),
     ("open", 1, "clusterviz.content.volume.opening:open_first_parts"),
     ("read", 1, "clusterviz.content.volume.opening:read_bricks"),
-    ("plan", 1, "clusterviz.content.volume.opening:make_plan"),
+    ("plan", 1, "clusterviz.frame.opening:make_plan"),
     ("context", 1, "clusterviz.gl.context:open_context"),
     ("shaders", 1, "clusterviz.render.caster:Caster.__init__"),
     ("upload", 1, "clusterviz.render.caster:Caster.load"),

@@ -68,7 +68,7 @@ def lat_lon(path: Path) -> None:
 def image_data(path: Path) -> None:
     extent = "0 13 0 9 0 0"
     image = f'WholeExtent="{extent}" Origin="0 0 0" Spacing="1e-6 1e-6 1"'
-    writers.vti(path, {"rho": FIELD}, "ascii", image=image, piece=extent)
+    writers.vti(path, {"rho": FIELD[None]}, "ascii", image=image, piece=extent)
 
 
 def vtu(path: Path, points: Any, cells: Any, kind: int, **arrays: Any) -> None:

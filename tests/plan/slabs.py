@@ -27,7 +27,7 @@ def _exact(k: float, s: float) -> tuple[float, float]:
         x = (a * (a + 2 * b)).sqrt()
         if not x:
             return float(b / (1 + b)), float(1 / (1 + b))
-        growth, decay = x.exp(), (-x).exp()
-        sinh, cosh = (growth - decay) / 2, (growth + decay) / 2
+        decay = (-x).exp()  # sinh and cosh are divided by e^x, which may overflow
+        sinh, cosh = (1 - decay * decay) / 2, (1 + decay * decay) / 2
         below = (a + b) * sinh + x * cosh
-        return float(b * sinh / below), float(x / below)
+        return float(b * sinh / below), float(x * decay / below)
