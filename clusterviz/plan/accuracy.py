@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,24 +174,24 @@ def make_aim(scene: Scene, spacing: float) -> Aim:
     bound = scene.quality.max_error
     assert bound is not None, "no bound was asked for"
     volumes = [*scene.drawn_as("samples").values()]
-    scalars = [volume for volume in volumes if not BLEND_MODES[volume.blending].composited]
+    scalar = any(not BLEND_MODES[volume.blending].composited for volume in volumes)
     # Whole slabs are clipped, or lie in one of several volumes, so that opacity jumps at planes and faces.
     clipped = bool(scene.clip.planes) or scene.clip.box is not None
-    for volume in scalars:
-        if clipped or _is_steep(volume):
+    found = [_steepness(volume, spacing, bound) for volume in volumes]
+    steep, jump, witness = (max(each) for each in zip(*found, strict=True))
+    for volume, own in zip(volumes, found, strict=True):
+        if not BLEND_MODES[volume.blending].composited and (clipped or own.is_steep):
             raise _of_one_scalar(bound, volume, clipped)
     both = all(is_preintegrated(volume, "pre-integrated") for volume in volumes)
-    steep = any(map(_is_steep, volumes))
     classifications: tuple[Classification, ...] = ("post", "pre-integrated") if both else ("post",)
     if steep and both:  # between two samples, slabs that are integrated before miss nothing that is thin
         classifications = ("pre-integrated",)
     cut = clipped or len(volumes) > 1
-    jumps = [_jump_of(volume) * spacing for volume in volumes]
-    witness = max(WITNESS * (cut or bool(scalars)), *(_witness(volume, spacing, bound) for volume in volumes))
-    aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, bool(scalars), max(jumps), witness)
+    witness = max(witness, WITNESS * (cut or scalar))
+    aim = Aim(bound, math.prod(scene.image.size), classifications, cut or steep, scalar, jump, witness)
     least = aim.grazed(VERIFIED_FINEST) / (1 - TERMINATION)
     if least > bound:
-        raise _of_a_jump(bound, least, volumes[int(np.argmax(jumps))])
+        raise _of_a_jump(bound, least, volumes[[own.jump for own in found].index(jump)])
     return aim
 
 
@@ -212,25 +212,43 @@ def _of_a_jump(bound: float, least: float, volume: Volume) -> SceneError:
     return SceneError(f"{bound:.3g} is out of reach", where="quality.max_error", found=found, allowed=allowed)
 
 
-def _jump_of(volume: Volume) -> float:
-    """Return the largest change of extinction, or of extinction times colour, at a single scalar, per world unit."""
+class _Steepness(NamedTuple):
+    """How fast opacity and colour change over the scalar, and what follows for steps.
+
+    Attributes
+    ----------
+    is_steep : they jump, or change faster than `STEEP`
+    jump : largest change of extinction, or of extinction times colour, at a single scalar, per voxel
+    witness : level down to which a first view is verified at least
+    """
+
+    is_steep: bool
+    jump: float
+    witness: int
+
+
+def _steepness(volume: Volume, spacing: float, bound: float) -> _Steepness:
     if volume.interpolation == "nearest":  # rays graze no corner of a voxel: what they miss falls with the step
-        return 0.0
+        return _Steepness(True, 0.0, WITNESS)
     transfer = transfer_function(volume)
+    steep = bool(volume.transfer_2d or volume.shader) or _is_steep(transfer)
+    return _Steepness(steep, _jump_of(transfer) * spacing, _witness(transfer, spacing, bound, steep))
+
+
+def _jump_of(transfer: TransferFunction) -> float:
+    """Return the largest change at a single scalar, as `_largest_change`."""
     narrow = NARROW * (transfer.domain[1] / 2 - transfer.domain[0] / 2)
     changes = [0.0]
     for values in (transfer.opacity_values, transfer.colour_values):
         at = np.flatnonzero(np.diff(values / 2) <= narrow)
-        changes.append(_largest_change(transfer, np.nextafter(values[at], -np.inf), values[at + 1]))
+        if len(at):
+            changes.append(_largest_change(transfer, np.nextafter(values[at], -np.inf), values[at + 1]))
     return max(changes)
 
 
-def _witness(volume: Volume, spacing: float, bound: float) -> int:
+def _witness(transfer: TransferFunction, spacing: float, bound: float, steep: bool) -> int:
     """Return the first level whose samples hide no more than the bound of a field that changes by clim in a voxel."""
-    if volume.interpolation == "nearest":
-        return WITNESS
-    transfer, places = transfer_function(volume), np.linspace(0.0, 1.0, PLACES)
-    deepest = VERIFIED_FINEST if _is_steep(volume) else WITNESS
+    places, deepest = np.linspace(0.0, 1.0, PLACES), VERIFIED_FINEST if steep else WITNESS
     for level in range(FIRST, deepest):
         half = math.exp2(-level) / 2  # a peak between two samples is no farther away, and this long in the mean
         sides = (rescale(np.clip(places + move, 0.0, 1.0), transfer.domain) for move in (0.0, half))
@@ -247,11 +265,8 @@ def _largest_change(transfer: TransferFunction, one: NDArray[np.float64], other:
     return float(np.abs(shown[1] - shown[0]).max(initial=0.0))
 
 
-def _is_steep(volume: Volume) -> bool:
+def _is_steep(transfer: TransferFunction) -> bool:
     """Return True if opacity or colour jumps, or changes faster than `STEEP`."""
-    if volume.transfer_2d or volume.shader or volume.interpolation == "nearest":
-        return True
-    transfer = transfer_function(volume)
     low, high = transfer.domain
     for values, results in (
         (transfer.opacity_values, transfer.opacities[:, None]),

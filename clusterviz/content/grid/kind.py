@@ -63,10 +63,8 @@ def legend(section: GridSection) -> LegendEntry:
 
 def warnings(key: str, section: GridSection, info: GridInfo, others: Sequence[Corners]) -> dict[str, str]:
     """Return what cannot be drawn of a grid, whether it is apart from all else, and why its scalars are invisible."""
-    found, name = (
-        placed_warnings(key, section, info, box_corners(info.box), others, LEFT_OUT),
-        PurePath(section.path).name,
-    )
+    name = PurePath(section.path).name
+    found = placed_warnings(key, section, info, box_corners(info.box), others, LEFT_OUT)
     if info.overlaps:
         found[f"{key}: overlap"] = f"{key} ({name}): {OVERLAP}"
     if info.scalars and (reason := unseen_scalars(section, *info.scalars)):
